@@ -22,8 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
-from humanoid_sim.policy.random_songs import named_song
-from humanoid_sim.policy.song import goals
+from humanoid_sim.policy.song import goals, named_song
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.rendering.offscreen import animated_webp
 from humanoid_sim.rendering.video import VideoSink
@@ -71,7 +70,7 @@ def film(recording: Path, video: Path, begin: float, end: float) -> None:
     """Make a video of the part of a recording from `begin` to `end`, s."""
     run = open_recording(recording)
     robot = load_robot(run.header.robot)
-    song = None if robot.piano is None else goals(named_song(SONG, robot), SONG_STEP)
+    song = None if robot.piano is None else goals(named_song(SONG, robot)[0], SONG_STEP)
     sink = VideoSink(video, lambda: build_model(robot), size=SIZE, goals=song)
     for tick in run.ticks():
         if begin <= tick.input.state.time < end:

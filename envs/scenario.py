@@ -26,10 +26,9 @@ from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.random_songs import is_generated, named_song
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
-from humanoid_sim.policy.song import song_motion
+from humanoid_sim.policy.song import named_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.piano import KEY_COUNT
@@ -216,9 +215,10 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
         return motion
     if isinstance(motion, str | Path):
         name = str(motion)
-        if name not in sample_songs() and not name.endswith((".mid", ".midi")) and not is_generated(name):
+        if name not in sample_songs() and not name.endswith((".mid", ".midi")):
             return motion
-        return song_motion(named_song(name, robot, what="motion"), contract.policy_dt, robot)
+        song, _ = named_song(name, robot)
+        return song_motion(song, contract.policy_dt, robot)
     several: list[Named | Motion] = []
     for one in motion:
         made = with_songs(one, contract, robot)

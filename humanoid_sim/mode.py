@@ -52,7 +52,7 @@ class LoadOptions:
     motion: str | None = None
     """Motion to follow: a sample motion ({motions}), or an .mcap file."""
     song: str | None = None
-    """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one."""
+    """Song of a piano policy: a sample song ({songs}) or a MIDI file (.mid)."""
     command: str | None = None
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks. Default: 0,0,0."""
     session: int | None = None

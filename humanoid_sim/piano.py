@@ -1,18 +1,18 @@
-"""`python -m humanoid_sim.piano`: how well songs are played, recorded or not, and which keys a robot reaches."""
+"""`python -m humanoid_sim.piano`: how well a recorded song was played, and which keys a robot reaches."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import tyro
 
-from humanoid_sim.cli import ExitStatus, run_program
+from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
@@ -20,11 +20,6 @@ from humanoid_sim.mit import KEY_PRESSED
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-    from humanoid_sim.evaluation.piano_run import PlayedSong
-
-_UNSEEN = 8
-"""Songs that no training has seen, in the table unless others are named."""
 
 
 @dataclass(frozen=True)
@@ -71,45 +66,13 @@ class Reach:
     )
 
 
-@dataclass(frozen=True)
-class Table:
-    """Play songs with a policy, and open loop through the same gains, as fast as it goes; one row a song.
-
-    Exit status 1 if the policy touches a key harder than the robot's limit, or anything but a hand touches anything.
-    """
-
-    songs: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Sample songs ({songs}), MIDI files, or random:N, songs that no training has seen. Default: all sample songs, and
-    eight that no training has seen."""
-    policy: str | None = None
-    """ONNX checkpoint, or a shipped policy ({policies}). Default: the one for the robot."""
-    robot: str = "lite_piano"
-    """A shipped robot with a piano, or the path of a robot's YAML file."""
-    actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
-    """qfrc_applied is the reference; implicit is faster, and looks for touches and contacts less often."""
-    json: bool = False
-    """Print everything as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("twinkle random:0", "two songs, by policy and open loop"),
-        ("--policy mine.onnx", "the sample songs, and eight that no training has seen"),
-    )
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
     commands = Commands(
-        "Score how a song was played; measure a policy on songs; see which keys a robot reaches.",
-        {"score": Score, "table": Table, "reach": Reach},
+        "Score how a song was played; see which keys a robot reaches.", {"score": Score, "reach": Reach}
     )
-    options: Score | Table | Reach = parse(commands, "piano", arguments)
-    match options:
-        case Score():
-            return _score(options)
-        case Table():
-            return _table(options)
-        case Reach():
-            return _reach(options)
+    options: Score | Reach = parse(commands, "piano", arguments)
+    return _score(options) if isinstance(options, Score) else _reach(options)
 
 
 def _score(options: Score) -> int:
@@ -136,72 +99,6 @@ def _score(options: Score) -> int:
         title = f"{options.recording.name}: F1 {result.steps.f1:.3f}"
         _write(draw_piano_roll(played.wanted, played.step, played.pressed, title), options.picture)
     return 0
-
-
-def _table(options: Table) -> int:
-    from humanoid_sim.assets import policy_path, sample_policy, sample_songs  # noqa: PLC0415 - heavy imports stay out of `--help`
-    from humanoid_sim.cli import complain  # noqa: PLC0415
-    from humanoid_sim.envs.scenario import make_scenario  # noqa: PLC0415
-    from humanoid_sim.evaluation.piano_player import PianoPlayer  # noqa: PLC0415
-    from humanoid_sim.evaluation.piano_run import play_open_loop, play_with_policy  # noqa: PLC0415
-    from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415
-    from humanoid_sim.policy.random_songs import named_song  # noqa: PLC0415
-    from humanoid_sim.policy.song import song_motion  # noqa: PLC0415
-    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
-
-    robot = load_robot(options.robot)
-    if robot.piano is None:
-        raise InputError(f"--robot: '{robot.name}' has no piano, expected a robot with one, such as lite_piano")
-    path = sample_policy(robot.name) if options.policy is None else policy_path(options.policy)
-    checkpoint = load_checkpoint(path, None, robot.joint_names)
-    contract = checkpoint.contract
-    if contract.task_type != "piano":
-        raise InputError(f"--policy: {path} is a policy for task_type {contract.task_type}, expected one for piano")
-    names = options.songs or (*sample_songs(), *(f"random:{i}" for i in range(_UNSEEN)))
-    motions = {name: song_motion(named_song(name, robot), contract.policy_dt, robot) for name in names}
-    player = PianoPlayer(robot, contract.policy_dt)
-    rows: dict[str, tuple[PlayedSong, PlayedSong]] = {}
-    for name, motion in motions.items():
-        complain(f"{name}: {len(motion.frames) * contract.policy_dt:.1f} s")
-        scenario = make_scenario(checkpoint, robot, motion, actuation=options.actuation)
-        wiring, table = scenario.wiring, motion.frames
-        rows[name] = (
-            play_with_policy(scenario.description, wiring, scenario.policy, table, options.actuation),
-            play_open_loop(robot, player, table, contract.policy_dt, options.actuation),
-        )
-    problems = [
-        f"{name}: {problem}"
-        for name, (by_policy, _) in rows.items()
-        for problem in by_policy.problems(robot.piano.key_force_limit)
-    ]
-    if options.json:
-        document = {name: {"policy": asdict(one), "open_loop": asdict(other)} for name, (one, other) in rows.items()}
-        print(json.dumps({"actuation": options.actuation, "songs": document, "problems": problems}, indent=1))
-    else:
-        _print_table(rows)
-        print("".join(f"\n{problem}" for problem in problems) or "\nnothing was touched that should not be")
-    return ExitStatus.of(not problems)
-
-
-def _print_table(rows: Mapping[str, tuple[PlayedSong, PlayedSong]]) -> None:
-    """As Markdown: the documentation has it from here."""
-    print(
-        "| song | precision | recall | F1 | hardest touch, N | open loop: precision | recall | F1 | hardest touch, N |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
-    figures = {name: [value for run in pair for value in run.figures] for name, pair in rows.items()}
-    groups = {
-        "mean of the sample songs": [row for name, row in figures.items() if not name.startswith("random:")],
-        "mean of the unseen songs": [row for name, row in figures.items() if name.startswith("random:")],
-    }
-    for group, chosen in groups.items():
-        if len(chosen) > 1:
-            means = [sum(column) / len(chosen) for column in zip(*chosen, strict=True)]
-            means[3::4] = [max(column) for column in list(zip(*chosen, strict=True))[3::4]]
-            figures[group.replace("mean", "mean, and hardest touch,")] = means
-    for name, row in figures.items():
-        shown = [f"{value:.1f}" if i % 4 == 3 else f"{value:.3f}" for i, value in enumerate(row)]
-        print(f"| {name} | {' | '.join(shown)} |")
 
 
 def _reach(options: Reach) -> int:

@@ -9,7 +9,6 @@ from PIL import Image
 from recording_samples import make_header, make_tick, write_recording
 
 from humanoid_sim import piano
-from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
@@ -78,17 +77,3 @@ def test_a_robot_without_a_piano_reaches_nothing(capsys):
     assert capsys.readouterr().err.startswith(
         "error: lite: has no piano, expected a robot with one, such as lite_piano"
     )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nosuch"], "song: unknown song 'nosuch'; known: black_keys"),
-        (["random:x"], "song: is 'random:x', expected random:N"),
-        (["--robot", "lite"], "--robot: 'lite' has no piano"),
-        (["--policy", str(SAMPLE_POLICY)], "is a policy for task_type tracking, expected one for piano"),
-    ],
-)
-def test_a_table_of_what_there_is_not(arguments, message, capsys):
-    assert run_program(piano.main, ["table", *arguments]) == 2
-    assert message in capsys.readouterr().err

@@ -38,7 +38,6 @@ from humanoid_sim.play.policies import PolicyChoice, choose_policy, policy_notic
 from humanoid_sim.policy.checkpoint import PLACEHOLDER, Checkpoint, file_digest, zero_policy
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, has_onnxruntime
-from humanoid_sim.policy.random_songs import is_generated
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract_physics
 from humanoid_sim.session.loading import PreparedPolicy, considerate
@@ -86,7 +85,7 @@ def parse_options(text: str, config: PlayConfig) -> PlayConfig:
             raise InputError(f"'{name}': expected texts of {', '.join(LOAD_OPTIONS)}")
         kind = _SHIPPED.get(name)
         is_name = kind is not None and (value in shipped(kind) or (name, value) == ("policy", PLACEHOLDER))
-        if name != "command" and not (is_name or os.path.isabs(value) or (name == "song" and is_generated(value))):
+        if name != "command" and not (is_name or os.path.isabs(value)):
             known = "" if kind is None else f", or one of {', '.join(shipped(kind))}"
             raise InputError(f"--{name}: is '{value}', expected an absolute path{known}")
     refuse_both("motion", "song", options.__contains__)

@@ -35,7 +35,7 @@ class PlayConfig:
     motion_topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
     """Topic of the motion, in a file or folder that has others too. Default: its only one."""
     song: str | None = None
-    """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one.
+    """Song of a piano policy: a sample song ({songs}) or a MIDI file (.mid).
     Default with the sample policy: ode_to_joy."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot ({robots}), robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path

@@ -24,10 +24,9 @@ from humanoid_sim.policy.checkpoint import (
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
-from humanoid_sim.policy.random_songs import choose_song, is_generated
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
-from humanoid_sim.policy.song import key_name, left_out, song_motion
+from humanoid_sim.policy.song import left_out, named_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 
 
@@ -208,15 +207,7 @@ def _chosen_motion(
 
 def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[Motion, Path, tuple[str, ...]]:
     """Return a song as `_chosen_motion` returns a motion."""
-    song, dropped = choose_song(name, description)
-    if not song.notes:
-        assert description.piano is not None  # nothing else leaves notes out
-        low, high = (key_name(bound) for bound in (min(description.piano.keys), max(description.piano.keys)))
-        raise InputError(
-            f"--song: none of the notes of {name} is between {low} and {high}, where '{description.name}' reaches; "
-            "prepare --song --transpose moves it"
-        )
+    song, dropped = named_song(name, description)
     why = "left out of the song, beyond reach or more notes at a time than fingers"
-    file = Path(name) if is_generated(name) else song_path(name)
     told = (f"{why}: {left_out(dropped)}",) if dropped else ()
-    return song_motion(song, policy_dt, description), file, told
+    return song_motion(song, policy_dt, description), song_path(name), told

@@ -17,8 +17,9 @@ from typing import Any
 import mido
 import numpy as np
 
+from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.files import regular_file
+from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
@@ -227,6 +228,28 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
         return with_lead_in(song), ()
     played, dropped = thin_out(song, robot.piano.keys, len(robot.piano.fingers))
     return with_lead_in(played), dropped
+
+
+def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tuple[Song, tuple[Note, ...]]:
+    """Return what a robot can play of a sample song or of a MIDI file, a note at least; and the notes left out.
+
+    Raises `InputError` if there is no such song, it cannot be read, or none of its notes is within reach.
+
+    Args:
+        name: of the sample, or the file's path, relative to `folder`.
+    """
+    beside = folder / name
+    song, dropped = playable(
+        read_song(beside if name not in sample_songs() and is_file(beside) else song_path(name)), robot
+    )
+    if not song.notes:
+        reach = "reaches no key"
+        if robot.piano is not None and robot.piano.keys:
+            reach = f"reaches {key_name(min(robot.piano.keys))} to {key_name(max(robot.piano.keys))}"
+        raise InputError(
+            f"{name}: none of its notes is within reach, '{robot.name}' {reach}; prepare --transpose moves them"
+        )
+    return song, dropped
 
 
 def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:

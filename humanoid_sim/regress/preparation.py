@@ -22,8 +22,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.policy.random_songs import named_song
-from humanoid_sim.policy.song import Song, song_motion
+from humanoid_sim.policy.song import Song, named_song, song_motion
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
@@ -113,12 +112,14 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
         beside = folder / case.motion
         try:
             if case.song:
-                motions[case.name] = named_song(case.song, description, folder)
+                motions[case.name], _ = named_song(case.song, description, folder)
                 continue
             file = beside if beside.is_file() or not case.motion else motion_path(case.motion)
             motions[case.name] = read_motion(file) if case.motion else None
         except InputError as error:
-            raise InputError(f"case '{case.name}': {str(error).removeprefix('--motion: ')}") from None
+            raise InputError(
+                f"case '{case.name}': {str(error).removeprefix('--motion: ').removeprefix('--song: ')}"
+            ) from None
     digests = {case.name: _digest(suite, case, motions[case.name], description) for case in suite.cases}
     return PreparedSuite(suite, description, motions, digests)
 

@@ -37,8 +37,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     motion: str = ""
     """Tracking: a sample motion, or the path of a motion file, relative to the suite; empty: the one in the policy."""
     song: str = ""
-    """Piano: a sample song, or the path of a MIDI file, relative to the suite; `random:N` is a song of its own for
-    each N, that no training has seen."""
+    """Piano: a sample song, or the path of a MIDI file, relative to the suite."""
     command: tuple[float, float, float] | None = None
     """Velocity: vx, vy in m/s and the yaw rate in rad/s."""
     duration: float | None = None

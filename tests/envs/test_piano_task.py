@@ -113,7 +113,7 @@ def test_songs_by_name_and_several():
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"motion": "tune.mid"}, "motion: unknown song 'tune.mid'"),
+        ({"motion": "tune.mid"}, "unknown song 'tune.mid'"),
         ({"motion": song((2, 0, 9)), "robot": load_robot("lite")}, "policy on robot 'lite': .* 'key_pressed' needs"),
         ({"motion": None}, "motion: is missing"),
     ],

@@ -79,17 +79,16 @@ def test_a_digest_knows_the_song_and_not_its_name(tmp_path):
     (tmp_path / "mine.mid").write_bytes(asset_path("songs", "twinkle.mid").read_bytes())
     digests = [
         prepare_suite(suite(Case(name="a", song=song)), tmp_path).digests["a"]
-        for song in ("twinkle", "mine.mid", "repeats", "random:0", "random:1")
+        for song in ("twinkle", "mine.mid", "repeats")
     ]
     assert digests[0] == digests[1]
-    assert len(set(digests)) == 4
+    assert len(set(digests)) == 2
 
 
 @pytest.mark.parametrize(
     ("case", "robot", "policy", "message"),
     [
-        (Case(name="a", song="nothing"), None, PIANO_POLICY, "case 'a': song: unknown song 'nothing'; known: black"),
-        (Case(name="a", song="random:x"), None, PIANO_POLICY, "case 'a': song: is 'random:x', expected random:N"),
+        (Case(name="a", song="nothing"), None, PIANO_POLICY, "case 'a': unknown song 'nothing'; known: black"),
         (Case(name="a", song="twinkle"), "lite", PIANO_POLICY, "robot 'lite': has no piano, a piano suite expects one"),
         (
             Case(name="a", song="twinkle"),
@@ -108,7 +107,7 @@ def test_what_does_not_fit_is_one_line(case, robot, policy, message):
 def test_the_baseline_is_of_the_shipped_policy():
     baseline = json.loads(BASELINE.read_bytes())
     assert baseline["sha256"] == sha256(PIANO_POLICY.read_bytes()).hexdigest()
-    assert len(baseline["episodes"]) == 64
+    assert len(baseline["episodes"]) == 32
     assert not any(episode["failure"] for episode in baseline["episodes"])
 
 
