@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
 	$(BIN)/python -m humanoid_sim.play $(ARGS)
-	@echo 'Its files are above, in runs/. Next:'
+	@echo 'Its files are above, in runs/; open the page in a browser. Next:'
 	@echo '  make play ARGS="--robot lite_biped --command 0.3,0,0"   a policy that walks'
 	@echo '  . $(BIN)/activate; python -m humanoid_sim                what else there is'
 

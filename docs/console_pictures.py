@@ -74,7 +74,7 @@ class Desk:
 def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN) -> Iterator[Desk]:
     """Run a session with a console; give its page once it shows the robot."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
-    results = ["--viewer", "none", "--video", "none", "--record", "run.mcap", "--overwrite"]
+    results = ["--viewer", "none", "--html", "none", "--record", "run.mcap", "--overwrite"]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
     chromium = driver.chromium.launch(
         executable_path=shutil.which("chromium"),

@@ -133,7 +133,7 @@ def make_pictures(
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera, fastest=True)
+    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera)
 
 
 class Window:

@@ -58,7 +58,7 @@ FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
             "serve a page for the operator, on a running session",
             "the browser console",
             "--console",
-            ("viser", "mjviser", "plotly", "websockets"),
+            ("plotly",),
             "console",
         ),
         "viewer": FrontEnd(

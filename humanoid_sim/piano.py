@@ -6,9 +6,8 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import tyro
 
@@ -17,9 +16,6 @@ from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 
 @dataclass(frozen=True)
@@ -36,16 +32,10 @@ class Score:
     """Goals (.mcap) to score it by. Default: the song that the recording holds."""
     onset_tolerance: float = 0.1
     """Seconds between a note's start and the stroke that plays it."""
-    picture: Path | None = None
-    """PNG to draw: what was hit, missed and wrong over time."""
     json: bool = False
     """Print the result as JSON."""
-    overwrite: bool = False
-    """Replace the picture if it exists."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("run.mcap --picture roll.png", "figures, and what was hit and missed"),
-    )
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("run.mcap", "how well the song was played"),)
 
 
 @dataclass(frozen=True)
@@ -54,16 +44,10 @@ class Reach:
 
     robot: str = "lite_piano"
     """A shipped robot with a piano, or the path of a robot's YAML file."""
-    picture: Path | None = None
-    """PNG to draw: the keyboard, in the colours of the hands."""
     json: bool = False
     """Print the result as JSON."""
-    overwrite: bool = False
-    """Replace the picture if it exists."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--robot lite_piano --picture reach.png", "the keys of each hand, and a picture"),
-    )
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite_piano", "the keys of each hand"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,12 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _score(options: Score) -> int:
-    from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
-
     if not 0.0 < options.onset_tolerance < 10.0:
         raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
-    if options.picture is not None:
-        output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
     played = read_performance(options.recording, options.song)
     result = score(played.pressed, played.wanted, played.step, onset_tolerance=options.onset_tolerance)
     if options.json:
@@ -93,22 +73,14 @@ def _score(options: Score) -> int:
         print(
             f"{result.hit_count} of {result.note_count} notes were struck in time; {result.false_count} wrong strokes"
         )
-    if options.picture is not None:
-        from humanoid_sim.rendering.piano_roll import draw_piano_roll  # noqa: PLC0415
-
-        title = f"{options.recording.name}: F1 {result.steps.f1:.3f}"
-        _write(draw_piano_roll(played.wanted, played.step, played.pressed, title), options.picture)
     return 0
 
 
 def _reach(options: Reach) -> int:
-    from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
-    from humanoid_sim.policy.song import key_name  # noqa: PLC0415
+    from humanoid_sim.policy.song import key_name  # noqa: PLC0415 - heavy imports stay out of `--help`
     from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
     from humanoid_sim.simulation.fingers import HANDS, Fingers  # noqa: PLC0415
 
-    if options.picture is not None:
-        output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
     robot = load_robot(options.robot)
     fingers = Fingers(robot)
     reached = {name: sorted(fingers.reachable(hand)) for hand, name in enumerate(HANDS)}
@@ -121,21 +93,7 @@ def _reach(options: Reach) -> int:
         described = [list(keys) for keys in fingers.settings.hands]
         if described != list(reached.values()):
             print(f"{robot.name}: piano.reach is {[[keys[0], keys[-1]] for keys in described]}, which differs")
-    if options.picture is not None:
-        from humanoid_sim.rendering.piano_roll import draw_reach  # noqa: PLC0415
-
-        _write(draw_reach(fingers.keys, list(reached.values()), f"{robot.name}: keys within reach"), options.picture)
     return 0
-
-
-def _write(picture: Image, path: Path) -> None:
-    from humanoid_sim.files import whole_file  # noqa: PLC0415
-
-    drawn = BytesIO()
-    picture.save(drawn, "PNG")
-    with whole_file(path) as file:
-        file.write(drawn.getvalue())
-    print(f"wrote {path}", file=sys.stderr)
 
 
 def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:

@@ -215,7 +215,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         folder = Path(mkdtemp(prefix="humanoid_sim-"))
         stack.callback(rmtree, folder, ignore_errors=True)
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
-        given = {"viewer": "none", "video": "none", **options, **_of_policy(policy), "record": path}
+        given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
         config = _config("simulate", PlayConfig, given)
         refuse_early(config)
         check_environment()

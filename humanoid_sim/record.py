@@ -20,17 +20,22 @@ from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.command_line.progress import PoseProgress
 from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.messages import Event
 from humanoid_sim.record_dataset import RecordDataset, record_dataset
-from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.recording.summary import Summary, summarize
 
 if TYPE_CHECKING:
+    import mujoco
+
     from humanoid_sim.recording.body import RecordedBody
+    from humanoid_sim.rendering.moments import Moments
     from humanoid_sim.robots.description import RobotDescription
 
 
@@ -44,8 +49,10 @@ class Export:
     """The robot, with primitive geometry (.urdf)."""
     csv: Path | None = None
     """A row per tick: time, mode, joint states, commands, IMU, the policy's frame and action (.csv)."""
+    html: Path | None = None
+    """A page that replays the run in 3D in any browser (.html)."""
     mp4: Path | None = None
-    """A video (.mp4)."""
+    """A video (.mp4); needs OpenGL."""
     rerun: Path | None = None
     """For the rerun viewer (.rrd): the robot and its plots. Needs the extra 'rerun'."""
     robot: Annotated[str | None, tyro.conf.arg(name="robot")] = None
@@ -54,7 +61,7 @@ class Export:
     """Replace files that exist."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/run.mcap --csv run.csv --mp4 run.mp4", "a table and a video"),
+        ("runs/run.mcap --csv run.csv --html run.html", "a table, and a page to look at"),
     )
 
 
@@ -66,13 +73,14 @@ def export(options: Export) -> int:
     writers: dict[str, Callable[[Recording, Path, Export], str]] = {
         "urdf": _urdf,
         "csv": _csv,
+        "html": _html,
         "mp4": _mp4,
         "rerun": _rerun,
     }
     suffixes = {"rerun": ".rrd"}
     chosen = {name: path for name in writers if (path := getattr(options, name)) is not None}
     if not chosen:
-        raise InputError("record export: expected --urdf, --csv, --mp4 or --rerun, each with a file to write")
+        raise InputError("record export: expected --urdf, --csv, --html, --mp4 or --rerun, each with a file to write")
     for name, path in chosen.items():
         output_file(path, f"--{name}", suffixes.get(name, f".{name}"), overwrite=options.overwrite)
     recording = open_recording(options.file).of_last_policy()
@@ -103,33 +111,59 @@ def _csv(recording: Recording, path: Path, options: Export) -> str:
     return f"{count} ticks"
 
 
+def _html(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
+
+    model, moments = _moments(recording, options)
+    policy = recorded_settings(recording.path, recording.header).get("policy")
+    title = ", ".join(filter(None, (recording.header.robot, policy and Path(policy).stem)))
+    with PoseProgress(Console(stderr=True, highlight=False), "writing the page") as progress:
+        write_page(path, model, moments, title=title, progress=progress)
+    return f"{len(moments.kept)} poses, {moments.kept[-1].time:.1f} s"
+
+
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
-    from humanoid_sim.rendering.video import VideoSink, finish_video  # noqa: PLC0415
+    from humanoid_sim.rendering.backend import require_pictures  # noqa: PLC0415
+    from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
+
+    require_pictures("--mp4")
+    model, moments = _moments(recording, options)
+    with PoseProgress(Console(stderr=True, highlight=False), "drawing the video") as progress:
+        write_video(path, model, moments, progress=progress)
+    return f"{len(moments.kept)} frames, {moments.kept[-1].time:.1f} s"
+
+
+def _moments(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Moments]:
+    """Return the robot's model, and the recorded poses; of a run on hardware the joints, and how the base is turned."""
+    from humanoid_sim.rendering.ghost import ReferenceGhost  # noqa: PLC0415
+    from humanoid_sim.rendering.moments import Moments  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
+    from humanoid_sim.stack import no_policy, recorded_policy  # noqa: PLC0415
 
     description = _description(recording, options.robot)
     model = build_model(description)
     addresses = joint_addresses(model, description.joint_names).qpos
     body = _body(recording, options)
     base = [joint for joint in body.floating if joint.parent == "world"]
-    video = VideoSink(path, lambda: model)
-    try:
-        for tick in recording.ticks():
-            if tick.qpos is not None and len(tick.qpos) == model.nq:
-                video.tick(tick)
-                continue
-            qpos = model.qpos0.copy()  # on hardware: the joints, and how the base is turned
-            measured = tick.input.state.joint_position
-            qpos[addresses] = [value if math.isfinite(value) else 0.0 for value in measured]
-            for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
-                if joint in base:
-                    qpos[joint.qpos : joint.qpos + 7] = pose
-            video.tick(replace(tick, qpos=qpos))
-        report = finish_video(video, Console(stderr=True, highlight=False), "Ctrl-C leaves no file")
-    except BaseException:
-        video.abandon()
-        raise
-    return f"{report.frame_count} frames, {report.duration:.1f} s"
+    loaded = recorded_policy(recording.header, no_policy)
+    moments = Moments(None if loaded is None else ReferenceGhost.of(description, loaded.contract, loaded.reference))
+    for entry in recording.entries():
+        if isinstance(entry, Event):
+            moments.event(entry)
+    for tick in recording.ticks():
+        if tick.qpos is not None and len(tick.qpos) == model.nq:
+            moments.tick(tick)
+            continue
+        qpos = model.qpos0.copy()
+        measured = tick.input.state.joint_position
+        qpos[addresses] = [value if math.isfinite(value) else 0.0 for value in measured]
+        for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
+            if joint in base:
+                qpos[joint.qpos : joint.qpos + 7] = pose
+        moments.tick(replace(tick, qpos=qpos))
+    if not moments.kept:
+        raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")
+    return model, moments
 
 
 def _rerun(recording: Recording, path: Path, options: Export) -> str:

@@ -76,7 +76,7 @@ def test_the_rerun_viewer_gets_robot_and_plots(tmp_path):
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ([], "record export: expected --urdf, --csv, --mp4 or --rerun, each with a file to write"),
+        ([], "record export: expected --urdf, --csv, --html, --mp4 or --rerun, each with a file to write"),
         (["--csv", "{}/run.txt"], "--csv: is '{}/run.txt', expected a name that ends in .csv"),
         (["--csv", "{}/there.csv"], "--csv: '{}/there.csv' exists; choose another name, or add --overwrite"),
         (["--urdf", "{}/a.urdf", "--robot", "lite_biped"], "--robot: 'lite_biped' has other joints than the robot of "),

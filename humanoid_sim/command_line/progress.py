@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from time import monotonic
+
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 
 _EVERY = 10.0
 """s between two lines where nobody watches."""
@@ -26,3 +29,19 @@ class BarOrLines(Progress):
         """Print a line, so many s after the beginning."""
         self._said = elapsed
         self.console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+class PoseProgress(BarOrLines):
+    """A context, called with how many poses are drawn and their total. What cannot be printed spoils no file."""
+
+    def __init__(self, console: Console, label: str) -> None:
+        super().__init__(console, label, None, TimeRemainingColumn())
+        self._label, self._begin = label, monotonic()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show how far it is."""
+        self.update(self._task, completed=done, total=total)
+        elapsed = monotonic() - self._begin
+        if self.is_due(elapsed):
+            with contextlib.suppress(OSError):
+                self.say(elapsed, f"{self._label}: {done} of {total} poses")

@@ -24,7 +24,7 @@ from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.rendering.moments import Moments
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -125,7 +125,7 @@ class Run:
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
-        shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor)
+        shows = (self.feed, shown, self.front_ends, *self.recorders, self.moments, self.monitor)
         sinks = (*shows, intents, self.data, loading)
         self.session = plan.session = Session(
             setup.robot,
@@ -185,7 +185,7 @@ class Run:
     def _watch(self, console: Console) -> ConsoleSink:
         """Make what shows, records and judges the run; what shows it."""
         plan, config, description, setup = self.plan, self.config, self.plan.description, self.plan.setup
-        is_drawn = plan.outputs.video is not None
+        is_drawn = plan.outputs.html is not None or plan.outputs.video is not None
         self.judged = judged = JudgedPolicy.of(description, plan.policy, is_drawn=is_drawn)
         told = Told(
             has_keys=has_keys(config),
@@ -204,9 +204,7 @@ class Run:
             base=setup.base,
             tell=self._tell,
         )
-        self.video: VideoSink | None = None
-        if plan.outputs.video is not None:
-            self.video = VideoSink(plan.outputs.video, setup.model, ghost=judged.ghost, goals=judged.goals)
+        self.moments = Moments(judged.ghost) if is_drawn else None
         return self.console
 
     def _keyboard(self, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
@@ -245,8 +243,8 @@ class Run:
             self.keyboard.velocity = self.plan.velocity if policy.walks else None
         if self.script is not None:
             self.script.motion_frames = policy.motion_frames
-        if self.video is not None:
-            self.video.follow(judged.ghost, judged.goals)
+        if self.moments is not None:
+            self.moments.follow(judged.ghost)
 
     def close(self) -> None:
         """Let go of the terminal, and of what others on the machine reach the run by. May be called twice."""
@@ -266,7 +264,8 @@ class Run:
 
     def _tell(self, event: Event) -> None:
         """Hand an event that a sink has found to the others."""
-        sinks: list[Sink] = [self.console, *self.recorders[-1:], self.feed]
+        moments = () if self.moments is None else (self.moments,)
+        sinks: list[Sink] = [self.console, *self.recorders[-1:], self.feed, *moments]
         for sink in sinks:
             sink.event(event)
 

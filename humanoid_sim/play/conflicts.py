@@ -22,7 +22,7 @@ from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
 from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
-from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.rendering.backend import has_display, require_pictures
 from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.sources import velocity_numbers
 
@@ -90,7 +90,7 @@ def refuse_conflicts(config: PlayConfig) -> None:
         why = "without a policy" if config.policy is not None else "without --policy: on hardware none runs by default"
         _refuse(config, ("contract", "motion", "song", "command", "policy_seconds"), f"means nothing {why}")
     if config.viewer == "native" and not has_display():
-        raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
+        raise InputError("--viewer native: there is no display here; --html out.html shows the run in a browser")
     _refuse_out_of_range(config)
     if config.manual and not has_keys(config) and not operated_by(config):
         raise InputError(
@@ -159,12 +159,13 @@ class Outputs:
     """The files that a run leaves; None for those that it does not."""
 
     record: Path | None = None
+    html: Path | None = None
     video: Path | None = None
     snapshot: Path | None = None
     summary: Path | None = None
 
 
-_SUFFIXES = {"record": ".mcap", "video": ".mp4", "snapshot": ".png", "summary": ".json"}
+_SUFFIXES = {"record": ".mcap", "html": ".html", "video": ".mp4", "snapshot": ".png", "summary": ".json"}
 
 
 def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
@@ -175,28 +176,32 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
     read = (config.policy, config.contract, config.robot, config.calibration)
     inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
-    is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)
+    is_watched = config.viewer != "auto" or shows_window(config) or config.console
+    automatic = {"record": True, "html": config.hardware is None and not is_watched}
     named: dict[str, Path] = {}
-    automatic: dict[str, Path] = {}
     for name, suffix in _SUFFIXES.items():
         option, value = f"--{name}", getattr(config, name)
         if value == "":
             raise InputError(f"{option}: is empty, expected a file name")
-        if value == "auto" and (name == "record" or (name == "video" and is_drawn)):
-            automatic[name] = free_path(_RUNS / f"{stem}{suffix}")
-        elif value not in ("auto", "none", None):
+        if value == "auto" and name in automatic:
+            if automatic[name]:
+                named[name] = free_path(named.get("record", _RUNS / stem).with_suffix(suffix))
+        elif value not in ("none", None):
             path = named[name] = Path(value)
             output_file(path, option, suffix, overwrite=config.overwrite)
             if any(path.exists() and source.exists() and path.samefile(source) for source in inputs):
                 raise InputError(f"{option}: '{path}' is what this run reads; choose another name")
-    if automatic:
+    for option in ("video", "snapshot"):
+        if option in named:
+            require_pictures(f"--{option}")
+    if any(path.parent == _RUNS for path in named.values()):
         try:
             _RUNS.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --video"
+                f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --html"
             ) from None
-    return Outputs(**named, **automatic)
+    return Outputs(**named)
 
 
 def free_path(path: Path) -> Path:

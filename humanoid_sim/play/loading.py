@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.assets import shipped
 from humanoid_sim.client import LOAD_OPTIONS
@@ -203,26 +202,25 @@ def _proved(config: PlayConfig, header: SessionHeader) -> Proof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedPolicy:
-    """Parts of a run's figures and its video that belong to the policy; all None without one."""
+    """Parts of a run's figures and pictures that belong to the policy; all None without one."""
 
     tracking: TrackingErrors | None = None
     anchor: AnchorErrors | None = None
-    goals: npt.NDArray[np.floating] | None = None
-    """Shape (F, 88), 1 where a piano's key should be down."""
     keys: PlayedKeys | None = None
     ghost: ReferenceGhost | None = None
 
     @classmethod
     def of(cls, description: RobotDescription, policy: PolicyChoice, *, is_drawn: bool) -> JudgedPolicy:
-        """Prepare to judge a policy; `is_drawn`: the run makes a video."""
+        """Prepare to judge a policy; `is_drawn`: the run makes a page or a video."""
         loaded, motion = policy.loaded, policy.motion
         if loaded is None:
             return cls()
         tracking, anchor = errors_of_run(description, loaded, motion)
-        goals = motion.frames if motion is not None and motion.task_type == "piano" else None
-        keys = None if goals is None else PlayedKeys(goals, loaded.contract.policy_dt)
+        keys = None
+        if motion is not None and motion.task_type == "piano":
+            keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
         ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
-        return cls(tracking, anchor, goals, keys, ghost)
+        return cls(tracking, anchor, keys, ghost)
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that the policy was shown."""
@@ -260,7 +258,7 @@ class PolicyLoader:
                 live=proof.live,
                 action_limit=proof.config.action_limit,
             )
-            judged = JudgedPolicy.of(plan.description, policy, is_drawn=run.video is not None)
+            judged = JudgedPolicy.of(plan.description, policy, is_drawn=run.moments is not None)
             measure = plan.setup.measure(contract)
             described = run.feed.prepare(proof.header, proof.taken)
 

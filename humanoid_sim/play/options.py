@@ -84,7 +84,7 @@ class PlayConfig:
     record: Annotated[str, tyro.conf.arg(metavar="FILE.mcap")] = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
-    """Replace files named by --record, --video, --snapshot or --summary that exist."""
+    """Replace files named by --record, --html, --video, --snapshot or --summary that exist."""
     gamepad: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[MAPPING.yaml]")] = None
     """Drive the FSM with a gamepad, of the usual layout or of the one in MAPPING.yaml. On a real bus one must be there,
     asked for or not; with --hardware its loss damps the robot."""
@@ -135,10 +135,13 @@ class PlayConfig:
     the momentum that the whole robot has at this velocity, m/s, in the world's axes."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
-    video: Annotated[str, tyro.conf.arg(metavar="FILE.mp4")] = "auto"
-    """Video of the run (.mp4); auto makes one of a simulation where there is no display; none for no video."""
+    html: Annotated[str, tyro.conf.arg(metavar="FILE.html")] = "auto"
+    """Page (.html) that replays the run in 3D in any browser, offline; auto writes one of a simulation that nobody
+    watches, beside the recording; none for no page."""
+    video: Annotated[str | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    """Video of the run (.mp4); needs OpenGL."""
     snapshot: Annotated[str | None, tyro.conf.arg(metavar="FILE.png")] = None
-    """Picture of the robot at the end of the motion (.png)."""
+    """Picture of the robot at the end of the motion (.png); needs OpenGL."""
     summary: Annotated[str | None, tyro.conf.arg(metavar="FILE.json")] = None
     """The final table as JSON."""
     actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
@@ -157,7 +160,7 @@ class PlayConfig:
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "most used": (
-            *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "video"),
+            *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "html"),
             *("duration", "policy_seconds", "hardware"),
         ),
         "the policy": ("contract", "motion_topic", "action_limit"),
@@ -169,7 +172,7 @@ class PlayConfig:
             *("midi", "dds", "dds_interface", "dds_namespace", "dds_safety"),
             *("foxglove", "foxglove_control"),
         ),
-        "output": ("snapshot", "summary", "overwrite"),
+        "output": ("video", "snapshot", "summary", "overwrite"),
         "simulation": (
             *("push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
             *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),

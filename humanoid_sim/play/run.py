@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -15,6 +16,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from humanoid_sim.cli import ExitStatus, complain, mute_output
+from humanoid_sim.command_line.progress import PoseProgress
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import PlayConsole
@@ -22,7 +24,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.report import print_report, summarise, write_summary
-from humanoid_sim.rendering.video import finish_video, save_snapshot
+from humanoid_sim.rendering.moments import Moments
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -151,23 +153,48 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     outputs, setup = run.plan.outputs, run.plan.setup
     for path in (recorder.path for recorder in run.recorders if recorder.path.exists()):
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
-    if run.video is not None:  # it has been drawn since the run began
-        try:
-            with _noting(problems):
-                report = finish_video(run.video, console, "Ctrl-C skips it")
-                notice = f"   {report.notice}" if report.notice else ""
-                say("video", f"{report.path}   drawn by {report.backend}{notice}")
-                if report.sound is not None:
-                    say("sound", f"{report.sound}   no AAC encoder for the video")
-        except KeyboardInterrupt:
-            say("video", "skipped")
+    if run.moments is not None:
+        for kind, write in (("page", _write_page), ("video", _write_video)):
+            try:
+                with _noting(problems), PoseProgress(console, f"writing the {kind} (Ctrl-C skips it)") as progress:
+                    text = write(run, run.moments, progress)
+                    if text:
+                        say(kind, text)
+            except KeyboardInterrupt:
+                say(kind, "skipped")
     if outputs.snapshot is not None:
         with _noting(problems):
+            from humanoid_sim.rendering.video import save_snapshot  # noqa: PLC0415 - pictures' libraries are heavy
+
             pose = setup.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
             save_snapshot(outputs.snapshot, setup.model(), pose)
             say("snapshot", outputs.snapshot)
     if outputs.summary is not None and outputs.summary.exists():
         say("summary", outputs.summary)
+
+
+def _write_page(run: Run, moments: Moments, progress: PoseProgress) -> str:
+    """Write the page, if one is wanted; returns what to say about it."""
+    path, policy = run.plan.outputs.html, run.policy
+    if path is None:
+        return ""
+    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
+
+    names = [run.plan.description.name, Path(policy.source).stem]
+    if policy.motion_file is not None:
+        names.append(policy.motion_file.stem)
+    write_page(path, run.plan.setup.model(), moments, title=", ".join(names), progress=progress)
+    return f"{path}   open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
+
+
+def _write_video(run: Run, moments: Moments, progress: PoseProgress) -> str:
+    """Draw the video, if one is wanted; returns what to say about it."""
+    path = run.plan.outputs.video
+    if path is None:
+        return ""
+    from humanoid_sim.rendering.video import write_video  # noqa: PLC0415 - pictures' libraries are heavy
+
+    return f"{path}   drawn by {write_video(path, run.plan.setup.model(), moments, progress=progress)}"
 
 
 _STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}

@@ -1,4 +1,4 @@
-"""`prepare --song`: a MIDI file becomes the goals of a piano policy, with a report and a picture."""
+"""`prepare --song`: a MIDI file becomes the goals of a piano policy, with a report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable
-from io import BytesIO
 
 from rich.console import Console
 
@@ -17,7 +16,6 @@ from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import Song, goals, key_name, key_number, read_song, thin_out, transpose, with_lead_in
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
-from humanoid_sim.rendering.piano_roll import draw_piano_roll
 from humanoid_sim.robots.piano import KEY_COUNT
 
 SONG_RATE = 50.0
@@ -27,7 +25,7 @@ _LONGEST_LEAD_IN = 60.0
 
 
 def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) -> dict[str, Content]:
-    """Return the files of a song: its goals, `policy_dt` s apart, a report, and a piano roll."""
+    """Return the files of a song: its goals, `policy_dt` s apart, and a report."""
     assert options.song is not None
     path = song_path(options.song)
     if not 0.0 <= options.lead_in <= _LONGEST_LEAD_IN:
@@ -61,14 +59,11 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
         "left_out": {"beyond the keys": _counted(beyond), "too many voices": _counted(crowded)},
     }
     _print(console, report, whole, options)
-    picture = BytesIO()
-    draw_piano_roll(table, policy_dt, title=f"{path.name}: {len(song.notes)} notes").save(picture, "PNG")
     with blaming(path):
         motion = Motion(table, (), policy_dt, task_type="piano", robot=options.robot)
     return {
         f"{name}.mcap": motion_bytes(motion),
         f"{name}.json": (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode(),
-        f"{name}.png": picture.getvalue(),
     }
 
 

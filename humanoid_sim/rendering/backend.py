@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from ctypes.util import find_library
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from typing import Literal
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, MissingPackageError
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
@@ -36,11 +37,10 @@ class Choice:
     """OpenGL to draw with, and the reason."""
 
     opengl: OpenGL
-    """`none`: the software painter."""
     reason: str
 
     def __str__(self) -> str:
-        return f"{'software painter' if self.opengl == 'none' else self.opengl} ({self.reason})"
+        return f"{'no OpenGL' if self.opengl == 'none' else self.opengl} ({self.reason})"
 
 
 def has_display() -> bool:
@@ -73,6 +73,15 @@ def choose_backend() -> Choice:
     if egl_works():
         return Choice("egl", "no display, no libOSMesa; libEGL works")
     return Choice("none", "no display, no libOSMesa; libEGL is installed but makes no context")
+
+
+def require_pictures(option: str) -> None:
+    """Raise `InputError`, which names the option, where no picture can be drawn or encoded."""
+    choice = choose_backend()
+    if choice.opengl == "none":
+        raise InputError(f"{option}: {choice} here; --html FILE.html shows the run in a browser without")
+    if find_spec("av") is None:
+        raise MissingPackageError("av", "video", option)
 
 
 @cache

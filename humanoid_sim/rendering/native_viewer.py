@@ -17,7 +17,7 @@ from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.offscreen import make_camera, update_pose
 from humanoid_sim.session.sinks import Sink
 
-_INSTEAD = "use --video out.mp4 instead"
+_INSTEAD = "--html out.html shows the run in a browser"
 _REFRESH_PERIOD = 1 / 60
 _OPENING_TIMEOUT = 30.0
 _CLOSING_TIMEOUT = 5.0

@@ -1,8 +1,4 @@
-"""Pictures without a window: OpenGL where it works on this machine, the software painter everywhere else.
-
-With the camera that looks at the robot, here and in the window; and animated pictures (WebP), which browsers and
-notebooks play by themselves.
-"""
+"""Pictures without a window, by OpenGL, and the camera that looks at the robot, here, in the window and in a page."""
 
 from __future__ import annotations
 
@@ -10,20 +6,16 @@ import importlib
 import math
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from io import BytesIO
-from time import perf_counter
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.appearance import keyboard_box, robot_box, tint_limbs
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
-from humanoid_sim.rendering.painter import GHOST, GHOST_OPACITY, Painter
 
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
@@ -39,45 +31,37 @@ _MARGIN = 1.2
 
 _failures: dict[str, str] = {}
 """Kinds of OpenGL that failed in this process. MuJoCo aborts when a context is asked for again after it failed once."""
-_TRIALS = 3
-"""Pictures by which OpenGL and painter are compared; the quickest counts, since other programs may be running."""
-_WORTH_IT = 1.5
-"""A software OpenGL must be faster than the painter by this: the painter's pictures show more."""
-_costs: dict[tuple[str, int, int, int], tuple[float, float]] = {}
-"""s for a picture, by OpenGL and by the painter, of what was measured in this process."""
+_GHOST = (0.10, 0.62, 0.92, 0.55)
+"""Red, green, blue and opacity of the pose that a motion asks for."""
 
 
 def make_renderer(
     model: mujoco.MjModel, width: int, height: int, camera: str | mujoco.MjvCamera | None = None, *, choice: Choice
-) -> _OpenGLRenderer | Painter:
-    """Give a renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
+) -> _OpenGLRenderer:
+    """Return a renderer. Raises `InputError` where OpenGL does not work.
 
     The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
     arguments are those of `PoseRenderer`.
     """
     view = make_camera(model, camera, width / height)
-    plain = tint_limbs(model)
-    reason = str(choice)
+    tint_limbs(model)
+    if choice.opengl == "none":
+        raise InputError(f"pictures: {choice} here; Debian's package libosmesa6 brings one")
     if choice.opengl == "egl" and not egl_works():
         _failures["egl"] = "makes no context"
-    if choice.opengl != "none" and choice.opengl not in _failures:
+    if choice.opengl not in _failures:
         try:
-            return _OpenGLRenderer(model, width, height, view, choice, plain)
+            return _OpenGLRenderer(model, width, height, view, choice)
         except Exception as error:  # drivers raise anything: ImportError, AttributeError, FatalError, ...
             _failures[choice.opengl] = _describe(error)
-    if choice.opengl in _failures:
-        reason = f"software painter ({choice}: {_failures[choice.opengl]})"
-    painter = Painter(model, width, height, view, outlined=plain)
-    painter.backend = reason
-    return painter
+    raise InputError(f"pictures: OpenGL does not work here: {choice}: {_failures[choice.opengl]}")
 
 
 class PoseRenderer:
     """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
 
     Width and height are in pixels. `camera` is one of the model's, or one that its owner moves between pictures; None
-    looks at the robot from the front. With `fastest` it draws with what is fastest here, measured, instead of with
-    OpenGL wherever there is one.
+    looks at the robot from the front.
     """
 
     backend = ""
@@ -89,26 +73,22 @@ class PoseRenderer:
         width: int,
         height: int,
         camera: str | mujoco.MjvCamera | None = None,
-        *,
-        fastest: bool = False,
     ) -> None:
-        self._model_factory, self._view, self._fastest = model_factory, (width, height, camera), fastest
-        self._renderer: _OpenGLRenderer | Painter | None = None
+        self._model_factory, self._view = model_factory, (width, height, camera)
+        self._renderer: _OpenGLRenderer | None = None
         self._ghost: mujoco.MjData | None = None
 
     def draw(self, qpos: FloatArray, ghost: FloatArray | None = None) -> npt.NDArray[np.uint8]:
         """Draw a pose (nq,), shape (height, width, 3), RGB; the last finite one, if this is not finite.
 
-        `ghost`, shape (nq,), is a second pose, which the robot is shown to differ from.
+        `ghost`, shape (nq,), is a second pose, which the robot is shown to differ from. Raises `InputError` where
+        OpenGL does not work.
         """
         if self._renderer is None:
             self._model = self._model_factory()
             self._data = mujoco.MjData(self._model)
             update_pose(self._model, self._data, self._data.qpos.copy())
             self._renderer = make_renderer(self._model, *self._view, choice=choose_backend())
-            is_level = self._model.nhfield == 0  # the painter draws no height fields
-            if self._fastest and is_level and not isinstance(self._renderer, Painter):
-                self._renderer = self._faster(self._renderer)
             self.backend = self._renderer.backend
         update_pose(self._model, self._data, qpos)
         if ghost is None:
@@ -118,38 +98,11 @@ class PoseRenderer:
         shown = update_pose(self._model, self._ghost, ghost)
         return self._renderer.render(self._data, self._ghost if shown else None)
 
-    def _faster(self, opengl: _OpenGLRenderer) -> _OpenGLRenderer | Painter:
-        """Return the given renderer, or the painter if faster with this model at this size; asked once a process."""
-        width, height, camera = self._view
-        painter = Painter(
-            self._model, width, height, make_camera(self._model, camera, width / height), outlined=opengl.is_plain
-        )
-        key = opengl.backend, width, height, self._model.ngeom
-        if key not in _costs:
-            costs = [(_cost(opengl, self._data), _cost(painter, self._data)) for _ in range(_TRIALS)]
-            _costs[key] = min(cost for cost, _ in costs), min(cost for _, cost in costs)
-        cost, its_cost = _costs[key]
-        name = opengl.backend.partition(" (")[0]
-        if _WORTH_IT * cost <= its_cost:
-            opengl.backend = f"{name} ({1e3 * cost:.0f} ms a picture)"
-            return opengl
-        opengl.close()
-        painter.backend = f"software painter ({1e3 * its_cost:.0f} ms a picture; {name} {1e3 * cost:.0f} ms)"
-        return painter
-
     def close(self) -> None:
         """Release the context. May be called twice."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-
-def _cost(renderer: _OpenGLRenderer | Painter, data: mujoco.MjData) -> float:
-    """Time for one picture, s."""
-    renderer.render(data)  # what is made once
-    begin = perf_counter()
-    renderer.render(data)
-    return perf_counter() - begin
 
 
 def make_camera(
@@ -182,7 +135,7 @@ def make_camera(
         camera.lookat[:] = middle + np.array([-_TOWARDS_ROBOT, 0.0, _ABOVE_KEYS])
         camera.distance = _PIANO_MARGIN * half[1] / (math.tan(half_view) * min(aspect, 16 / 9))
         return camera
-    base = _floating_base(model)
+    base = floating_base(model)
     half_height, depth = _MARGIN * model.stat.extent / 2, 0.0
     box = robot_box(model, moving=base is None)
     if box is not None:
@@ -197,7 +150,7 @@ def make_camera(
     return camera
 
 
-def _floating_base(model: mujoco.MjModel) -> int | None:
+def floating_base(model: mujoco.MjModel) -> int | None:
     """Give the body that carries most of the model's mass on a free joint: a robot, and not a ball that lies about."""
     for body in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
         if model.body_subtreemass[body] > model.body_subtreemass[0] / 2:
@@ -228,15 +181,12 @@ def _describe(error: Exception) -> str:
 
 
 class _OpenGLRenderer:
-    """`mujoco.Renderer`, but for any context: that one takes what `MUJOCO_GL` said when MuJoCo was imported.
-
-    Its members are the painter's.
-    """
+    """`mujoco.Renderer`, but for any context: that one takes what `MUJOCO_GL` said when MuJoCo was imported."""
 
     def __init__(
-        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice, is_plain: bool
+        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice
     ) -> None:
-        self.backend, self.is_plain = str(choice), is_plain
+        self.backend = str(choice)
         self._model, self._camera = model, camera
         self._size = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -244,7 +194,7 @@ class _OpenGLRenderer:
         self._scene = mujoco.MjvScene(model, 2000)
         model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
         model.vis.global_.offheight = max(height, model.vis.global_.offheight)
-        if choice.opengl == "osmesa":  # on a processor, a scene's full quality takes 150 ms a picture; this takes half
+        if choice.opengl != "glfw":  # on a processor, a scene's full quality takes 150 ms a picture; this takes half
             model.vis.quality.offsamples = min(4, model.vis.quality.offsamples)
             model.vis.quality.shadowsize = min(2048, model.vis.quality.shadowsize)
         with warnings.catch_warnings():
@@ -263,7 +213,7 @@ class _OpenGLRenderer:
             first, moving = self._scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC.value
             mujoco.mjv_addGeoms(self._model, ghost, self._option, mujoco.MjvPerturb(), moving, self._scene)
             for geom in self._scene.geoms[first : self._scene.ngeom]:
-                geom.rgba[:] = (*GHOST, GHOST_OPACITY)
+                geom.rgba[:] = _GHOST
                 geom.matid = -1
         self._window.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._context)
@@ -278,24 +228,3 @@ class _OpenGLRenderer:
             self._context.free()
             self._window.free()
             self._context = None
-
-
-def animated_webp(frames: Sequence[Image.Image], durations: Sequence[int]) -> bytes:
-    """Return the file of an animated picture that repeats for ever; each frame is shown for so many ms."""
-    file = BytesIO()
-    first, *rest = frames
-    first.save(file, "WEBP", save_all=True, append_images=rest, duration=list(durations), loop=0, quality=60, method=4)
-    return file.getvalue()
-
-
-def animated_poses(model: mujoco.MjModel, poses: Iterable[FloatArray], *, rate: float, width: int = 480) -> bytes:
-    """Draw a model in each of the poses, shape (nq,), for 1 / `rate` s each; the picture is 16 : 9.
-
-    The model's visual settings are adapted. The result is the file of an animated picture.
-    """
-    pictures = PoseRenderer(lambda: model, width, width * 9 // 16)
-    try:
-        frames = [Image.fromarray(pictures.draw(qpos)) for qpos in poses]
-    finally:
-        pictures.close()
-    return animated_webp(frames, [round(1e3 / rate)] * len(frames))

@@ -189,14 +189,6 @@ def test_the_same_intents_give_the_same_episode(shared):
     assert rollout() == rollout()
 
 
-def test_pictures():
-    env = ModesEnv(hasty(), render_mode="rgb_array", width=80, height=60)
-    env.reset()
-    picture = env.render()
-    assert picture.shape == (60, 80, 3)
-    env.close()
-
-
 def test_what_cannot_be_taken_is_one_line(shared):
     with pytest.raises(gymnasium.error.ResetNeeded):
         ModesEnv("lite").step(0)

@@ -284,17 +284,12 @@ def test_reset_and_step_refuse_what_they_cannot_take(arms):
         PolicyEnv(**ARMS).step(np.zeros(14))
 
 
-def test_pictures_show_the_robot_as_it_is(monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds; tests/rendering compares the two
+def test_pictures_need_opengl(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "off")
     env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)
-    env.reset(seed=0)
-    before = env.render()
-    for _ in range(20):
-        env.step(np.full(14, 1.5, dtype=np.float32))
-    after = env.render()
-    assert before.shape == after.shape == (120, 160, 3)
-    assert before.dtype == np.uint8
-    assert (before != after).any(axis=-1).mean() > 0.005
+    env.reset()
+    with pytest.raises(InputError, match=r"^pictures: no OpenGL \(MUJOCO_GL=off\) here; Debian's package libosmesa6"):
+        env.render()
     env.close()
     env.close()
     assert env.metadata["render_fps"] == 50

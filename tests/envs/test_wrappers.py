@@ -52,17 +52,3 @@ def test_normalize_observation():
     assert np.abs(observations).max() < 6.0
     # Gymnasium starts from a count of 1e-4, and counts each environment's observation of every step and reset.
     assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
-
-
-def test_pictures_of_a_vector_are_those_of_its_environments(monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds; tests/rendering compares the two
-    size = {"render_mode": "rgb_array", "width": 48, "height": 32}
-    env, envs = single(**size), several(**size)
-    env.reset(seed=1)
-    envs.reset(seed=0)
-    pictures = envs.render()
-    assert [picture.shape for picture in pictures] == [(32, 48, 3)] * COUNT
-    np.testing.assert_array_equal(pictures[1], env.render())
-    assert np.any(pictures[0] != pictures[1])
-    env.close()
-    envs.close()

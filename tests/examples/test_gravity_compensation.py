@@ -64,7 +64,7 @@ def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
     held = 20.0 if request.config.getoption("--complete") else 8.0
     record = tmp_path / "run.mcap"
     script = "damp; load_b; wait; start_remote; hold 600"
-    options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", str(record))
+    options = ("--dds", "--pace", "realtime", "--viewer", "none", "--html", "none", "--record", str(record))
     with running("-m", "humanoid_sim.play", *options, "--script", script) as play:
         line_with(play, "dds: domain ")
         for form, end in (("effort", signal.SIGKILL), ("pd", signal.SIGTERM)):

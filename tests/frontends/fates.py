@@ -196,7 +196,7 @@ def playing(folder: Path, *options: str, screen: str = "") -> Iterator[Played]:
     if screen:
         environment["DISPLAY"] = screen
     viewer = () if "--viewer" in options else ("--viewer", "none")
-    results = ("--video", "none", "--record", "r.mcap", "--summary", "s.json", "--overwrite")
+    results = ("--html", "none", "--record", "r.mcap", "--summary", "s.json", "--overwrite")
     command = [sys.executable, "-m", "humanoid_sim.play", *options, *viewer, *results]
     with ExitStack() as stack:
         out = stack.enter_context(open(folder / "out.txt", "wb"))

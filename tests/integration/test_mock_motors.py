@@ -79,7 +79,7 @@ class Run:
 def play(folder):
     folder.mkdir()
     options = ["--hardware", "virtual:mock", "--allow-script", "--script", SCRIPT, "--policy", "lite_tracking"]
-    results = ["--viewer", "none", "--video", "none", "--record", "r.mcap", "--summary", "s.json"]
+    results = ["--viewer", "none", "--html", "none", "--record", "r.mcap", "--summary", "s.json"]
     program = [sys.executable, "-c", PLAY, *options, *results]
     done = subprocess.run(program, cwd=folder, capture_output=True, text=True, check=False)
     return Run(folder, done.returncode, done.stdout + done.stderr)

@@ -1,4 +1,4 @@
-"""The console's page in a real Chromium, without a head, its 3D drawn in software."""
+"""Pages in a real Chromium, without a head, their 3D drawn in software: the console's, and that of a run."""
 
 import os
 import re
@@ -25,7 +25,7 @@ OPEN = """(address) => new Promise((resolve) => {
 def address(tmp_path, runtime):
     """Of the page that commands, of a session that runs in real time."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
-    nothing = ["--viewer", "none", "--video", "none", "--record", "none"]
+    nothing = ["--viewer", "none", "--html", "none", "--record", "none"]
     with subprocess.Popen(
         [*command, *nothing],
         stdin=subprocess.DEVNULL,  # no terminal: the operator is at the page
@@ -115,3 +115,25 @@ def test_an_operator_clicks_through_the_modes_and_a_stranger_is_refused(address,
     page.click("#damp")
     page.wait_for_selector(shown("DAMPING"))
     assert errors == []
+
+
+def test_the_page_of_a_run_replays_it_offline(browser, tmp_path, runtime):
+    run = ["--script", "damp; load_a; hold 1", "--record", "none", "--html", "run.html", "--pace", "fast"]
+    subprocess.run([sys.executable, "-m", "humanoid_sim.play", *run], cwd=tmp_path, check=True, capture_output=True)
+    page = browser.new_context(offline=True, viewport={"width": 400, "height": 300}).new_page()
+    page.set_default_timeout(PATIENCE)
+    errors, asked = [], []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((tmp_path / "run.html").as_uri())
+    page.wait_for_selector('[role="slider"]', state="attached")
+    pictures = []
+    for time in ("0.2", "2.5"):
+        page.locator("input").first.fill(time)
+        page.locator("input").first.press("Enter")
+        page.wait_for_timeout(5000.0)
+        pictures.append(page.locator("canvas").last.screenshot())
+    assert pictures[0] != pictures[1], "the robot has not moved"
+    assert page.inner_text("#caption").startswith("STANDBY 2.")
+    assert errors == []
+    assert [address for address in asked if not address.startswith(("file:", "blob:", "data:"))] == []

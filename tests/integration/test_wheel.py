@@ -104,6 +104,6 @@ def test_installed_in_a_clean_environment_it_plays_and_replays(wheel, python, tm
     run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-c", constraints, str(wheel))
     where = run("-c", "import humanoid_sim.controllers.supervisor as s; print(s.__file__)")
     assert "site-packages/humanoid_sim/controllers/supervisor.py" in where
-    played = ("--duration", "7", "--viewer", "none", "--video", "none", "--record", "r.mcap")
+    played = ("--duration", "7", "--viewer", "none", "--html", "none", "--record", "r.mcap")
     assert "LOCOMOTION" in run("-m", "humanoid_sim.play", *played)
     assert "bit for bit identical" in run("-m", "humanoid_sim.replay", "r.mcap")

@@ -71,7 +71,7 @@ def test_an_episode_becomes_a_motion_that_plays(tmp_path, capsys):
     report = json.loads((tmp_path / "out" / "dances_1.json").read_text())
     assert report["method"] == "forward kinematics"
     assert report["conventions"]["joints_said_by"] == "names in the file"
-    options = ["--record", "none", "--video", "none", "--viewer", "none"]
+    options = ["--record", "none", "--html", "none", "--viewer", "none"]
     arguments = [
         "--policy",
         str(tmp_path / "out" / "lite_tracking.onnx"),

@@ -41,7 +41,7 @@ TOLERANCE = 0.005
 @contextmanager
 def session(recording, script=TO_REMOTE, mode=Mode.REMOTE):
     """A session of the simulated Lite in real time, once it is in a mode; gives its feed."""
-    command = [sys.executable, "-m", "humanoid_sim.play", "--policy", "none", "--viewer", "none", "--video", "none"]
+    command = [sys.executable, "-m", "humanoid_sim.play", "--policy", "none", "--viewer", "none", "--html", "none"]
     command += ["--pace", "realtime", "--record", str(recording), "--script", script]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
         try:
@@ -228,12 +228,12 @@ def test_a_dataset_becomes_a_motion_that_plays(recorded, tmp_path):
     assert run_program(prepare, [*options, "--output", str(output)]) == 0
     assert len(read_motion(output / "reach_0.mcap").frames) > 50
     options = ["--policy", str(output / "lite_tracking.onnx"), "--motion", str(output / "reach_0.mcap")]
-    assert play([*options, "--record", "none", "--video", "none", "--viewer", "none"]) == 0
+    assert play([*options, "--record", "none", "--html", "none", "--viewer", "none"]) == 0
 
 
 def test_a_run_becomes_a_dataset_that_replays(tmp_path):
     run, script = tmp_path / "wave.mcap", "damp; load_a; wait; start_locomotion; hold 2; damp; hold 0.2; quit"
-    assert play(["--record", str(run), "--video", "none", "--viewer", "none", "--script", script]) == 0
+    assert play(["--record", str(run), "--html", "none", "--viewer", "none", "--script", script]) == 0
     assert run_program(record, ["dataset", str(run), "-o", str(tmp_path / "wave"), "--fps", "25"]) == 0
     with session(tmp_path / "replayed.mcap"):
         status, printed = replay(tmp_path / "wave")

@@ -24,7 +24,7 @@ def recording(tmp_path_factory):
     """Two seconds of the sample policy and of its end."""
     path = tmp_path_factory.mktemp("runs") / "wave.mcap"
     script = "damp; load_a; wait; start_locomotion; hold 2; damp; hold 0.2; quit"
-    assert play(["--record", str(path), "--video", "none", "--viewer", "none", "--script", script]) == 0
+    assert play(["--record", str(path), "--html", "none", "--viewer", "none", "--script", script]) == 0
     return path
 
 

@@ -9,7 +9,7 @@ SMALL = (
     "mount -t tmpfs -o size={size} tmpfs {folder} && cd {folder} && mkdir run && export XDG_RUNTIME_DIR={folder}/run"
 )
 PLAY = (
-    f"{sys.executable} -m humanoid_sim.play --policy placeholder --viewer none --video none --pace fast "
+    f"{sys.executable} -m humanoid_sim.play --policy placeholder --viewer none --html none --pace fast "
     "--script 'hold 1; damp; hold 0.2; load_a; wait; start_locomotion; hold 5; damp; hold 1'"
 )
 

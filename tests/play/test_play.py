@@ -224,16 +224,25 @@ def test_no_file_is_left_where_none_is_wanted(run, quick, folder):
     assert list(folder.iterdir()) == []
 
 
+def test_a_page_that_exists_is_not_replaced(run, folder):
+    (folder / "p.html").touch()
+    result = run("--html", "p.html", "--record", "none", record=False)
+    assert (result.status, result.err) == (
+        2,
+        "error: --html: 'p.html' exists; choose another name, or add --overwrite\n",
+    )
+
+
 def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, folder, monkeypatch):
     def full(*_):
         raise InputError("s.json: cannot be written: No space left on device")
 
     monkeypatch.setattr(run_module, "write_summary", full)
-    monkeypatch.setattr(run_module, "save_snapshot", lambda path, *_: path.touch())
-    result = run("--robot", quick, "--duration", "0.1", "--snapshot", "p.png", *PLACEHOLDER)
+    result = run("--robot", quick, "--duration", "0.1", "--viewer", "auto", *PLACEHOLDER)
     assert result.status == 1
     assert "failed: s.json: cannot be written: No space left on device" in result.out
-    assert (folder / "p.png").is_file()
+    assert "page       r.html   open it in a browser; " in result.out
+    assert (folder / "r.html").is_file(), "nobody watches: the page lies beside the recording"
     assert len(result.ticks) > 20
 
 

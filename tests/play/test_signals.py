@@ -264,13 +264,13 @@ def report(*arguments):
     os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
     before(*arguments)
 run.print_report = report
-options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--snapshot", "p.png", "--script", "hold 0.1"]
+options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--html", "p.html", "--script", "hold 0.1"]
 sys.exit(run_program(main, [*options, "--policy", "placeholder", "--robot", {quick!r}]))"""
     run = subprocess.run([sys.executable, "-c", line], cwd=folder, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert run.stderr == "failed: standard output cannot be written: No space left on device\n"
     assert (folder / "s.json").is_file()
-    assert (folder / "p.png").is_file()
+    assert (folder / "p.html").is_file()
 
 
 @contextmanager

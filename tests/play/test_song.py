@@ -40,7 +40,7 @@ def song(tmp_path):
 
 def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd):
     robot = quick_robot(tmp_path, "lite_piano")
-    result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
+    result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--html", "none")
     assert result.status == 0
     assert "left out of the song, beyond reach or more notes at a time than fingers: C8" in result.out
     found = result.summary["piano"]

@@ -110,7 +110,7 @@ def test_doctor_refuses_it(cli, live, robot):
 
 
 def test_play_says_who_must_feed_it_and_refuses_to_start_where_nobody_does(live, robot, capsys):
-    options = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--video", "none", "--record", "none"]
+    options = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--html", "none", "--record", "none"]
     assert run_program(play, options) == 1
     printed = capsys.readouterr().out
     assert "the policy observes foot_contact (/foot_contact), which a program has to send" in printed

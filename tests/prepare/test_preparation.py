@@ -49,7 +49,7 @@ def test_a_motion_becomes_a_file_that_plays(tmp_path, capsys):
     assert "bodies against forward kinematics, tolerance 10 mm, 2°" in printed
     assert "right_hand" in printed
     summary = tmp_path / "summary.json"
-    options = ["--record", "none", "--video", "none", "--viewer", "none", "--summary", str(summary)]
+    options = ["--record", "none", "--html", "none", "--viewer", "none", "--summary", str(summary)]
     options += ["--policy-seconds", "0.5"]
     assert play(["--policy", str(out / "lite_tracking.onnx"), "--motion", str(out / "dance.mcap"), *options]) == 0
     assert summary.is_file()

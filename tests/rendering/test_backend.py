@@ -2,7 +2,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.rendering import backend
-from humanoid_sim.rendering.backend import choose_backend, has_display
+from humanoid_sim.rendering.backend import choose_backend, has_display, require_pictures
 
 DISPLAY = {"DISPLAY": ":0"}
 
@@ -51,10 +51,10 @@ def test_the_first_that_is_asked_for_or_there_is_taken(machine, environ, librari
 @pytest.mark.parametrize(
     ("environ", "libraries", "said"),
     [
-        ({}, (), "software painter (no display, no libOSMesa, no libEGL)"),
+        ({}, (), "no OpenGL (no display, no libOSMesa, no libEGL)"),
         ({}, ("OSMesa",), "osmesa (no display; libOSMesa is installed)"),
-        ({}, ("EGL",), "software painter (no display, no libOSMesa; libEGL is installed but makes no context)"),
-        ({"MUJOCO_GL": "off"}, ("OSMesa",), "software painter (MUJOCO_GL=off)"),
+        ({}, ("EGL",), "no OpenGL (no display, no libOSMesa; libEGL is installed but makes no context)"),
+        ({"MUJOCO_GL": "off"}, ("OSMesa",), "no OpenGL (MUJOCO_GL=off)"),
     ],
 )
 def test_it_says_what_and_why(machine, environ, libraries, said):
@@ -72,3 +72,11 @@ def test_a_value_that_mujoco_does_not_know_is_refused(machine):
 def test_a_desktop_without_x_has_a_display(machine, platform, expected):
     machine({}, platform=platform)
     assert has_display() is expected
+
+
+def test_a_picture_without_opengl_is_refused_and_the_page_is_named(machine):
+    machine({})
+    with pytest.raises(InputError, match=r"^--video: no OpenGL \(no display, .*\) here; --html FILE\.html shows"):
+        require_pictures("--video")
+    machine({}, ("OSMesa",))
+    require_pictures("--video")

@@ -11,7 +11,6 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.motion import body_poses, read_motion
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference, commanded_pose
-from humanoid_sim.rendering.painter import Painter
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
@@ -90,21 +89,3 @@ def test_the_frame_that_is_shown_is_the_latest_that_the_policy_saw():
     driven = [frame for frame, mode in zip(seen, modes, strict=True) if mode is Mode.LOCOMOTION]
     assert driven == list(range(52))
     assert {frame for frame, mode in zip(seen, modes, strict=True) if mode is not Mode.LOCOMOTION} == {None}
-
-
-def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
-    def blue(angle):
-        camera = mujoco.MjvCamera()
-        camera.azimuth, camera.elevation, camera.distance = 180.0, 0.0, 3.0
-        data, ghost = mujoco.MjData(pendulum), mujoco.MjData(pendulum)
-        ghost.qpos[0] = angle
-        mujoco.mj_kinematics(pendulum, data)
-        mujoco.mj_kinematics(pendulum, ghost)
-        mujoco.mj_camlight(pendulum, data)
-        painter = Painter(pendulum, 320, 240, camera)
-        alone, both = (painter.render(data, other).astype(int) for other in (None, ghost))
-        return int((both[..., 2] - both[..., 0] > alone[..., 2] - alone[..., 0] + 40).sum())
-
-    assert blue(0.0) == 0
-    assert blue(0.002) == 0
-    assert blue(0.8) > 400

@@ -37,14 +37,14 @@ print("slowest tick under 50 ms:", slowest < 0.05)
 def test_without_a_display_it_says_what_to_use_instead(pendulum, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(InputError, match=r"^viewer native: no display .*; use --video out\.mp4 instead$"):
+    with pytest.raises(InputError, match=r"^viewer native: no display .*; --html out\.html shows the run"):
         NativeViewerSink(lambda: pendulum)
 
 
 def test_a_display_that_does_not_answer_is_refused_too(pendulum, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4711")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(InputError, match=r"^viewer native: the display opens no window \(.+\); use --video out\.mp4"):
+    with pytest.raises(InputError, match=r"^viewer native: the display opens no window \(.+\); --html out\.html"):
         NativeViewerSink(lambda: pendulum)
 
 

@@ -1,7 +1,7 @@
 """The process that renders a camera: pictures of a session's newest ticks to standard output, as RGB bytes.
 
-Started with the options as JSON. It only reads the session's feed, and draws with OpenGL or the software painter,
-whichever is faster here. A reader that is slow holds up this process alone.
+Started with the options as JSON. It only reads the session's feed, and draws with OpenGL.
+A reader that is slow holds up this process alone.
 """
 
 import json
@@ -69,7 +69,7 @@ def main(options: dict[str, Any]) -> None:
             eye = Eye(model, options["body"], options["pitch"])
             model.vis.global_.fovy = options["fovy"]
         camera = None if options["view"] == "outside" else options["view"] if eye is None else eye.camera
-        pictures = PoseRenderer(lambda: model, options["width"], options["height"], camera, fastest=True)
+        pictures = PoseRenderer(lambda: model, options["width"], options["height"], camera)
         number, feed = 0, attachment.feed
         qpos, addresses = model.qpos0.copy(), joint_addresses(model, feed.joint_names).qpos
         while feed.is_running():

@@ -7,6 +7,7 @@ import rig
 from fakes import FakeRobot
 
 from humanoid_sim.controllers.fsm import MODES
+from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.state import (
     FLAG_MEANINGS,
     LoopRate,
@@ -22,10 +23,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.stack import run_header
-
-pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
-
-from humanoid_sim.frontends.console.server import encoded
 
 ALL = frozenset(MODES)
 STACK = rig.supervisor()

@@ -1,0 +1,91 @@
+"""Pictures that OpenGL draws: a video, a snapshot, a motion's ghost, and what environments render."""
+
+import av
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.rendering.moments import Moments
+from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.video import save_snapshot, write_video
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+
+PENDULUM = """
+<mujoco>
+  <visual><quality shadowsize="256"/></visual>
+  <worldbody>
+    <geom type="plane" size="0 0 1" pos="0 0 -1" rgba="0.7 0.7 0.7 1"/>
+    <body>
+      <joint name="hinge" axis="1 0 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.08" rgba="0.9 0.2 0.2 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def pendulum():
+    return mujoco.MjModel.from_xml_string(PENDULUM)
+
+
+def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum):
+    moments = Moments()
+    for index in range(101):
+        state, control = MITState.unknown(1, 5.0 + index / 100), ControlMode(Mode.STANDBY, "standby_controller_a", "")
+        output = TickOutput(MITCommand.zeros(1), control)
+        moments.tick(TickRecord(index, TickInput(state), output, 0.001, False, np.array([index / 50])))
+    write_video(tmp_path / "run.mp4", pendulum, moments, size=(160, 120))
+    with av.open(str(tmp_path / "run.mp4")) as container:
+        (stream,) = container.streams
+        frames = [(float(frame.time), frame.to_ndarray(format="rgb24").astype(int)) for frame in container.decode()]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+    assert [time for time, _ in frames] == pytest.approx(np.arange(26) / 25)
+    assert np.abs(frames[0][1] - frames[25][1]).max() > 60, "the pendulum has moved"
+
+
+def test_a_snapshot_is_a_picture_of_the_pose(tmp_path, pendulum):
+    pictures = []
+    for angle in (0.0, 1.0, np.nan):
+        save_snapshot(tmp_path / "run.png", pendulum, np.array([angle]), size=(160, 120))
+        with Image.open(tmp_path / "run.png") as image:
+            assert (image.size, image.format) == ((160, 120), "PNG")
+            pictures.append(np.asarray(image, dtype=np.int64))
+    assert np.abs(pictures[0] - pictures[1]).max() > 60
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    with pytest.raises(InputError, match=r"snapshot: is '.*\.bmp', expected a name that ends in \.png or "):
+        save_snapshot(tmp_path / "run.bmp", pendulum, np.zeros(1))
+
+
+def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
+    pictures = PoseRenderer(lambda: pendulum, 160, 120)
+    try:
+        alone = pictures.draw(np.zeros(1)).astype(int)
+        both = pictures.draw(np.zeros(1), np.array([0.8])).astype(int)
+    finally:
+        pictures.close()
+    assert (both[..., 2] - both[..., 0] > alone[..., 2] - alone[..., 0] + 40).sum() > 100
+
+
+def test_environments_render_the_robot_as_it_is():
+    size = {"render_mode": "rgb_array", "width": 80, "height": 60}
+    env = gymnasium.make("humanoid_sim/LiteTracking-v0", **size)
+    envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=2, **size)
+    env.reset(seed=1)
+    envs.reset(seed=0)
+    before, pictures = env.render(), envs.render()
+    assert (before.shape, before.dtype) == ((60, 80, 3), np.uint8)
+    np.testing.assert_array_equal(pictures[1], before)
+    assert np.any(pictures[0] != pictures[1])
+    for _ in range(20):
+        env.step(np.full(14, 1.5, dtype=np.float32))
+    assert (before != env.render()).any(axis=-1).mean() > 0.005
+    env.close()
+    envs.close()
