@@ -45,20 +45,16 @@ def test_a_run_repeats_bit_for_bit(recorded, ticks):
     assert replay(recorded, shipped_policy("lite_tracking")).is_identical
 
 
-def flipped(array, joint):
-    """One byte of one number changed."""
-    changed = np.array(array)
-    changed.view(np.uint8)[8 * joint + 6] ^= 0x01
-    return changed
-
-
-def changed_position(given):
-    return replace(given, state=replace(given.state, joint_position=flipped(given.state.joint_position, 3)))
+def changed_byte(given, byte):
+    """Change one byte of an elbow's position; 0 is the lowest of eight."""
+    position = np.array(given.state.joint_position)
+    position.view(np.uint8)[8 * 3 + byte] ^= 0x01
+    return replace(given, state=replace(given.state, joint_position=position))
 
 
 CHANGES = {
-    "a byte of a position, at LOAD_A": (Mode.STANDBY, changed_position),
-    "a byte of a position, at START_LOCOMOTION": (Mode.LOCOMOTION, changed_position),
+    "the last bit of a position, at LOAD_A": (Mode.STANDBY, lambda given: changed_byte(given, 0)),
+    "a byte of a position, at START_LOCOMOTION": (Mode.LOCOMOTION, lambda given: changed_byte(given, 6)),
     "an intent that is missing": (Mode.STANDBY, lambda given: replace(given, intents=())),
     "a safety level": (
         Mode.LOCOMOTION,
