@@ -105,8 +105,8 @@ def sample_songs() -> tuple[str, ...]:
     return shipped("songs")
 
 
-def song_path(name: str) -> Path:
-    """Return a sample song by name, else a MIDI file by path.
+def song_path(name: str, what: str = "--song") -> Path:
+    """Return a sample song by name, else a MIDI file by path; `what` is what a refusal calls it.
 
     Raises:
         InputError: if it is neither.
@@ -115,5 +115,5 @@ def song_path(name: str) -> Path:
     if name in songs:
         return asset_path("songs", f"{name}.mid")
     if not os.path.exists(name):
-        raise InputError(f"--song: {known_names('song', name, songs)}; or a MIDI file that exists")
+        raise InputError(f"{what}: {known_names('song', name, songs)}; or a MIDI file that exists")
     return Path(name)

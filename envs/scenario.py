@@ -217,7 +217,7 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
         name = str(motion)
         if name not in sample_songs() and not name.endswith((".mid", ".midi")):
             return motion
-        song, _ = named_song(name, robot)
+        song, _ = named_song(name, robot, what="motion")
         return song_motion(song, contract.policy_dt, robot)
     several: list[Named | Motion] = []
     for one in motion:

@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.piano`: how well a recorded song was played, and which keys a robot reaches."""
+"""`python -m humanoid_sim.piano`: how well a recorded song was played."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import ClassVar
 import tyro
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
 
 
 @dataclass(frozen=True)
-class Score:
+class PianoConfig:
     """Score a recording: which keys were down against those that the song asks for.
 
     Per time step as RoboPianist defines precision, recall and F1, and per note: a stroke counts if it begins within
@@ -38,28 +38,9 @@ class Score:
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("run.mcap", "how well the song was played"),)
 
 
-@dataclass(frozen=True)
-class Reach:
-    """Compute which keys each hand of a robot reaches: over the key and on it, within limits, touching nothing else."""
-
-    robot: str = "lite_piano"
-    """A shipped robot with a piano, or the path of a robot's YAML file."""
-    json: bool = False
-    """Print the result as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite_piano", "the keys of each hand"),)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
-    commands = Commands(
-        "Score how a song was played; see which keys a robot reaches.", {"score": Score, "reach": Reach}
-    )
-    options: Score | Reach = parse(commands, "piano", arguments)
-    return _score(options) if isinstance(options, Score) else _reach(options)
-
-
-def _score(options: Score) -> int:
+    options = parse(PianoConfig, "piano", arguments)
     if not 0.0 < options.onset_tolerance < 10.0:
         raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
     played = read_performance(options.recording, options.song)
@@ -73,26 +54,6 @@ def _score(options: Score) -> int:
         print(
             f"{result.hit_count} of {result.note_count} notes were struck in time; {result.false_count} wrong strokes"
         )
-    return 0
-
-
-def _reach(options: Reach) -> int:
-    from humanoid_sim.policy.song import key_name  # noqa: PLC0415 - heavy imports stay out of `--help`
-    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
-    from humanoid_sim.simulation.fingers import HANDS, Fingers  # noqa: PLC0415
-
-    robot = load_robot(options.robot)
-    fingers = Fingers(robot)
-    reached = {name: sorted(fingers.reachable(hand)) for hand, name in enumerate(HANDS)}
-    if options.json:
-        print(json.dumps({"robot": robot.name, "reach": reached}))
-    else:
-        for name, keys in reached.items():
-            span = f"{key_name(keys[0])} to {key_name(keys[-1])}, keys {keys[0]} to {keys[-1]}" if keys else "none"
-            print(f"{name:<6} {span}")
-        described = [list(keys) for keys in fingers.settings.hands]
-        if described != list(reached.values()):
-            print(f"{robot.name}: piano.reach is {[[keys[0], keys[-1]] for keys in described]}, which differs")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`piano score` on recordings of keys that were played."""
+"""`piano` on recordings of keys that were played."""
 
 import json
 from dataclasses import replace
@@ -37,7 +37,7 @@ def test_a_run_is_scored_against_its_song(tmp_path, capsys):
     pressed[4, 43] = 0.0
     pressed[5, 50] = 1.0
     path = recorded(tmp_path / "run.mcap", pressed, song())
-    assert piano.main(["score", str(path), "--json"]) == 0
+    assert piano.main([str(path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["steps"] == {
         "precision": pytest.approx(5 / 6),
@@ -50,7 +50,7 @@ def test_a_run_is_scored_against_its_song(tmp_path, capsys):
 def test_another_song_takes_the_place_of_its_own(tmp_path, capsys):
     path = recorded(tmp_path / "run.mcap", SONG, None)
     write_motion(tmp_path / "song.mcap", song())
-    assert piano.main(["score", str(path), str(tmp_path / "song.mcap")]) == 0
+    assert piano.main([str(path), str(tmp_path / "song.mcap")]) == 0
     assert "2 of 2 notes were struck in time; 0 wrong strokes" in capsys.readouterr().out
 
 
@@ -64,12 +64,5 @@ def test_another_song_takes_the_place_of_its_own(tmp_path, capsys):
 )
 def test_what_cannot_be_scored_is_one_line(motion, width, message, tmp_path, capsys):
     path = recorded(tmp_path / "run.mcap", np.zeros((6, width)), motion)
-    assert run_program(piano.main, ["score", str(path)]) == 2
+    assert run_program(piano.main, [str(path)]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_a_robot_without_a_piano_reaches_nothing(capsys):
-    assert run_program(piano.main, ["reach", "--robot", "lite"]) == 2
-    assert capsys.readouterr().err.startswith(
-        "error: lite: has no piano, expected a robot with one, such as lite_piano"
-    )

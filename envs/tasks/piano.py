@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar
 
+import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import rotate
@@ -14,11 +15,14 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.robots.schema import RobotDescription
-from humanoid_sim.simulation.fingers import Fingers
+from humanoid_sim.robots.piano import PIANOS
+from humanoid_sim.robots.schema import PianoSettings, RobotDescription
+from humanoid_sim.simulation.model import base_body, build_model
 
 _REACH = 0.05
 """m"""
+_FROM_EDGE = {True: 0.012, False: 0.010}
+"""m from the front edge at which white keys are struck, and black ones: over white keys is then only the tip."""
 _WRIST_HEIGHT = 0.05
 """m above the white keys, below which a wrist is too low: the forearm would come onto the keys."""
 
@@ -47,9 +51,15 @@ class PianoTask(Task):
     )
 
     def _prepare(self, description: RobotDescription) -> None:
-        fingers = Fingers(description)
-        self.bodies = fingers.wrists
-        self._tips, self._strike_points = fingers.tips, fingers.strike_points
+        piano = description.piano
+        if piano is None:
+            raise InputError(f"{description.name}: has no piano, expected a robot with one, such as lite_piano")
+        model = build_model(description, scene=False)
+        sites = [model.site(name).id for name in piano.fingers]
+        self.bodies = tuple(model.body(wrist).name for wrist in model.site_bodyid[sites])
+        self._tips = model.site_pos[sites].copy()
+        """Shape (2, 3), m, frames of the wrists: the middles of the round tips."""
+        self._strike_points = _strike_points(model, description, piano)
         self._song = self.reference.terms["target_keys"] > 0.5
         if self._song.shape[1] != len(self._strike_points):
             raise InputError(f"motion: has {self._song.shape[1]} keys, and the piano {len(self._strike_points)}")
@@ -73,3 +83,17 @@ class PianoTask(Task):
             "low_wrist": total(np.maximum(self._lowest - wrists[..., 2], 0.0)),
         }
         return values, np.zeros(asked.shape, dtype=np.bool_)
+
+
+def _strike_points(model: mujoco.MjModel, description: RobotDescription, piano: PianoSettings) -> FloatArray:
+    """Return where released keys are struck: shape (88, 3), m, frame of the robot's base."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    keys = PIANOS[piano.figures].keys
+    local = [
+        [key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white], key.box.position[1], key.top] for key in keys
+    ]
+    base, body = base_body(model, description), model.body("piano").id
+    world = data.xpos[body] + np.array(local) @ data.xmat[body].reshape(3, 3).T - data.xpos[base]
+    points: FloatArray = world @ data.xmat[base].reshape(3, 3)
+    return points

@@ -230,24 +230,25 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
     return with_lead_in(played), dropped
 
 
-def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tuple[Song, tuple[Note, ...]]:
+def named_song(
+    name: str, robot: RobotDescription, folder: Path = Path(), what: str = "--song"
+) -> tuple[Song, tuple[Note, ...]]:
     """Return what a robot can play of a sample song or of a MIDI file, a note at least; and the notes left out.
 
     Raises `InputError` if there is no such song, it cannot be read, or none of its notes is within reach.
 
     Args:
         name: of the sample, or the file's path, relative to `folder`.
+        what: what a refusal calls the song.
     """
-    beside = folder / name
-    song, dropped = playable(
-        read_song(beside if name not in sample_songs() and is_file(beside) else song_path(name)), robot
-    )
+    is_beside = name not in sample_songs() and is_file(folder / name)
+    song, dropped = playable(read_song(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
-        reach = "reaches no key"
-        if robot.piano is not None and robot.piano.keys:
-            reach = f"reaches {key_name(min(robot.piano.keys))} to {key_name(max(robot.piano.keys))}"
+        assert robot.piano is not None  # nothing else leaves notes out
+        reach = f"{key_name(min(robot.piano.keys))} to {key_name(max(robot.piano.keys))}"
         raise InputError(
-            f"{name}: none of its notes is within reach, '{robot.name}' {reach}; prepare --transpose moves them"
+            f"{what}: none of the notes of '{name}' is within the reach of '{robot.name}', {reach}; "
+            "prepare --transpose moves them"
         )
     return song, dropped
 

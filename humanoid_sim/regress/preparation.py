@@ -112,14 +112,12 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
         beside = folder / case.motion
         try:
             if case.song:
-                motions[case.name], _ = named_song(case.song, description, folder)
+                motions[case.name], _ = named_song(case.song, description, folder, "song")
                 continue
             file = beside if beside.is_file() or not case.motion else motion_path(case.motion)
             motions[case.name] = read_motion(file) if case.motion else None
         except InputError as error:
-            raise InputError(
-                f"case '{case.name}': {str(error).removeprefix('--motion: ').removeprefix('--song: ')}"
-            ) from None
+            raise InputError(f"case '{case.name}': {str(error).removeprefix('--motion: ')}") from None
     digests = {case.name: _digest(suite, case, motions[case.name], description) for case in suite.cases}
     return PreparedSuite(suite, description, motions, digests)
 

@@ -228,7 +228,7 @@ class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     key_force_limit: Positive
     """N, with which no key may be touched."""
     reach: tuple[tuple[int, int], ...]
-    """Lowest and highest key of each finger, 0 is A0, 87 is C8; what `python -m humanoid_sim.piano reach` computes."""
+    """Lowest and highest key of each finger, 0 is A0, 87 is C8."""
 
     @property
     def hands(self) -> tuple[range, ...]:

@@ -99,18 +99,6 @@ class GravityTorque(_Posed):
         return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)
 
 
-class MassMatrix(_Posed):
-    """The joints' inertia, motors included."""
-
-    def __call__(self, joint_position: FloatArray) -> FloatArray:
-        """Shape (n,), rad, joint frame → shape (n, n), kg·m²; a new array."""
-        self._pose(joint_position)
-        whole = np.empty((self._model.nv, self._model.nv))
-        mujoco.mj_makeM(self._model, self._data)
-        mujoco.mj_fullM(self._model, self._data, whole)
-        return whole[np.ix_(self._addresses.dof, self._addresses.dof)]
-
-
 def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None = None) -> FloatArray:
     """One step of damped least squares, shape (n,), rad.
 

@@ -1,30 +1,20 @@
 """A robot with a piano whose standby pose holds one key down."""
 
-from functools import cache
-
-import numpy as np
 from result import Document
 
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.fingers import Fingers
 
 __all__ = ["KEY", "press_in_standby", "pressing_pose"]
 
-LEFT, KEY = 0, 31
+KEY = 31
 """E3, under the left hand."""
+_PRESSING = (-0.4236, 0.0607, -1.1207, -1.9237, -0.0556, 0.1906, -0.3272)
+"""rad, commands of the left arm at a stiffness of 50 N·m/rad that hold the key down with 2 N."""
 
 
-@cache
 def pressing_pose() -> tuple[float, ...]:
     """Where the joints are commanded to for the left finger to hold the key down, rad; the right hand stays above."""
-    fingers = Fingers(load_robot("lite_piano"))
-    key = fingers.keys[KEY]
-    pose = fingers.ready.copy()
-    arm = fingers.arms[LEFT]
-    pose[arm] = fingers.solve(LEFT, fingers.tip_above(key, 0.0, 0.9))
-    stiffness = np.array(fingers.description.standby_controller_a.target_stiffness)
-    pose[arm] += fingers.holding_torque(LEFT, pose[arm], 2.0) / stiffness[arm]
-    return tuple(map(float, pose))
+    return _PRESSING + load_robot("lite_piano").standby_controller_a.pose_segments[-1][7:]
 
 
 def press_in_standby(document: Document) -> None:

@@ -88,7 +88,7 @@ def test_a_digest_knows_the_song_and_not_its_name(tmp_path):
 @pytest.mark.parametrize(
     ("case", "robot", "policy", "message"),
     [
-        (Case(name="a", song="nothing"), None, PIANO_POLICY, "case 'a': unknown song 'nothing'; known: black"),
+        (Case(name="a", song="nothing"), None, PIANO_POLICY, "case 'a': song: unknown song 'nothing'; known: black"),
         (Case(name="a", song="twinkle"), "lite", PIANO_POLICY, "robot 'lite': has no piano, a piano suite expects one"),
         (
             Case(name="a", song="twinkle"),

@@ -12,7 +12,6 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.simulation.fingers import Fingers
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -20,6 +19,8 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 FIGURES = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
 ROBOTS = {"dep20": "lite_piano", "nikomaku": "lite_piano_nikomaku"}
 ROBOT = load_robot("lite_piano")
+READY = np.array(ROBOT.standby_controller_a.pose_segments[-1])
+LEFT, RIGHT = slice(0, 7), slice(7, 14)
 STEPS = [(0.0005, False), (0.0025, True)]
 
 
@@ -72,13 +73,12 @@ def test_a_key_sounds_strictly_beyond_its_trigger():
 
 def test_the_hardest_touch_is_kept_with_its_key():
     """A hand that presses the white key below it against its stop: the force is the one that was applied."""
-    fingers = Fingers(ROBOT)
-    pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
-    pose[fingers.arms[0]] = fingers.solve(0, fingers.tip_above(fingers.keys[34], 0.001))
+    pose = READY.copy()
+    pose[LEFT] = -0.4423, -0.0338, -1.1194, -2.0289, -0.0762, 0.2497, -0.3649  # 1 mm above key 34
     robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
     assert robot.hardest_touch is None
     target = pose.copy()
-    target[fingers.arms[0]] += fingers.holding_torque(0, pose[fingers.arms[0]], 4.0) / ROBOT.stiffness[fingers.arms[0]]
+    target[LEFT] += -0.0070, 0.0424, 0.0031, -0.0002, 0.0004, 0.0022, -0.0084  # the arm's weight, and 4 N on the key
     command = MITCommand(target, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping)
     for _ in range(200):
         robot.write(command)
@@ -90,14 +90,10 @@ def test_the_hardest_touch_is_kept_with_its_key():
 
 def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     """The right hand comes down on E4 from above: one robot and a batch of two agree, and only one of them touches."""
-    fingers = Fingers(ROBOT)
-    above = np.array(ROBOT.standby_controller_a.pose_segments[-1])
-    arm = fingers.arms[1]
-    above[arm] = fingers.solve(1, fingers.tip_above(fingers.keys[43], 0.008))
-    held = above.copy()
-    held[arm] += fingers.holding_torque(1, above[arm], 0.0) / ROBOT.stiffness[arm]
-    low = above.copy()
-    low[arm] = fingers.solve(1, fingers.tip_above(fingers.keys[43], 0.0, 0.9), above[arm])
+    above, held, low = READY.copy(), READY.copy(), READY.copy()
+    above[RIGHT] = -0.5566, 0.4330, 1.1846, -2.0917, 0.1261, 0.4590, 0.4183  # 8 mm above it
+    held[RIGHT] = -0.5928, 0.4029, 1.1612, -2.1078, 0.1264, 0.4581, 0.4165  # the command that holds it there
+    low[RIGHT] = -0.5245, 0.4851, 1.2053, -2.0317, 0.1270, 0.4748, 0.3810  # 0.9 of its travel down
     one = MujocoRobot(replace(ROBOT, initial_position=tuple(above)), control_period=0.02, actuation="affine")
     batch = BatchSimulation(ROBOT, 2, control_period=0.02, threads=1)
     batch.reset(joint_position=np.stack([above, above]))
@@ -130,10 +126,9 @@ def test_a_robot_without_a_piano_tells_no_touches_and_has_no_keys():
 
 def test_what_touches_beside_a_hand_and_a_key_is_named():
     """Both hands are moved to the same place."""
-    fingers = Fingers(ROBOT)
-    pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
-    for hand in (0, 1):
-        pose[fingers.arms[hand]] = fingers.solve(hand, fingers.tip_above(fingers.keys[43], 0.1))
+    pose = READY.copy()
+    pose[LEFT] = -0.7187, -0.1056, -0.9861, -2.3343, -0.1261, 0.2654, -0.6266
+    pose[RIGHT] = -0.7581, 0.2059, 1.0228, -2.3204, 0.1381, 0.3036, 0.6399
     robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
     robot.write(MITCommand(pose, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping))
     assert robot.other_contacts
@@ -155,25 +150,34 @@ def test_one_robot_and_a_batch_report_the_same_keys():
     assert not robot.read()[0].extern[KEY_PRESSED].value.any()  # activation releases them
 
 
+FINGER_PATHS = {  # rad: 2 cm above the key, 4 cm below its surface, and by how much the arm sags under its weight
+    30: (
+        (-0.5429, -0.0257, -1.0428, -1.8271, -0.0626, 0.1637, -0.4317),
+        (-0.4820, -0.2279, -1.1111, -1.6497, -0.0674, 0.2264, -0.3412),
+        (-0.0334, 0.0497, 0.0282, -0.0026, -0.0002, -0.0001, 0.0019),
+    ),
+    31: (
+        (-0.4496, 0.1272, -1.0986, -2.0090, -0.0507, 0.1488, -0.3733),
+        (-0.3705, -0.1037, -1.1603, -1.8211, -0.0591, 0.2224, -0.2791),
+        (-0.0251, 0.0504, 0.0242, -0.0028, -0.0001, -0.0001, 0.0016),
+    ),
+}
+
+
 @pytest.mark.parametrize("key", [30, 31], ids=["white", "black"])
 @pytest.mark.parametrize(("timestep", "implicit"), STEPS)
 def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key, timestep, implicit):
     """The finger goes down slowly, 4 cm too far, stays for a while, and comes up again."""
-    fingers = Fingers(ROBOT)
-    place = fingers.keys[key]
-    above = fingers.solve(0, fingers.tip_above(place, 0.02))
-    below = fingers.solve(0, fingers.tip_above(place, -0.04), above)
-    sag = fingers.holding_torque(0, above, 0.0) / ROBOT.stiffness[:7]
+    above, below, sag = np.array(FINGER_PATHS[key])
     robot = MujocoRobot(
         ROBOT, control_period=0.01, physics_timestep=timestep, actuation="implicit" if implicit else "affine"
     )
     keys, zeros = PianoKeys(robot.model), np.zeros(14)
-    ready = np.array(ROBOT.standby_controller_a.pose_segments[-1])
-    robot.data.qpos[:7], robot.data.qpos[7:14] = above, ready[7:]
+    robot.data.qpos[LEFT], robot.data.qpos[RIGHT] = above, READY[RIGHT]
 
     def move(share):
-        position = ready.copy()
-        position[:7] = above + share * (below - above) + sag
+        position = READY.copy()
+        position[LEFT] = above + share * (below - above) + sag
         robot.write(MITCommand(position, zeros, zeros, ROBOT.stiffness, ROBOT.damping))
         distance = robot.data.contact.dist.min(initial=1.0)
         return keys.force(robot.model, robot.data)[key], robot.data.qpos[keys.qpos[key]] / keys.upper[key], distance

@@ -67,7 +67,7 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_ro
     assert hardware_figures["commanded"] == hardware_figures["acknowledged"] >= 14 * len(result.ticks)
     assert run_program(replay.main, ["r.mcap"]) == 0
     capfd.readouterr()
-    assert run_program(piano.main, ["score", "r.mcap", "--json"]) == 0
+    assert run_program(piano.main, ["r.mcap", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["steps"]["f1"] == 1.0
     if find_spec("rerun") is not None:  # in a process of its own: the library keeps sockets open
         subprocess.run(
