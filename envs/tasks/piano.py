@@ -15,8 +15,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.robots.piano import PIANOS
-from humanoid_sim.robots.schema import PianoSettings, RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT, is_white, key_joint_names
+from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import base_body, build_model
 
 _REACH = 0.05
@@ -59,7 +59,7 @@ class PianoTask(Task):
         self.bodies = tuple(model.body(wrist).name for wrist in model.site_bodyid[sites])
         self._tips = model.site_pos[sites].copy()
         """Shape (2, 3), m, frames of the wrists: the middles of the round tips."""
-        self._strike_points = _strike_points(model, description, piano)
+        self._strike_points = _strike_points(model, description)
         self._song = self.reference.terms["target_keys"] > 0.5
         if self._song.shape[1] != len(self._strike_points):
             raise InputError(f"motion: has {self._song.shape[1]} keys, and the piano {len(self._strike_points)}")
@@ -85,15 +85,15 @@ class PianoTask(Task):
         return values, np.zeros(asked.shape, dtype=np.bool_)
 
 
-def _strike_points(model: mujoco.MjModel, description: RobotDescription, piano: PianoSettings) -> FloatArray:
+def _strike_points(model: mujoco.MjModel, description: RobotDescription) -> FloatArray:
     """Return where released keys are struck: shape (88, 3), m, frame of the robot's base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    keys = PIANOS[piano.figures].keys
-    local = [
-        [key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white], key.box.position[1], key.top] for key in keys
-    ]
-    base, body = base_body(model, description), model.body("piano").id
-    world = data.xpos[body] + np.array(local) @ data.xmat[body].reshape(3, 3).T - data.xpos[base]
+    bodies = [int(model.joint(name).bodyid[0]) for name in key_joint_names()]
+    struck: FloatArray = model.geom_size[model.body_geomadr[bodies]] * (1.0, 0.0, 1.0)  # the middle of the front edge
+    struck[:, 0] -= [_FROM_EDGE[is_white(key)] for key in range(KEY_COUNT)]
+    base = base_body(model, description)
+    turn = data.xmat[bodies].reshape(-1, 3, 3)
+    world = data.xpos[bodies] + np.einsum("kij,kj->ki", turn, struck) - data.xpos[base]
     points: FloatArray = world @ data.xmat[base].reshape(3, 3)
     return points

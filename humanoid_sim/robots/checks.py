@@ -11,7 +11,7 @@ import msgspec
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
-from humanoid_sim.robots.piano import KEY_COUNT, PIANOS
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescription, StandbySettings
 
@@ -53,8 +53,6 @@ def _piano(robot: RobotDescription) -> Iterator[str]:
     piano = robot.piano
     if piano is None:
         return
-    if piano.figures not in PIANOS:
-        yield f"piano.figures: {known_names('piano', piano.figures, PIANOS)}"
     if len(piano.fingers) != 2:
         yield f"piano.fingers: has {len(piano.fingers)} sites, expected 2, the left hand's first"
     if len(piano.reach) != len(piano.fingers):

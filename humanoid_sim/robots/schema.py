@@ -219,12 +219,8 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
 
-    figures: Text
-    """A key of `humanoid_sim.robots.piano.PIANOS`: what it is built from."""
     fingers: tuple[str, ...]
     """MJCF sites, in the middle of the round tips that strike keys: one a hand, the left hand's first."""
-    finger_radius: Positive
-    """m, of those tips."""
     key_force_limit: Positive
     """N, with which no key may be touched."""
     reach: tuple[tuple[int, int], ...]
