@@ -227,14 +227,9 @@ class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Lowest and highest key of each finger, 0 is A0, 87 is C8."""
 
     @property
-    def hands(self) -> tuple[range, ...]:
-        """The keys of each finger."""
-        return tuple(range(low, high + 1) for low, high in self.reach)
-
-    @property
     def keys(self) -> frozenset[int]:
         """The keys of any finger."""
-        return frozenset(key for keys in self.hands for key in keys)
+        return frozenset(key for low, high in self.reach for key in range(low, high + 1))
 
 
 class _OfJoints:

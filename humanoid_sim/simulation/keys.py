@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -29,8 +28,8 @@ class Touch:
 class PianoKeys:
     """The 88 keys of a model, the lowest first. Keeps nothing of a simulation: any thread may ask."""
 
-    def __init__(self, model: mujoco.MjModel, fingers: Sequence[str] = ()) -> None:
-        """Find the keys; `fingers` are the sites of tips that may touch them. Raises `InputError` without a piano."""
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Find the keys. Raises `InputError` without a piano."""
         with blaming("piano", InputError):
             addresses = joint_addresses(model, key_joint_names())
         self.qpos: IndexArray = addresses.qpos
@@ -42,9 +41,6 @@ class PianoKeys:
         self._key_of_geom = np.full(model.ngeom, -1)
         for i, body in enumerate(model.jnt_bodyid[ids].tolist()):
             self._key_of_geom[model.geom_bodyid == body] = i
-        hands = model.site_bodyid[[model.site(name).id for name in fingers]]
-        self._part_of_geom = np.where(np.isin(model.geom_bodyid, hands), _HAND, _OTHER)
-        self._part_of_geom[self._key_of_geom >= 0] = _KEY
 
     def pressed(self, qpos: FloatArray) -> FloatArray:
         """Return which keys sound, shape (..., 88): 1 where one is beyond 0.70 of its travel, strictly, else 0.
@@ -64,20 +60,6 @@ class PianoKeys:
                 mujoco.mj_contactForce(model, data, contact, wrench)
                 force[touched[contact]] += wrench[0]
         return force
-
-    def other_contacts(self, model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-        """Return what touches in the step that `data` has taken, beside hands with keys: bodies' ids, smaller first."""
-        if not data.ncon:
-            return frozenset()
-        geoms = data.contact.geom
-        strange = (self._part_of_geom[geoms].sum(axis=1) != _HAND + _KEY) & (data.contact.dist < 0.0)
-        if not strange.any():
-            return frozenset()
-        return frozenset((min(pair), max(pair)) for pair in model.geom_bodyid[geoms[strange]].tolist())
-
-
-_OTHER, _KEY, _HAND = 0, 1, 4
-"""Parts of the scene; no two of them, but a hand and a key, add up to what these do."""
 
 
 def hardest_touch(

@@ -171,9 +171,7 @@ class MujocoRobot:
         self._measured = anchor_body, tuple(velocity_at), height_scan
         self._sensors = BodySensors(self.model, description, *self._measured)
 
-        piano = description.piano
-        self._keys = None if piano is None else PianoKeys(self.model, piano.fingers)
-        self._contacts: frozenset[tuple[int, int]] = frozenset()
+        self._keys = None if description.piano is None else PianoKeys(self.model)
         self.hardest_touch: Touch | None = None
         """Hardest touch of a key of its piano since `forget_touches`; None for none. Of every physics step, or, of the
         implicit plant, of the last one in each control period."""
@@ -220,25 +218,9 @@ class MujocoRobot:
         data = self.data
         return None if self._observer is None else self._observer.at(data.qpos, data.qvel)
 
-    @property
-    def other_contacts(self) -> tuple[str, ...]:
-        """Say what has touched, beside a hand with a key of its piano, since `forget_touches`: `a and b`, two bodies.
-
-        Of the same physics steps as `hardest_touch`.
-        """
-        body = self.model.body
-        return tuple(f"{body(a).name} and {body(b).name}" for a, b in sorted(self._contacts))
-
-    @property
-    def pressed_keys(self) -> FloatArray:
-        """Shape (88,), 1 for each key of its piano that sounds now, else 0. Raises `RobotError` without a piano."""
-        if self._keys is None:
-            raise RobotError(f"{self.description.name}: has no piano, whose keys could be pressed")
-        return self._keys.pressed(self.data.qpos)
-
     def forget_touches(self) -> None:
-        """Look for the hardest touch, and for other contacts, from here on."""
-        self.hardest_touch, self._contacts = None, frozenset()
+        """Look for the hardest touch from here on."""
+        self.hardest_touch = None
 
     @property
     def qpos(self) -> FloatArray:
@@ -369,7 +351,6 @@ class MujocoRobot:
             steps -= count
             if self._keys is not None:
                 self.hardest_touch = hardest_touch(self._keys, self.model, self.data, self.time, self.hardest_touch)
-                self._contacts |= self._keys.other_contacts(self.model, self.data)
 
     def _arrive(self) -> None:
         """Let the command written `command_delay` ago reach the motors, which may answer."""

@@ -111,30 +111,14 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     assert found[:, 0].max() > 2.0
     np.testing.assert_allclose(found[:, 1], found[:, 0], atol=0.05)
     assert not found[:, 2].any()
-    assert one.other_contacts == ()
 
 
 def test_a_robot_without_a_piano_tells_no_touches_and_has_no_keys():
     batch = BatchSimulation(load_robot("lite"), 1, threads=1)
     with pytest.raises(RobotError, match="lite: has no piano"):
         _ = batch.key_force
-    with pytest.raises(RobotError, match="lite: has no piano"):
-        _ = MujocoRobot(load_robot("lite")).pressed_keys
     with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
         PianoKeys(build_model(load_robot("lite"), scene=False))
-
-
-def test_what_touches_beside_a_hand_and_a_key_is_named():
-    """Both hands are moved to the same place."""
-    pose = READY.copy()
-    pose[LEFT] = -0.7187, -0.1056, -0.9861, -2.3343, -0.1261, 0.2654, -0.6266
-    pose[RIGHT] = -0.7581, 0.2059, 1.0228, -2.3204, 0.1381, 0.3036, 0.6399
-    robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
-    robot.write(MITCommand(pose, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping))
-    assert robot.other_contacts
-    assert all("left" in contact and "right" in contact for contact in robot.other_contacts)
-    robot.forget_touches()
-    assert robot.other_contacts == ()
 
 
 def test_one_robot_and_a_batch_report_the_same_keys():
