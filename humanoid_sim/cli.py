@@ -71,9 +71,6 @@ FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
             ("cyclonedds",),
             "dds",
         ),
-        "foxglove": FrontEnd(
-            "serve a running session to Foxglove", "a server for Foxglove", "--foxglove", ("foxglove",), "foxglove"
-        ),
         "rerun": FrontEnd(
             "watch a running session in rerun's viewer", "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"
         ),

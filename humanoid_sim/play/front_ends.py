@@ -60,8 +60,6 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         (config.dds or interface is not None, Wanted("dds", under, restarts=_BRIDGE_RESTARTS)),
         (interface is not None, Wanted("dds", across, f"dds {interface}", _BRIDGE_RESTARTS)),
         (config.midi is not None, Wanted("midi", _keyboard_options(config))),
-        (config.foxglove_control, Wanted("foxglove", ("--control",))),
-        (config.foxglove and not config.foxglove_control, Wanted("foxglove")),
         (shows_window(config), Wanted("viewer")),
         (config.viewer == "rerun", Wanted("rerun")),
     )

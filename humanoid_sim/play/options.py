@@ -104,10 +104,6 @@ class PlayConfig:
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
     PORT is part of its port's name, the path of a raw MIDI device such as /dev/snd/midiC1D0, or virtual: the keyboard
     of the piano that --hardware virtual:NAME emulates."""
-    foxglove: bool = False
-    """Start a live server for Foxglove on this machine, which shows, and damps."""
-    foxglove_control: bool = False
-    """Start it with services for all intents: every page open in a browser on this machine can then move the robot."""
     remote: Literal["none", "gravity"] = "none"
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""
@@ -170,7 +166,6 @@ class PlayConfig:
         ),
         "other programs": (
             *("midi", "dds", "dds_interface", "dds_namespace", "dds_safety"),
-            *("foxglove", "foxglove_control"),
         ),
         "output": ("video", "snapshot", "summary", "overwrite"),
         "simulation": (

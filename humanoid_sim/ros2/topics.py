@@ -1,6 +1,6 @@
 """The topics of the ROS 2 stack that this package serves: names, types and quality of service.
 
-One table for recordings, Foxglove, the DDS bridge and its clients.
+One table for recordings, the DDS bridge and its clients.
 """
 
 from __future__ import annotations

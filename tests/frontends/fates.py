@@ -53,7 +53,6 @@ class Row:
 ROWS = {
     "console": Row(("--console",)),
     "dds": Row(("--dds",)),
-    "foxglove": Row(("--foxglove",)),
     "gamepad": Row(("--gamepad",), operates=True),
     "gravity": Row(("--remote", "gravity"), remote=True),
     "midi": Row(("--midi", "./keys"), feeds=True),

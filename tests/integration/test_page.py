@@ -118,7 +118,7 @@ def test_an_operator_clicks_through_the_modes_and_a_stranger_is_refused(address,
 
 
 def test_the_page_of_a_run_replays_it_offline(browser, tmp_path, runtime):
-    run = ["--script", "damp; load_a; hold 1", "--record", "none", "--html", "run.html", "--pace", "fast"]
+    run = ["--script", "damp; load_a; hold 3", "--record", "none", "--html", "run.html", "--pace", "fast"]
     subprocess.run([sys.executable, "-m", "humanoid_sim.play", *run], cwd=tmp_path, check=True, capture_output=True)
     page = browser.new_context(offline=True, viewport={"width": 400, "height": 300}).new_page()
     page.set_default_timeout(PATIENCE)

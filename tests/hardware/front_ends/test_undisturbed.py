@@ -1,4 +1,4 @@
-"""A hardware loop with console, Foxglove, gamepad and a browser beside it, and one with as much load of something else.
+"""A hardware loop with console, gamepad and a browser beside it, and one with as much load of something else.
 
 Measured in turns, so that what else happens on the machine falls on both. Where the machine itself stood still (its
 host took the processor, or its kernel), the tick says nothing and is left out of both.
@@ -34,19 +34,9 @@ MARGIN = 0.005
 STALL_WATCH = Path(__file__).parents[1] / "play" / "stall_watch.py"
 CHROMIUM = shutil.which("chromium")
 SCRIPT = "hold 4; damp; hold 0.3; load_a; wait; start_locomotion; hold 100"
-FRONT_ENDS = ("--console", "--foxglove", "--gamepad")
+FRONT_ENDS = ("--console", "--gamepad")
 OURS, BROWSER = 5, 19
 """Niceness: what front ends give themselves; a browser stands for one on another machine."""
-SUBSCRIBER = """
-import json, re, sys
-from websockets.sync import client
-with client.connect(sys.argv[1], subprotocols=["foxglove.sdk.v1"]) as socket:
-    for message in socket:
-        told = json.loads(message) if isinstance(message, str) else {}
-        if told.get("op") == "advertise":
-            wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in told["channels"]]
-            socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-"""
 
 
 ATTEMPTS = 3
@@ -180,15 +170,11 @@ def _front_ends(play, folder, driver, stack):
     """Attach what `play` does not start; process ids by niceness."""
     pad = stack.enter_context(virtual_pad(play))
     address = until(lambda: re.search(r"console: .* (http://\S+)", play.said))[1]
-    server = until(lambda: re.search(r"(ws://127\.0\.0\.1:\d+)", play.said))[1]
-    command = ["nice", "-n", str(BROWSER), sys.executable, "-c", SUBSCRIBER, server]
-    subscriber = stack.enter_context(subprocess.Popen(command, stderr=subprocess.DEVNULL))
-    stack.callback(subscriber.kill)
     chromium = stack.enter_context(browser_at(address, folder, driver))
     children = until(lambda: play.feed.status().get("front_ends"))
     return {
         OURS: [pid for child in (*children.values(), pad.pid) for pid in descendants(child)],
-        BROWSER: [subscriber.pid, *descendants(chromium)],
+        BROWSER: descendants(chromium),
     }
 
 
@@ -225,8 +211,7 @@ def bounds(treated, control):
 def test_front_ends_and_a_browser_do_not_disturb_the_loop(folder, monkeypatch, request):
     """60 s of each with --complete, which the ratio is judged by; else a sample, of missed deadlines."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    for package in ("viser", "foxglove", "pygame"):
-        pytest.importorskip(package)
+    pytest.importorskip("pygame")
     if CHROMIUM is None:
         pytest.skip("there is no chromium here (apt-get install chromium)")
     is_complete = request.config.getoption("--complete")
