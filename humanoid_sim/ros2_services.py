@@ -15,7 +15,7 @@ import os
 import sys
 import tempfile
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -270,47 +270,27 @@ class Diagnosis:
             yield Finding(f"{robot}: motors", _ERROR if faults else _OK, message, told)
 
 
-def options_of(program: str, description: str, arguments: Sequence[str] | None) -> Namespace:
-    """Parse the options of a program that serves a session to ROS 2: `session` and `namespace`."""
-    parser = ArgumentParser(program, description=description, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
-    parser.add_argument("--namespace", default="", help="before all names, such as robot1; default: none")
-    return parser.parse_args(arguments)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until a signal, or the end of the session that was asked for; returns the exit status."""
-    config = options_of("python -m humanoid_sim.ros2_services", _HELP, arguments)
-    # Five services and the diagnostics, which run one at a time each, and damps, which wait for none of them.
-    return serve(config, "mode_services", _advertise, threads=len(SERVICES) + _DAMPS_AT_ONCE)
-
-
-def serve(
-    config: Namespace, name: str, advertise: Callable[[Any, Namespace], tuple[str, Callable[[], object]]], threads: int
-) -> int:
-    """Run a node on this machine until a signal, or the end of the session that was asked for; returns the exit status.
-
-    Args:
-        advertise: gives a node what it serves, and returns a line that says what, and what to do at each turn.
-    """
+    parser = ArgumentParser(
+        "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
+    parser.add_argument("--namespace", default="", help="before all names, such as robot1; default: none")
+    config = parser.parse_args(arguments)
     try:
         if config.session is not None:
             find_session(config.session)
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
-            _serve(config, name, advertise, threads, Path(folder) / "fastdds.xml")
+            _serve(config, Path(folder) / "fastdds.xml")
     except (ServiceError, SessionError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def _serve(
-    config: Namespace,
-    name: str,
-    advertise: Callable[[Any, Namespace], tuple[str, Callable[[], object]]],
-    threads: int,
-    profiles: Path,
-) -> None:
+def _serve(config: Namespace, profiles: Path) -> None:
+    """Run a node on this machine until a signal, or the end of the session that was asked for."""
     try:
         import rclpy  # noqa: PLC0415 - a user's own; whoever lacks it is told in a line
         from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
@@ -322,12 +302,14 @@ def _serve(
         rclpy.init(args=[])
     except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
+    looks = Looks()
     try:
-        executor = MultiThreadedExecutor(num_threads=threads)
+        # Five services and the diagnostics, which run one at a time each, and damps, which wait for none of them.
+        executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
         try:
             with network_on(LOOPBACK):
-                node = rclpy.create_node(name, namespace=config.namespace, start_parameter_services=False)
-                serves, each_turn = advertise(node, config)
+                node = rclpy.create_node("mode_services", namespace=config.namespace, start_parameter_services=False)
+                serves = _advertise(node, config, looks)
         except ImportError as error:
             raise _missing(error) from None
         except OSError as error:
@@ -340,7 +322,7 @@ def _serve(
             for turn in count():
                 if not rclpy.ok() or not (config.session is None or turn % _LOOK or find_session(config.session)):
                     break
-                each_turn()
+                looks.look()
                 executor.spin_once(timeout_sec=_TURN)
         except (KeyboardInterrupt, ExternalShutdownException, SessionError):
             pass
@@ -366,11 +348,12 @@ def _missing(error: ImportError) -> ServiceError:
     )
 
 
-def _advertise(node: Any, config: Namespace) -> tuple[str, Callable[[], object]]:
+def _advertise(node: Any, config: Namespace, looks: Looks) -> str:
+    """Give the node its services; returns a line that says which."""
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
     from std_srvs.srv import Trigger  # noqa: PLC0415
 
-    looks, is_diagnosed = Looks(), _diagnose(node, config)
+    is_diagnosed = _diagnose(node, config)
     under = node.get_namespace().rstrip("/")
 
     def respond(word: str, response: Any) -> Any:
@@ -384,7 +367,7 @@ def _advertise(node: Any, config: Namespace) -> tuple[str, Callable[[], object]]
         )
 
     names = ", ".join(under + name for name in SERVICES)
-    return f"services {names}{f' and {under}{_DIAGNOSTICS}' if is_diagnosed else ''}", looks.look
+    return f"services {names}{f' and {under}{_DIAGNOSTICS}' if is_diagnosed else ''}"
 
 
 def _diagnose(node: Any, config: Namespace) -> bool:

@@ -1,7 +1,7 @@
 """Builds interface packages with the wheels of ROS 2, as colcon would with an installation.
 
 `examples/ros2/humanoid_control_msgs` is the one under test; those in `interfaces/` have no wheels, and hold what is on
-`/tf` and in the action. As a program it builds all, so that no test waits for the compiler.
+`/tf`. As a program it builds all, so that no test waits for the compiler.
 """
 
 import hashlib
