@@ -1,8 +1,7 @@
-"""The modes as ROS 2 services and `/diagnostics`, on this machine only: `python -m humanoid_sim.ros2_services`.
+"""The modes as ROS 2 services, on this machine only: `python -m humanoid_sim.ros2_services`.
 
 For the Python of a ROS 2 installation, 3.9 or later: this needs `rclpy`, `std_srvs`, the standard library, and
-`client.py`; for `/diagnostics` also `diagnostic_msgs` and NumPy. The two files work without the package, side by side
-in any folder: `python ros2_services.py`.
+`client.py`. The two files work without the package, side by side in any folder: `python ros2_services.py`.
 
 A service changes a mode, so none may be reached from another machine. The middleware is configured for the loopback
 interface before it starts, its sockets are bound to that device, and where either fails there is no node.
@@ -15,17 +14,16 @@ import os
 import sys
 import tempfile
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING or __package__:
     from humanoid_sim.client import (
         Answer,
         Feed,
         Looks,
-        Sample,
         SessionError,
         SessionInfo,
         ask_sessions,
@@ -40,9 +38,6 @@ _WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit"
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
 """Names, and what each asks the session for."""
 LOOPBACK = "lo"
-MODES = ("ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "REMOTE")
-"""By number."""
-
 LARGEST_DOMAIN = 232
 """Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
 
@@ -90,30 +85,16 @@ _TURN = 0.05
 _LOOK = 10
 """Turns between two looks at whether the session goes on."""
 
-_DIAGNOSTICS = "/diagnostics"
-_DIAGNOSTICS_PERIOD = 1.0
-"""s"""
-_SLOW = 0.95
-"""Part of its rate below which a loop is reported."""
-_OK, _WARN, _ERROR = range(3)
-"""Levels of a `diagnostic_msgs/DiagnosticStatus`."""
-
 _HELP = """\
 Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/Trigger:
 
   /humanoid_control/mode/{damp,load_a,load_b,start_remote,start_locomotion,quit}
 
 success says whether the intent was granted, message what became of it, or why it was refused. damp
-goes to all sessions that run. Once a second /diagnostics says how the robot is, where diagnostic_msgs
-are installed. Without --session it serves whichever session runs when it is called, and goes on when
+goes to all sessions that run. Without --session it serves whichever session runs when it is called, and goes on when
 that one ends; with --namespace robot1 the one that was started with --dds-namespace robot1, and every
 name begins with /robot1. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
 """
-
-
-def mode_name(mode: int) -> str:
-    """Return the name of a mode; of one that is not known here, its number."""
-    return MODES[mode] if mode < len(MODES) else f"mode {mode}"
 
 
 class ServiceError(Exception):
@@ -197,79 +178,6 @@ def answer(word: str, process: int | None, seen: int | None = None, namespace: s
     return all(not isinstance(told, SessionError) and told.granted for _, told in answers), "; ".join(texts)
 
 
-class Finding(NamedTuple):
-    """One entry of `/diagnostics`."""
-
-    name: str
-    level: int
-    """0 OK, 1 WARN, 2 ERROR."""
-    message: str
-    values: Mapping[str, str]
-
-
-class Diagnosis:
-    """Findings about the served session: its loop, mode, safety, buses and motors."""
-
-    def __init__(self, process: int | None, namespace: str = "") -> None:
-        """Look at nothing yet; arguments as of `find_robot`."""
-        self._wanted = process, namespace
-        self._feed: Feed | None = None
-        self._last: Sample | None = None
-
-    def look(self) -> tuple[Finding, ...]:
-        """Return the present findings; the loop's are of the time since the last look."""
-        try:
-            if self._feed is None:
-                self._feed, self._last = Feed(find_robot(*self._wanted)), None
-            if not self._feed.is_running():
-                raise SessionError(f"{self._feed.session}: has ended")
-            return tuple(self._findings(self._feed))
-        except (SessionError, ArithmeticError, LookupError, TypeError, ValueError) as error:  # or of another version
-            self.close()
-            return (Finding("session", _ERROR, str(error), {}),)
-
-    def close(self) -> None:
-        """Let the session go. May be called twice."""
-        if self._feed is not None:
-            self._feed.close()
-            self._feed = None
-
-    def _findings(self, feed: Feed) -> Iterator[Finding]:
-        before, newest = self._last, feed.latest()
-        if newest is None:
-            raise SessionError(f"{feed.session}: has not begun")
-        self._last = newest
-        robot, tick, figures = feed.session.robot, feed.decode(newest), feed.status().get("robot") or {}
-        wanted = 1.0 / feed.control_period
-        told = {"wanted": f"{wanted:.1f} Hz"}
-        if before is None:
-            yield Finding(f"{robot}: loop", _OK, "not measured yet", told)
-        elif newest.number == before.number:
-            yield Finding(f"{robot}: loop", _ERROR, f"no tick for {newest.age():.1f} s", told)
-        else:
-            rate = 1e9 * (newest.number - before.number) / (newest.stamp - before.stamp)
-            yield Finding(f"{robot}: loop", _OK if rate > _SLOW * wanted else _WARN, f"{rate:.1f} Hz", told)
-        mode = mode_name(tick["mode"])
-        text = f"{mode}: {tick['status_message']}" if tick["status_message"] else mode
-        yield Finding(f"{robot}: mode", _OK, text, {"mode": mode, "controller": tick["controller_name"]})
-        levels = {}
-        for status in tick["safety"]:
-            levels[status["source"].rsplit("/", 1)[-1]] = level = min(status["level"], _ERROR)
-            message = status["message"] or ("OK" if level == _OK else f"flags {status['flags']:#x}")
-            yield Finding(f"{robot}: safety of {status['source']}", level, message, {"flags": f"{status['flags']:#x}"})
-        for bus in figures.get("channels", ()):
-            counters = {name: str(value) for name, value in bus["counters"].items()}
-            message = f"{counters['sent']} frames sent, {counters['received']} received"
-            yield Finding(f"{robot}: bus {bus['source']}", levels.get(bus["source"], _OK), message, counters)
-        temperatures = {joint: value for joint, value in figures.get("temperature", {}).items() if value is not None}
-        faults = [f"{joint}: {', '.join(map(str, of))}" for joint, of in figures.get("faults", {}).items() if of]
-        if temperatures or faults:
-            warmest = max(temperatures, key=temperatures.__getitem__, default="")
-            message = "; ".join(faults) or f"warmest: {warmest}, {temperatures[warmest]:.1f} °C"
-            told = {joint: f"{value:.1f} °C" for joint, value in temperatures.items()}
-            yield Finding(f"{robot}: motors", _ERROR if faults else _OK, message, told)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until a signal, or the end of the session that was asked for; returns the exit status."""
     parser = ArgumentParser(
@@ -304,7 +212,7 @@ def _serve(config: Namespace, profiles: Path) -> None:
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     looks = Looks()
     try:
-        # Five services and the diagnostics, which run one at a time each, and damps, which wait for none of them.
+        # Five services, which run one at a time each, and damps, which wait for none of them.
         executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
         try:
             with network_on(LOOPBACK):
@@ -353,7 +261,6 @@ def _advertise(node: Any, config: Namespace, looks: Looks) -> str:
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
     from std_srvs.srv import Trigger  # noqa: PLC0415
 
-    is_diagnosed = _diagnose(node, config)
     under = node.get_namespace().rstrip("/")
 
     def respond(word: str, response: Any) -> Any:
@@ -367,31 +274,7 @@ def _advertise(node: Any, config: Namespace, looks: Looks) -> str:
         )
 
     names = ", ".join(under + name for name in SERVICES)
-    return f"services {names}{f' and {under}{_DIAGNOSTICS}' if is_diagnosed else ''}"
-
-
-def _diagnose(node: Any, config: Namespace) -> bool:
-    """Publish `/diagnostics` once a second; False without its messages, or NumPy."""
-    try:
-        import numpy  # noqa: F401, PLC0415 - the feed's decoder
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: PLC0415
-    except ImportError:
-        return False
-    publisher = node.create_publisher(DiagnosticArray, node.get_namespace().rstrip("/") + _DIAGNOSTICS, 10)
-    diagnosis = Diagnosis(config.session, config.namespace)
-
-    def publish() -> None:
-        message = DiagnosticArray()
-        message.header.stamp = node.get_clock().now().to_msg()
-        for name, level, text, values in diagnosis.look():
-            pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-            status = DiagnosticStatus(name=name, level=bytes([level]), message=text, values=pairs)
-            status.hardware_id = name.partition(":")[0]
-            message.status.append(status)
-        publisher.publish(message)
-
-    node.create_timer(_DIAGNOSTICS_PERIOD, publish)
-    return True
+    return f"services {names}"
 
 
 if __name__ == "__main__":

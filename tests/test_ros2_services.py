@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim import client, ros2_services
-from humanoid_sim.messages import Mode
 from humanoid_sim.ros2.dds import domain
 from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
 
@@ -97,11 +96,6 @@ def test_the_services_of_a_namespace_answer_for_no_other_session(local, monkeypa
     assert not granted
     assert text.startswith("--session: is needed where several sessions run; running: session ")
     assert told(local, "damp", namespace="left")[0], "all of them"
-
-
-def test_the_modes_have_their_names():
-    assert tuple(mode.name for mode in Mode) == ros2_services.MODES
-    assert ros2_services.mode_name(9) == "mode 9"
 
 
 def test_a_damp_of_several_succeeds_if_all_are_damped(local, monkeypatch):
