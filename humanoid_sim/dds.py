@@ -36,8 +36,6 @@ class DdsConfig:
     """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
     and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
 
-    namespace: str = ""
-    """Put this before the names of all topics, such as robot1 of /robot1/imu/data: so robots can share a domain."""
     safety: bool = False
     """Take safety statuses from that network too. Whoever is there can then damp the robot. On this machine they always
     count."""
@@ -53,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         is_local = config.interface == LOOPBACK
         # On the machine itself nothing goes before commands for REMOTE; a network may be flooded by anybody.
         attachment = stack.enter_context(attached(config.session, "dds", niceness=0 if is_local else 5))
-        participant = stack.enter_context(Participant(interface=config.interface, namespace=config.namespace))
+        participant = stack.enter_context(Participant(interface=config.interface))
         topics = served_topics(attachment, is_local=is_local)
         refusals = _Refusals(attachment)
         telemetry = Telemetry(attachment, participant, topics, live=is_local, news=refusals.news)
@@ -70,8 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stack.callback(reader.close)
         reader.start()
         number = attachment.before_present()
-        topics_of = f", topics of {participant.namespace}" if participant.namespace else ""
-        ready(f"domain {participant.domain} on {participant.interface}{topics_of}, for {attachment.session}")
+        ready(f"domain {participant.domain} on {participant.interface}, for {attachment.session}")
         if not is_local:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):

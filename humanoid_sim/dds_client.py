@@ -77,22 +77,19 @@ def stamp_ns(message: Mapping[str, Any]) -> int:
 class RobotClient:
     """A robot on DDS. A context manager; for one thread."""
 
-    def __init__(
-        self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK, namespace: str = ""
-    ) -> None:
+    def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
         """Join the robot's domain.
 
         Args:
             prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
-            namespace: of the robot's topics, if it has one (`--dds-namespace`).
 
         Raises:
-            InputError: the domain, the interface or the namespace cannot be used.
+            InputError: the domain or the interface cannot be used.
             MissingPackageError: Cyclone DDS is not installed.
         """
-        self._participant = Participant(domain, interface, namespace)
+        self._participant = Participant(domain, interface)
         self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
         names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.DESCRIPTION_TOPIC)
         self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}

@@ -9,7 +9,6 @@ interface before it starts, its sockets are bound to that device, and where eith
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import tempfile
@@ -22,17 +21,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING or __package__:
     from humanoid_sim.client import (
         Answer,
-        Feed,
         Looks,
         SessionError,
         SessionInfo,
         ask_sessions,
         find_session,
         network_on,
-        running_sessions,
     )
 else:
-    from client import Feed, Looks, SessionError, ask_sessions, find_session, network_on, running_sessions
+    from client import Looks, SessionError, ask_sessions, find_session, network_on
 
 _WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
@@ -92,8 +89,7 @@ Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/
 
 success says whether the intent was granted, message what became of it, or why it was refused. damp
 goes to all sessions that run. Without --session it serves whichever session runs when it is called, and goes on when
-that one ends; with --namespace robot1 the one that was started with --dds-namespace robot1, and every
-name begins with /robot1. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
+that one ends. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
 """
 
 
@@ -124,52 +120,16 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     )
 
 
-def _sessions_under(namespace: str) -> list[SessionInfo]:
-    """Return the running sessions that were started with that `--dds-namespace`. Raises `SessionError` for none."""
-    found = [session for session in running_sessions() if _namespace_of(session) == namespace.strip("/")]
-    if not found:
-        raise SessionError(f"no session with --dds-namespace {namespace.strip('/')} is running")
-    return found
-
-
-def _namespace_of(session: SessionInfo) -> str:
-    try:
-        with Feed(session) as feed:
-            options = json.loads(feed.document("settings") or "{}").get("options", {})
-    except SessionError:  # it has just ended
-        return ""
-    return str(options.get("dds_namespace", "")).strip("/")
-
-
-def find_robot(process: int | None, namespace: str = "") -> SessionInfo:
-    """Return the session that is served: of a process, or the only one that runs, under the namespace if one is given.
-
-    Raises `SessionError` if there is none, or several.
-    """
-    if process is not None or not namespace:
-        return find_session(process)
-    first, *others = _sessions_under(namespace)
-    if others:
-        raise SessionError(f"--session: is needed where several sessions run; running: {first}; {others[0]}")
-    return first
-
-
-def answer(word: str, process: int | None, seen: int | None = None, namespace: str = "") -> tuple[bool, str]:
+def answer(word: str, process: int | None, seen: int | None = None) -> tuple[bool, str]:
     """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
         process: id of the session; None for the only one that runs, and all of them for `damp`.
         seen: ns, since when it may have been asked for; None: now.
-        namespace: of the sessions that count if there is no process id; empty: all.
     """
     answers: list[tuple[SessionInfo, Answer | SessionError]] = []
     try:
-        processes = [process]
-        if process is None and namespace:
-            found = _sessions_under(namespace) if word == "damp" else [find_robot(None, namespace)]
-            processes = [session.process for session in found]
-        for one in processes:
-            answers += ask_sessions(word, one, producer="ROS 2 service", seen=seen)
+        answers += ask_sessions(word, process, producer="ROS 2 service", seen=seen)
     except SessionError as error:
         return False, str(error)
     if len(answers) == 1 and not isinstance(answers[0][1], SessionError):
@@ -184,7 +144,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
     )
     parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
-    parser.add_argument("--namespace", default="", help="before all names, such as robot1; default: none")
     config = parser.parse_args(arguments)
     try:
         if config.session is not None:
@@ -216,14 +175,12 @@ def _serve(config: Namespace, profiles: Path) -> None:
         executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
         try:
             with network_on(LOOPBACK):
-                node = rclpy.create_node("mode_services", namespace=config.namespace, start_parameter_services=False)
+                node = rclpy.create_node("mode_services", start_parameter_services=False)
                 serves = _advertise(node, config, looks)
         except ImportError as error:
             raise _missing(error) from None
         except OSError as error:
             raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device {LOOPBACK}: {error}") from None
-        except ValueError as error:  # of rclpy
-            raise ServiceError(f"--namespace: {str(error).splitlines()[0]}") from None
         executor.add_node(node)
         print(f"{serves} on this machine, domain {node.context.get_domain_id()}", flush=True)
         try:
@@ -261,20 +218,15 @@ def _advertise(node: Any, config: Namespace, looks: Looks) -> str:
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
     from std_srvs.srv import Trigger  # noqa: PLC0415
 
-    under = node.get_namespace().rstrip("/")
-
     def respond(word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, config.session, looks.called(), config.namespace)
+        response.success, response.message = answer(word, config.session, looks.called())
         return response
 
     for name, word in SERVICES.items():
         group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
-        node.create_service(
-            Trigger, under + name, lambda _, response, word=word: respond(word, response), callback_group=group
-        )
+        node.create_service(Trigger, name, lambda _, response, word=word: respond(word, response), callback_group=group)
 
-    names = ", ".join(under + name for name in SERVICES)
-    return f"services {names}"
+    return f"services {', '.join(SERVICES)}"
 
 
 if __name__ == "__main__":

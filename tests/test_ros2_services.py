@@ -85,19 +85,6 @@ def test_without_a_session_every_service_says_so(runtime):
     assert ros2_services.main(["--session", "1"]) == 2
 
 
-def test_the_services_of_a_namespace_answer_for_no_other_session(local, monkeypatch):
-    monkeypatch.setattr(client.Feed, "document", lambda *_: '{"options": {"dds_namespace": "/left/"}}')
-    assert told(local, "damp", namespace="left") == (True, "DAMPING (damping_controller): DAMP requested")
-    assert told(local, "load_a", namespace="left")[0]
-    for word in SERVICES.values():
-        assert answer(word, None, namespace="right") == (False, "no session with --dds-namespace right is running")
-    monkeypatch.setattr(ros2_services, "running_sessions", lambda: [local.info, local.info])
-    granted, text = answer("load_a", None, namespace="left")
-    assert not granted
-    assert text.startswith("--session: is needed where several sessions run; running: session ")
-    assert told(local, "damp", namespace="left")[0], "all of them"
-
-
 def test_a_damp_of_several_succeeds_if_all_are_damped(local, monkeypatch):
     granted = (local.info, client.Answer(True, "DAMPING"))
     silent = (local.info, client.SessionError("did not answer"))

@@ -17,7 +17,7 @@ from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.ros2.dds.domain import check_network_interface, checked_namespace
+from humanoid_sim.ros2.dds.domain import check_network_interface
 from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.sources import velocity_key_help
@@ -48,16 +48,12 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     layout, interface = _pad_layout(config), config.dds_interface
     if interface is not None:
         check_network_interface("--dds-interface", interface)
-    namespace = checked_namespace(config.dds_namespace, "--dds-namespace").strip("/")
-    if namespace and not config.dds and interface is None:
-        raise InputError("--dds-namespace: means nothing without --dds or --dds-interface")
-    under = ("--namespace", namespace) if namespace else ()
-    across = ("--interface", interface or "", *under, *(("--safety",) if config.dds_safety else ()))
+    across = ("--interface", interface or "", *(("--safety",) if config.dds_safety else ()))
     known = (
         (config.remote == "gravity", Wanted("gravity", ("--form", config.gravity_form))),
         (config.console, Wanted("console")),
         (config.gamepad is not None, Wanted("gamepad", layout)),
-        (config.dds or interface is not None, Wanted("dds", under, restarts=_BRIDGE_RESTARTS)),
+        (config.dds or interface is not None, Wanted("dds", restarts=_BRIDGE_RESTARTS)),
         (interface is not None, Wanted("dds", across, f"dds {interface}", _BRIDGE_RESTARTS)),
         (config.midi is not None, Wanted("midi", _keyboard_options(config))),
         (shows_window(config), Wanted("viewer")),

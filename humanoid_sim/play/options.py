@@ -96,8 +96,6 @@ class PlayConfig:
     dds_interface: str | None = None
     """Start a second bridge for another computer, at this network interface, such as eth1: joint states, IMU, mode,
     description and transforms go out, commands for REMOTE come in. Whoever is on that network can send some."""
-    dds_namespace: str = ""
-    """Put this before the names of all topics, such as robot1 of /robot1/imu/data: so robots can share a domain."""
     dds_safety: bool = False
     """Take safety statuses from the network of --dds-interface too. Whoever is there can then damp the robot."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
@@ -164,9 +162,7 @@ class PlayConfig:
             *("script", "pose", "watchdog", "remote", "gravity_form"),
             *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
         ),
-        "other programs": (
-            *("midi", "dds", "dds_interface", "dds_namespace", "dds_safety"),
-        ),
+        "other programs": (*("midi", "dds", "dds_interface", "dds_safety"),),
         "output": ("video", "snapshot", "summary", "overwrite"),
         "simulation": (
             *("push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),

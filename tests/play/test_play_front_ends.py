@@ -77,13 +77,8 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
         wanted_front_ends(PlayConfig(dds_interface="eth7"))
     with pytest.raises(InputError, match=r"^--dds-interface: is lo, which leads to no other machine"):
         wanted_front_ends(PlayConfig(dds_interface="lo"))
-    both = wanted_front_ends(PlayConfig(dds_interface="eth1", dds_namespace="/lab/left", dds_safety=True))
-    under = ("--namespace", "lab/left")
-    assert [one.options for one in both] == [under, ("--interface", "eth1", *under, "--safety")]
-    with pytest.raises(InputError, match=r"^--dds-namespace: means nothing without --dds or --dds-interface$"):
-        wanted_front_ends(PlayConfig(dds_namespace="left"))
-    with pytest.raises(InputError, match=r"^--dds-namespace: is 'left arm', expected letters, digits and _, no digit"):
-        wanted_front_ends(PlayConfig(dds=True, dds_namespace="left arm"))
+    both = wanted_front_ends(PlayConfig(dds_interface="eth1", dds_safety=True))
+    assert [one.options for one in both] == [(), ("--interface", "eth1", "--safety")]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from machines import ROOT, Machine, play, read_until, serve, wait_for_session
+from machines import play, read_until, serve, wait_for_session
 
 pytestmark = pytest.mark.ros
 
@@ -30,12 +30,6 @@ class Caller:
         while not (line := self._program.stdout.readline()).startswith("["):
             assert line, "the client has ended"  # what Fast DDS logs comes in between
         return json.loads(line)
-
-    def on_time(self, word):
-        """Call until no busy machine has made it late."""
-        while "too late" in (answer := self(word))[1]:
-            time.sleep(0.5)
-        return answer
 
     def until_granted(self, word):
         """Call until it is granted; every refusal is for the pose that is not reached yet."""
@@ -104,25 +98,3 @@ def test_another_domain_does_not_see_them_and_can_have_its_own(robot, services):
     assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10", environment=domain)) == SERVICES
     other.terminate()
     assert other.wait(10.0) == 0
-
-
-def test_of_two_robots_neither_s_services_answer_for_the_other(tmp_path):
-    with Machine(tmp_path) as machine:  # that another test's services do not reach
-        names = ("left", "right")
-        for name in names:
-            serve(machine, ROOT, "--namespace", name)
-        left, right = (Caller(machine, UNDER=f"/{name}") for name in names)
-        one, other = (play(machine, "--dds", "--dds-namespace", name) for name in names)
-        for session in (one, other):
-            read_until(session, "domain 0 on lo, topics of /")
-        assert left("damp") == [True, "DAMPING (damping_controller): DAMP requested"]
-        refused = "ZERO_TORQUE (zero_torque_controller): LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE"
-        assert right.on_time("load_a") == [False, refused]
-        assert right("damp")[0] is True
-        assert left.on_time("load_a")[0] is True
-        assert left("damp")[0] is True
-        assert left.on_time("quit")[0] is True
-        assert one.wait(30.0) == 0
-        for word in ("damp", "quit"):
-            assert left(word) == [False, "no session with --dds-namespace left is running"]
-        assert right.on_time("load_a")[0] is True, "it was not damped"

@@ -187,7 +187,6 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
 def mirrored(
     interface: str,
     prefix: str,
-    namespace: str = "",
     *,
     told: Callable[[str], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
@@ -199,9 +198,9 @@ def mirrored(
         MissingPackageError: Cyclone DDS is not installed.
     """
     with ExitStack() as stack:
-        participant = stack.enter_context(Participant(interface=interface, namespace=namespace))
+        participant = stack.enter_context(Participant(interface=interface))
         mirror = Mirror(participant, prefix)
-        states = f"{participant.namespace}{ros.joint_states_topic(prefix)}"
+        states = ros.joint_states_topic(prefix)
         told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
         while not mirror.is_there():
             if ended():
@@ -230,8 +229,6 @@ class RobotElsewhere:
     """With --dds: the network interface at which the robot is, such as eth1."""
     prefix: str = "lite"
     """With --dds: what the robot's joint states are under."""
-    namespace: str = ""
-    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
 
     @contextmanager
     def shown(
@@ -265,7 +262,7 @@ class RobotElsewhere:
         def ended() -> bool:
             return bool(signals)
 
-        with mirrored(self.interface, self.prefix, self.namespace, told=ready, ended=ended) as found:
+        with mirrored(self.interface, self.prefix, told=ready, ended=ended) as found:
             yield None if found is None else (found[0], found[1].look, ended)
 
 

@@ -8,7 +8,6 @@ sockets are bound to the interface's device as well, and the kernel keeps to tha
 from __future__ import annotations
 
 import os
-import re
 import socket
 from pathlib import Path
 from typing import Any, Self
@@ -17,7 +16,6 @@ from humanoid_sim.client import network_on
 from humanoid_sim.errors import InputError, blaming, needing, require_known
 
 LOOPBACK = "lo"
-_NAMESPACE = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _LARGEST_DOMAIN = 232
 """Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
 
@@ -56,14 +54,6 @@ def check_network_interface(option: str, name: str) -> None:
         raise InputError(f"{option}: is {LOOPBACK}, which leads to no other machine, expected one such as eth1")
 
 
-def checked_namespace(name: str, option: str = "namespace") -> str:
-    """Return a namespace of ROS 2 with its leading slash; empty for none. Raises `InputError` for what is none."""
-    name = name.strip("/")
-    if name and not _NAMESPACE.fullmatch(name):
-        raise InputError(f"{option}: is '{name}', expected letters, digits and _, no digit first, such as robot1")
-    return f"/{name}" if name else ""
-
-
 def is_wireless(interface: str) -> bool:
     """Return whether a network interface has no cable."""
     return Path("/sys/class/net", interface, "wireless").exists()
@@ -80,24 +70,22 @@ def configuration(interface: str = LOOPBACK) -> str:
 class Participant:
     """This process in a domain, on one network interface. A context manager; a process has one in each domain."""
 
-    def __init__(self, domain: int | None = None, interface: str = LOOPBACK, namespace: str = "") -> None:
+    def __init__(self, domain: int | None = None, interface: str = LOOPBACK) -> None:
         """Join.
 
         Args:
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: the only network interface that is used. One other than the loopback interface leads to other
                 machines alone: programs on this one would otherwise meet a robot twice that is on both.
-            namespace: before the name of every topic, such as `robot1` of `/robot1/imu/data`; empty for none.
 
         Raises:
-            InputError: the domain, the interface or the namespace cannot be used.
+            InputError: the domain or the interface cannot be used.
             MissingPackageError: Cyclone DDS is not installed.
         """
         with needing("cyclonedds", "dds", "DDS"):
             from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
         self.domain = domain_id() if domain is None else domain
-        self.namespace = checked_namespace(namespace)
         _check_interface(interface)
         self.interface = interface
         self._domain: Any = None

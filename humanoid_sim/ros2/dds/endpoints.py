@@ -91,7 +91,7 @@ class Writer:
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
         from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(participant.namespace + topic), idl_type(kind.schema))
+        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
         self._writer = DataWriter(participant.entity, described, _qos(kind))
         self._put = ddspy_write
         self.left_out = 0
@@ -127,8 +127,8 @@ class Reader:
         from cyclonedds.sub import DataReader  # noqa: PLC0415
         from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(participant.namespace + topic), idl_type(kind.schema))
-        self._topic, self._depth = participant.namespace + topic, depth or kind.depth
+        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
+        self._topic, self._depth = topic, depth or kind.depth
         self._reader = DataReader(participant.entity, described, _qos(kind, depth=self._depth, any_writer=any_writer))
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)

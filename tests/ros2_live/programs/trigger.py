@@ -1,14 +1,13 @@
 """A stranger's client, with ROS 2 alone: call services named on the command line, or see which there are."""
 
 import json
-import os
 import sys
 import time
 
 import rclpy
 from std_srvs.srv import Trigger
 
-PREFIX = os.environ.get("UNDER", "") + "/humanoid_control/mode/"
+PREFIX = "/humanoid_control/mode/"
 
 
 def call(node, word):
