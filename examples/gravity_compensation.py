@@ -15,8 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.dds_client import RobotClient
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
@@ -33,7 +32,7 @@ class Options:
     """effort: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
     the robot's own gains carry the weight."""
     robot: str = "lite"
-    """Robot of the model to use: a shipped robot ({robots}), the path of a robot's YAML file, or of an MJCF."""
+    """Robot of the model to use: a shipped robot, the path of a robot's YAML file, or of an MJCF."""
     damping: float = 1.0
     """N·m·s/rad, of the effort form."""
 

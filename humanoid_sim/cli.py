@@ -8,21 +8,17 @@ import importlib
 import io
 import os
 import sys
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from types import MappingProxyType
+from typing import Any, TypeVar, overload
 
-from humanoid_sim.errors import (
-    InputError,
-    RobotError,
-    known_names,
-    missing_system,
-    reason_of,
-    require_known,
-    was_interrupted,
-)
+from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
+
+_Options = TypeVar("_Options")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +91,6 @@ VERBS = {
 _MODULES = {"policy": "policy_tools"}
 """Verbs whose program lies beside the library that they are named after."""
 
-_UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
-"""Errors that keep the program from writing to an output that was open when it began."""
-
 
 class ExitStatus(IntEnum):
     """Exit status of every program; if a signal ends the run, it is 128 plus the signal's number."""
@@ -119,62 +112,72 @@ class ExitStatus(IntEnum):
         return cls.OK if passed else cls.FAILED
 
 
-def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
-    """Run a program; what its user can fix becomes one line on stderr and exit status 2.
+@overload
+def parse(
+    options: type[_Options], program: str, arguments: Sequence[str] | None, *, positional: bool = False
+) -> _Options: ...
 
-    An output that cannot be written is one line and status 1; a reader that has left it (`| head`) is status 1 alone.
+
+@overload
+def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any: ...
+
+
+def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any:
+    """Read a program's options; prints the help if asked for, and ends with status 0.
+
+    Raises `InputError` with what tyro says about options that are not accepted.
+
+    Args:
+        options: a frozen dataclass, or a union of those of its commands.
+        program: the verb, or else how Python runs it, such as `examples/mine.py`.
+        positional: required options are given by their place, not by name.
     """
-    _make_outputs_safe()
-    if sys.stdout is None:  # as Python has it where the descriptor was closed (`>&-`)
-        complain("error: standard output is closed, expected somewhere to write to, such as /dev/null")
-        return ExitStatus.BAD_INPUT
-    problem: OSError | None = None
+    import tyro  # noqa: PLC0415 - a DAMP does without it
+
+    conf = tyro.conf
+    markers = (conf.FlagCreatePairsOff, conf.OmitSubcommandPrefixes, *[conf.PositionalRequiredArgs] * positional)
+    run = f"python {program}" if "." in program else f"python -m humanoid_sim.{program}"
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            return tyro.cli(options, prog=run, args=arguments, config=markers)
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        rows = (line.strip(" │╰╯") for line in box.getvalue().splitlines()[1:])  # below the title
+        text = " ".join(row if row.strip("─-") else ";" for row in rows if row)  # a rule between two parts
+        raise InputError(text.strip("; ").replace(" ;", ";")) from None
+
+
+def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
+    """Run a program; what its user can fix becomes one line on stderr and exit status 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # question marks for characters that the encoding lacks
     try:
         status = program(arguments)
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except (InputError, RobotError) as error:
         complain(f"error: {error}")
-        status = ExitStatus.BAD_INPUT
+    except BrokenPipeError:  # the reader has left, as in `| head`
+        mute_output()
+        return ExitStatus.FAILED
+    except OSError as error:
+        complain(f"error: {'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
+        if error.errno == errno.ENOSPC:  # standard output, perhaps, which would fail again at the end
+            mute_output()
     except (KeyboardInterrupt, ImportError) as error:
         if line := missing_system(error):
             complain(f"error: {line}")
-            status = ExitStatus.BAD_INPUT
         elif was_interrupted(error):
             complain("interrupted")
-            status = ExitStatus.INTERRUPTED
+            return ExitStatus.INTERRUPTED
         else:
             raise
-    except OSError as error:
-        if error.errno in _UNWRITABLE and error.filename is None:  # it failed while printing
-            status, problem = ExitStatus.FAILED, error
-        else:
-            place = "" if error.filename is None else f"{error.filename}: "
-            complain(f"error: {place}{error.strerror or error}")
-            status = ExitStatus.BAD_INPUT
-    except MemoryError as error:
-        complain(f"error: the memory of this machine does not suffice ({reason_of(error)})")
-        status = ExitStatus.BAD_INPUT
-    problem = problem or _output_problem()
-    if problem is None:
+    else:
         return status
-    if not isinstance(problem, BrokenPipeError):
-        complain(f"error: standard output cannot be written: {problem.strerror}")
-    mute_output()
-    return status or ExitStatus.FAILED
-
-
-def _make_outputs_safe() -> None:
-    """Print question marks for characters that an encoding lacks, and open what is closed.
-
-    What a library writes to standard error would otherwise end up in the file that gets its number next.
-    """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:  # the lowest that is free is this one
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
-            stream.reconfigure(errors="replace")
+    return ExitStatus.BAD_INPUT
 
 
 def complain(message: str) -> None:
@@ -192,29 +195,26 @@ def mute_output() -> None:
         os.dup2(sys.stdout.fileno(), broken.fileno())
 
 
-def _output_problem() -> OSError | None:
-    """Return why what stdout still holds back cannot be written; None if it can be."""
-    try:
-        sys.stdout.flush()
-    except OSError as error:
-        return error
-    return None
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """`humanoid-sim <verb> …`."""
-    match words := list(sys.argv[1:] if arguments is None else arguments):
-        case [] | ["-h" | "--help" | "--version", *_]:
-            return run_program(_print_page, words)
-        case ["--completion", *rest]:
-            return run_program(_print_completion, rest)
-        case [verb, *rest] if verb in VERBS:
-            return run_program(partial(_run_verb, verb), rest)
-        case ["record_dataset", *rest]:  # as it was called
-            return run_program(partial(_run_verb, "record"), ["dataset", *rest])
-        case [verb, *_]:
-            complain(f"error: {known_names('verb', verb, VERBS)}")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] in ([], ["-h"], ["--help"], ["--version"]):
+        return run_program(_print_page, words)
+    if words[0] in VERBS:
+        return run_program(partial(_run_verb, words[0]), words[1:])
+    complain(f"error: {known_names('verb', words[0], VERBS)}")
     return ExitStatus.BAD_INPUT
+
+
+def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
+    return load_program(verb)(arguments)
+
+
+def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
+    """Return the program of a verb, imported now."""
+    module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
+    program: Callable[[Sequence[str] | None], int] = module.main
+    return program
 
 
 def _print_page(words: Sequence[str] | None) -> int:
@@ -243,54 +243,22 @@ for a public robot, such as robot_descriptions:g1, or an included one:
 
 {shipped}
 
-All verbs: python -m humanoid_sim --help. Each takes -h for the options that
-most people need, and --help for all. Documentation: README.md and docs/ in the
-project's repository."""
+All verbs: python -m humanoid_sim --help. Each takes --help. Documentation:
+README.md and docs/ in the project's repository."""
 
 
 def _start_page() -> str:
     """Return what can be done, for somebody who starts the package to find out."""
-    import textwrap  # noqa: PLC0415 - only for this page, like the next
-
-    from humanoid_sim.assets import shipped  # noqa: PLC0415
+    from humanoid_sim.assets import shipped  # noqa: PLC0415 - only for this page
 
     rows: list[str] = []
     for kind in ("robots", "motions", "songs", "suites", "policies"):
         rows += textwrap.wrap(f"{kind:<10}" + ", ".join(shipped(kind)), 78, subsequent_indent=" " * 10)
-    shown = textwrap.indent("\n".join(rows), "  ")
-    return _START.format(shipped=shown)
+    return _START.format(shipped=textwrap.indent("\n".join(rows), "  "))
 
 
 def _list_of_verbs() -> str:
-    import textwrap  # noqa: PLC0415 - only for this page
-
     lines = ["usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]", ""]
     for verb, purpose in VERBS.items():
         lines += textwrap.wrap(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18)
-    lines += [
-        "",
-        "'python -m humanoid_sim VERB --help' covers the rest.",
-        "--completion bash|zsh prints a script for the Tab key; --version.",
-    ]
-    return "\n".join(lines)
-
-
-def _print_completion(arguments: Sequence[str] | None) -> int:
-    from humanoid_sim.command_line.completion import SHELLS, completion  # noqa: PLC0415 - only for this option
-
-    shell = " ".join(arguments or ())
-    require_known("shell", (shell,), SHELLS, "--completion: ")
-    print(completion(shell, {verb: load_program(verb) for verb in VERBS}))
-    return ExitStatus.OK
-
-
-def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
-    """Load a verb's program and run it."""
-    return load_program(verb)(arguments)
-
-
-def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
-    """Return the program of a verb, imported now."""
-    module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
-    program: Callable[[Sequence[str] | None], int] = module.main
-    return program
+    return "\n".join([*lines, "", "'python -m humanoid_sim VERB --help' describes a verb; --version."])

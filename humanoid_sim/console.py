@@ -9,10 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.frontends.attach import Attachment, ready
 from humanoid_sim.frontends.console.access import Access, checked_host
 from humanoid_sim.frontends.dds.mirror import RobotElsewhere
@@ -30,8 +28,6 @@ class ConsoleConfig(RobotElsewhere):
     """Address of this machine to serve on. Default: for browsers on this machine only."""
     port: int = 0
     """To serve on. Default: one that is free."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("", "a page for the only session that runs"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

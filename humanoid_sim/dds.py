@@ -7,10 +7,8 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import ClassVar
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader, wanted_inputs
@@ -39,8 +37,6 @@ class DdsConfig:
     safety: bool = False
     """Take safety statuses from that network too. Whoever is there can then damp the robot. On this machine they always
     count."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--interface eth1", "for another computer"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

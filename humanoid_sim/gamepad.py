@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import sleep
-from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Intake, Looks, SessionError
-from humanoid_sim.command_line import parse
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
@@ -53,11 +51,6 @@ class GamepadConfig:
     """Number buttons and axes as the driver does, not in the order of an Xbox pad."""
     joy: JoyBindings = field(default_factory=JoyBindings)
     sticks: Sticks = field(default_factory=Sticks)
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--list", "which gamepads are plugged in?"),
-        ("--mapping my_pad.yaml", "another layout"),
-    )
 
 
 class Driver:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import SessionError
-from humanoid_sim.command_line import parse
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
@@ -80,8 +79,6 @@ class GravityConfig:
     """Process id of the session. Default: the only one that runs."""
     form: GravityForm = "effort"
     """Form of the command: feed-forward effort, or a PD position offset."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--form pd", "the arms keep their pose"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

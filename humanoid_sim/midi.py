@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import LIVE_TIMEOUT, Intake
-from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready, steps
@@ -44,8 +42,6 @@ class MidiConfig:
     """Semitones to add to every note: 12 for a keyboard whose keys are an octave below the piano's."""
     list: bool = False
     """Show the MIDI ports and end; 1 if there is none."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--list", "which keyboards are plugged in?"),)
 
 
 class Teller:

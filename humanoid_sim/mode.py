@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
 from humanoid_sim.cli import ExitStatus, complain, run_program
@@ -34,8 +34,6 @@ class ModeOptions:
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("damp", "stop every robot of this machine"),)
-
 
 @dataclass(frozen=True)
 class LoadOptions:
@@ -46,22 +44,17 @@ class LoadOptions:
     """
 
     policy: str
-    """ONNX checkpoint (FILE.onnx) or a shipped policy ({policies})."""
+    """ONNX checkpoint (FILE.onnx) or a shipped policy."""
     contract: str | None = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
-    """Motion to follow: a sample motion ({motions}), or an .mcap file."""
+    """Motion to follow: a sample motion, such as wave, or an .mcap file."""
     song: str | None = None
-    """Song of a piano policy: a sample song ({songs}) or a MIDI file (.mid)."""
+    """Song of a piano policy: a sample song, such as ode_to_joy, or a MIDI file (.mid)."""
     command: str | None = None
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks. Default: 0,0,0."""
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("x.onnx --motion m.mcap", "with the motion that it follows"),
-        ("lite_biped_velocity --command 0.3,0,0", "a policy that ships"),
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,14 +66,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words[0] = "damp"
     config = _read_usual(words)
     if config is None:
-        from humanoid_sim.command_line import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
+        from humanoid_sim.cli import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
 
         config = parse(ModeOptions, "mode", words, positional=True)
     return _ask(config.intent, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
 
 
 def _load(words: Sequence[str]) -> int:
-    from humanoid_sim.command_line import parse  # noqa: PLC0415 - nobody waits for a DAMP here
+    from humanoid_sim.cli import parse  # noqa: PLC0415 - nobody waits for a DAMP here
 
     config = parse(LoadOptions, f"mode {LOAD}", words, positional=True)
     options = {name: getattr(config, name) for name in LOAD_OPTIONS}

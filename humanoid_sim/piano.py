@@ -7,12 +7,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import tyro
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
@@ -34,8 +32,6 @@ class PianoConfig:
     """Seconds between a note's start and the stroke that plays it."""
     json: bool = False
     """Print the result as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("run.mcap", "how well the song was played"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, assert_never
+from typing import TYPE_CHECKING, Annotated, assert_never
 
 import tyro
 from rich import box
@@ -18,10 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import Commands, parse
-from humanoid_sim.command_line.progress import PoseProgress
-from humanoid_sim.command_line.tables import titled_table
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
@@ -59,10 +56,6 @@ class Export:
     """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
     overwrite: bool = False
     """Replace files that exist."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/run.mcap --csv run.csv --html run.html", "a table, and a page to look at"),
-    )
 
 
 def export(options: Export) -> int:
@@ -112,23 +105,25 @@ def _csv(recording: Recording, path: Path, options: Export) -> str:
 
 
 def _html(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.rendering.moments import pose_progress  # noqa: PLC0415
     from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
 
     model, moments = _moments(recording, options)
     policy = recorded_settings(recording.path, recording.header).get("policy")
     title = ", ".join(filter(None, (recording.header.robot, policy and Path(policy).stem)))
-    with PoseProgress(Console(stderr=True, highlight=False), "writing the page") as progress:
+    with pose_progress(Console(stderr=True, highlight=False), "writing the page") as progress:
         write_page(path, model, moments, title=title, progress=progress)
     return f"{len(moments.kept)} poses, {moments.kept[-1].time:.1f} s"
 
 
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
     from humanoid_sim.rendering.backend import require_pictures  # noqa: PLC0415
+    from humanoid_sim.rendering.moments import pose_progress  # noqa: PLC0415
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
 
     require_pictures("--mp4")
     model, moments = _moments(recording, options)
-    with PoseProgress(Console(stderr=True, highlight=False), "drawing the video") as progress:
+    with pose_progress(Console(stderr=True, highlight=False), "drawing the video") as progress:
         write_video(path, model, moments, progress=progress)
     return f"{len(moments.kept)} frames, {moments.kept[-1].time:.1f} s"
 
@@ -232,11 +227,6 @@ class Info:
     joints: bool = False
     """Show only, joint by joint, the greatest speed, the greatest effort and its limit, and the share of the range."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/run.mcap", "what happened in a run"),
-        ("runs/run.mcap --joints", "what it took of each joint"),
-    )
-
 
 @dataclass(frozen=True)
 class Signs:
@@ -250,18 +240,11 @@ class Signs:
     robot: str | None = None
     """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("runs/standby.mcap", "after the first STANDBY of a new robot"),)
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
     command: Info | Signs | Export | RecordDataset = parse(
-        Commands(
-            "Look into a recording, compare its efforts with gravity, export it "
-            "for other programs, or make a LeRobot dataset of several.",
-            {"info": Info, "signs": Signs, "export": Export, "dataset": RecordDataset},
-            for_file="info",
-        ),
+        Info | Signs | Export | Annotated[RecordDataset, tyro.conf.subcommand("dataset")],
         "record",
         arguments,
         positional=True,
@@ -298,7 +281,7 @@ def _signs(command: Signs) -> None:
     recording = open_recording(command.file)
     rows = judge_signs(recording, _description(recording, command.robot))
     efforts = ("measured\nN·m", "gravity\nN·m")
-    table = titled_table("efforts at rest", "joint", *efforts, "verdict", right=efforts)
+    table = Table("joint", *efforts, "verdict", title="efforts at rest", title_justify="left")
     for row in rows:
         table.add_row(escape(row.joint), f"{row.measured:.2f}", f"{row.expected:.2f}", escape(row.verdict))
     Console(highlight=False).print(table)
@@ -314,7 +297,7 @@ def _print_summary(console: Console, summary: Summary) -> None:
 
 def _overview(summary: Summary) -> Table:
     recording, header = summary.recording, summary.recording.header
-    table = titled_table(escape(str(recording.path)))
+    table = Table(title=escape(str(recording.path)), show_header=False, title_justify="left")
     rows = {
         "robot": f"{header.robot}, {len(header.joint_names)} joints",
         "started": summary.started,
@@ -347,7 +330,7 @@ def _definitions(documents: Mapping[str, str]) -> str:
 
 
 def _timeline(summary: Summary) -> Table:
-    table = titled_table("modes", "from", "for", "mode", "controller", "why", right=("from", "for"))
+    table = Table("from", "for", "mode", "controller", "why", title="modes", title_justify="left")
     for span in summary.timeline:
         seconds = span.ticks * summary.recording.header.control_period
         texts = (span.mode.name, escape(span.controller), escape(span.reason))
@@ -358,7 +341,7 @@ def _timeline(summary: Summary) -> Table:
 def _joints(joints: JointUse) -> Table:
     """From the joint that used most of its limit on; where no limit is known, in the robot's order."""
     figures = ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange")
-    table = titled_table("joints, the greatest of each", "joint", *figures, right=figures)
+    table = Table("joint", *figures, title="joints, the greatest of each", title_justify="left")
     table.columns[0].no_wrap = True
     table.box, table.padding = box.SIMPLE_HEAD, (0, 1, 0, 0)  # all columns within 80 characters
     table.caption, table.caption_justify = escape(describe_effort(joints.effort())), "left"
@@ -377,7 +360,7 @@ def _joints(joints: JointUse) -> Table:
 
 
 def _remarks(summary: Summary) -> Table:
-    table = titled_table("events, faults, refusals", "at", "what", "", right=("at",))
+    table = Table("at", "what", "", title="events, faults, refusals", title_justify="left")
     for remark in summary.remarks[:_MAX_REMARKS]:
         table.add_row(f"{remark.time:.2f} s", remark.kind, escape(remark.text))
     left = len(summary.remarks) - _MAX_REMARKS
@@ -387,7 +370,7 @@ def _remarks(summary: Summary) -> Table:
 
 
 def _topics(summary: Summary) -> Table:
-    table = titled_table("topics", "topic", "messages", "type", right=("messages",))
+    table = Table("topic", "messages", "type", title="topics", title_justify="left")
     for name, topic in sorted(summary.topics.items()):
         table.add_row(escape(name), str(topic.messages), escape(topic.schema))
     return table

@@ -11,12 +11,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,10 +50,6 @@ class RecordDataset:
     """Frames per second; must divide the control rate. Default: the policy's steps, 50 where there are none."""
     reference: bool = False
     """Add the reference motion that the policy was shown, as features reference.*."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/a.mcap runs/b.mcap -o dataset", "two runs, for training"),
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,15 +11,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+from rich.table import Table
 
 from humanoid_sim.assets import policy_path
-from humanoid_sim.cli import ExitStatus, run_program
-from humanoid_sim.command_line import parse
-from humanoid_sim.command_line.tables import titled_table
+from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import finite, is_file, output_file, whole_file
 from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
@@ -51,8 +50,8 @@ class ReplayConfig:
     infer: bool = False
     """Also run the policy on the recorded observations, and compare its answers with the recorded actions."""
     policy: str | None = None
-    """ONNX checkpoint, or a shipped policy ({policies}): what would it have commanded on the recorded states? With
-    --infer: the recorded policy's file, where it is no longer where the recording says."""
+    """ONNX checkpoint, or a shipped policy: what would it have commanded on the recorded states? With --infer: the
+    recorded policy's file, where it is no longer where the recording says."""
     contract: Path | None = None
     """A contract.yaml for --policy. Default: the one beside it; the recorded one if it is the recorded policy."""
     csv: Path | None = None
@@ -62,12 +61,6 @@ class ReplayConfig:
     still the same. Default: 1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
     json: bool = False
     """Print the result as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/run.mcap", "does the stack still do exactly that?"),
-        ("runs/run.mcap --infer", "... and the network?"),
-        ("runs/run.mcap --policy x.onnx", "what would another policy have commanded?"),
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -137,7 +130,7 @@ def _print_comparison(recording: Recording, source: str, report: OpenLoopReport)
         return
     columns = ("position max", "RMS", "torque max", "RMS", "action max", "beyond tolerance from")
     title = f"{source} on the recorded states, open loop: {report.ticks} ticks of LOCOMOTION, {report.steps} inferences"
-    table = titled_table(title, "joint", *columns, right=columns)
+    table = Table("joint", *columns, title=title, title_justify="left")
     for joint in report.joints:
         table.add_row(
             joint.joint,

@@ -17,12 +17,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, ClassVar
+from typing import IO, Any
 from urllib.parse import quote
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Sample
-from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends.attach import Attachment, behind, ready
 from humanoid_sim.frontends.dds.mirror import RobotElsewhere
@@ -55,11 +54,6 @@ class RerunConfig(RobotElsewhere):
 
     web: bool = False
     """A page for browsers on this machine, in place of a window; also where there is no display."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--web", "in a browser on this machine"),
-        ("--dds --interface eth1", "a robot on another machine"),
-    )
 
 
 def status_text(record: TickRecord | None, late: str, clock: str) -> str:

@@ -9,12 +9,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,11 +39,6 @@ class Describe:
     overwrite: bool = False
     """Replace the output if it exists."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("robot_descriptions:g1", "a public robot"),
-        ("scene.xml -o my_robot.yaml", "a file with all that can be changed"),
-    )
-
 
 @dataclass(frozen=True)
 class Convert:
@@ -64,16 +58,11 @@ class Convert:
     overwrite: bool = False
     """Replace the output if it exists."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("robot.urdf --base floating", "a walking robot's URDF"),)
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `robot` with command-line arguments; returns the exit status."""
     options: Describe | Convert = parse(
-        Commands(
-            "Show what is read from a robot's files, or convert a URDF.",
-            {"describe": Describe, "convert": Convert},
-        ),
+        Describe | Convert,
         "robot",
         arguments,
     )
@@ -117,14 +106,14 @@ def _describe(options: Describe) -> int:
 def _print(robot: RobotDescription, model: mujoco.MjModel) -> None:
     import mujoco  # noqa: PLC0415 - heavy, as are those below
     from rich.markup import escape  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
 
-    from humanoid_sim.command_line.tables import titled_table  # noqa: PLC0415
     from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415
     from humanoid_sim.robots.mjcf import imu_line, own_joint_damping, prefix_line  # noqa: PLC0415
 
     console, settings = make_console(), robot.simulation
     figures = ("effort limit N·m", "K_p", "K_d", "model's damping", "start rad")
-    table = titled_table(f"joints of '{escape(robot.name)}'", "", "joint", "range rad", *figures, right=("", *figures))
+    table = Table("", "joint", "range rad", *figures, title=f"joints of '{escape(robot.name)}'", title_justify="left")
     own = own_joint_damping(model, robot)
     for i, joint in enumerate(robot.joints):
         limits = "any" if math.isinf(joint.lower) and math.isinf(joint.upper) else f"{joint.lower:g} to {joint.upper:g}"

@@ -6,13 +6,12 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Sample
-from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
 from humanoid_sim.messages import TickRecord
@@ -34,9 +33,7 @@ class ViewerConfig:
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
     robot: str | None = None
-    """A robot to show without a session: a shipped one ({robots}), or the path of a robot's YAML file or of an MJCF."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite", "move a robot's joints by sliders"),)
+    """A robot to show without a session: a shipped one, or the path of a robot's YAML file or of an MJCF."""
 
 
 def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple[int, int, str, str]]:

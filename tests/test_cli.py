@@ -31,7 +31,6 @@ def failing(error):
         ),
         (PermissionError(13, "Permission denied", "robot.xml"), 2, "error: robot.xml: Permission denied"),
         (OSError(24, "Too many open files"), 2, "error: Too many open files"),
-        (MemoryError(), 2, "error: the memory of this machine does not suffice (MemoryError)"),
         (
             InputError("unknown term 'a\nb\x1b[31m\u2028\udc80', expected M⁻¹·K_d …"),
             2,
@@ -149,26 +148,19 @@ def shell(redirect, code, unbuffered=""):
     )
 
 
-@pytest.mark.parametrize("flush", [True, False])
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_output_is_one_line(flush, unbuffered):
-    run = shell(">/dev/full", f"lambda _: print('x', flush={flush}) or 0", unbuffered)
-    assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
+def test_a_full_output_is_one_line(unbuffered):
+    run = shell(">/dev/full", "lambda _: print('x') or 0", unbuffered)
+    assert (run.returncode, run.stderr) == (2, "error: No space left on device\n")
 
 
-@pytest.mark.parametrize("words", [[], ["-h"], ["--help"], ["--version"], ["--completion", "bash"]])
+@pytest.mark.parametrize("words", [[], ["-h"], ["--help"], ["--version"]])
 def test_a_page_of_the_package_itself_is_no_exception(words, monkeypatch, capsys):
     with open("/dev/full", "w", encoding="utf-8") as full:
         monkeypatch.setattr(sys, "stdout", full)
-        assert main(words) == 1
+        assert main(words) == 2
         sys.stdout.close()  # which is muted by now
-    assert capsys.readouterr().err == "error: standard output cannot be written: No space left on device\n"
-
-
-def test_a_closed_output_is_one_line():
-    run = shell(">&-", "lambda _: 0")
-    assert run.returncode == 2
-    assert run.stderr == "error: standard output is closed, expected somewhere to write to, such as /dev/null\n"
+    assert capsys.readouterr().err == "error: No space left on device\n"
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1:strict", "ascii:surrogateescape"])
@@ -177,15 +169,6 @@ def test_characters_that_the_output_lacks_are_question_marks(encoding):
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (0, "A ? B ? 5 K_d ? ?\n", "")
-
-
-def test_with_a_closed_standard_error_no_file_takes_its_number(tmp_path):
-    """What a library writes there would end up in the file."""
-    path = tmp_path / "file"
-    program = f"lambda _: open({str(path)!r}, 'w').fileno() < 3 or os.write(2, b'a banner') and 0"
-    run = shell("2>&- <&-", program.replace("os.", "__import__('os')."))
-    assert run.returncode == 0
-    assert path.read_bytes() == b""
 
 
 LATE = "raise ImportError('initialization failed') from KeyboardInterrupt()"

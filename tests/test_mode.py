@@ -133,7 +133,9 @@ def test_it_needs_a_session(capsys, runtime):
     assert run("damp", "--session", "1") == 2
     assert capsys.readouterr().err == "error: --session: 1 is not a running session; running: none\n"
     assert run("jump") == 2
-    assert capsys.readouterr().err.startswith("error: mode: unknown intent 'jump'; known: damp, load_a, ")
+    assert capsys.readouterr().err.startswith(
+        "error: invalid choice 'jump' for argument 'intent'. Expected one of ('damp', "
+    )
 
 
 def test_it_loads_nothing_heavy():

@@ -21,15 +21,14 @@ _MODULES = {"set_id": "only_motor", "set_zero": "only_motor"}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
-    from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
-    from humanoid_sim.hardware.tools.options import TOOLS, Get, Save, Set  # noqa: PLC0415
+    from humanoid_sim.cli import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
+    from humanoid_sim.hardware.tools.options import TOOLS  # noqa: PLC0415
 
     options: Any = parse(TOOLS, "hardware", arguments)
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
     # The options of `set-id` are `SetId`, its function is `set_id`, in a module of that name but for some.
-    of_param = isinstance(options, Get | Set | Save)
-    name = "param" if of_param else re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
+    name = re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
     tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}"), name)
     try:
         return tool(options)

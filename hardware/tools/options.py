@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import tyro
 
-from humanoid_sim.command_line import Commands
 from humanoid_sim.robots.motors import FAMILIES
 
 _Channel = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="Such as can0.")]
@@ -20,7 +19,7 @@ _Channels = Annotated[
 ]
 _MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID", help="1 to 127.")]
 _HostId = Annotated[int, tyro.conf.arg(help="Our own id on the bus.")]
-_Robot = Annotated[str, tyro.conf.arg(help="A shipped robot ({robots}), or its YAML file.")]
+_Robot = Annotated[str, tyro.conf.arg(help="A shipped robot, or its YAML file.")]
 _Yes = Annotated[bool, tyro.conf.arg(help="Do not ask first.")]
 if TYPE_CHECKING:
     _Family: TypeAlias = str
@@ -53,8 +52,6 @@ class Discover:
     host_id: int = 0xFD
     """Our own id on the bus, 253 (0xFD) in the vendor's tools."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 --robot lite", "who is there, who is missing?"),)
-
 
 @dataclass(frozen=True)
 class Ping:
@@ -75,8 +72,6 @@ class Ping:
     """Such as rs-02, for --read-status. Default: as its firmware's version tells."""
     host_id: _HostId = 0xFD
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "one motor"),)
-
 
 @dataclass(frozen=True)
 class Get:
@@ -89,8 +84,6 @@ class Get:
     type: ParameterKind | None = None
     """Type of the values, for indices without a name."""
     host_id: _HostId = 0xFD
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout", "one parameter"),)
 
 
 @dataclass(frozen=True)
@@ -110,8 +103,6 @@ class Set:
     firmware does not know that question takes it for a stop."""
     host_id: _HostId = 0xFD
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout 0.1", "write one"),)
-
 
 @dataclass(frozen=True)
 class Save:
@@ -122,9 +113,14 @@ class Save:
     host_id: _HostId = 0xFD
 
 
-_PARAM = """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
+@dataclass(frozen=True)
+class Param:
+    """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
 
-Exit status 3 if it does not answer."""
+    Exit status 3 if it does not answer.
+    """
+
+    command: Get | Set | Save
 
 
 @dataclass(frozen=True)
@@ -154,8 +150,6 @@ class Calibrate:
     """Do not ask before motors are enabled for the sweep."""
     host_id: _HostId = 0xFD
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 --robot my_robot.yaml", "write calibration.yaml"),)
-
 
 @dataclass(frozen=True)
 class Identify:
@@ -179,8 +173,6 @@ class Identify:
     accept_firmware: tuple[str, ...] = ()
     """Versions that no document mentions, such as 0.2.3.20, with which the motor is to be driven all the same."""
     host_id: _HostId = 0xFD
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 left_elbow_pitch", "move one joint a little"),)
 
 
 @dataclass(frozen=True)
@@ -219,10 +211,6 @@ class Emulate:
     quiet: bool = False
     """Do not print what happens to the motors."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--channel vcan0 --fault lost=0.01", "on a CAN interface of the kernel"),
-    )
-
 
 @dataclass(frozen=True)
 class SetId:
@@ -237,8 +225,6 @@ class SetId:
     yes: _Yes = False
     host_id: _HostId = 0xFD
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
-
 
 @dataclass(frozen=True)
 class SetZero:
@@ -252,17 +238,5 @@ class SetZero:
     host_id: _HostId = 0xFD
 
 
-TOOLS = Commands(
-    "Find, test, set up and calibrate motors on a CAN bus, or emulate them.",
-    {
-        "discover": Discover,
-        "ping": Ping,
-        "param": Commands(_PARAM, {"get": Get, "set": Set, "save": Save}),
-        "calibrate": Calibrate,
-        "identify": Identify,
-        "emulate": Emulate,
-        "set-id": SetId,
-        "set-zero": SetZero,
-    },
-)
-"""By the name that calls them."""
+TOOLS = Discover | Ping | Param | Calibrate | Identify | Emulate | SetId | SetZero
+"""Each by its name in lower case, with hyphens."""

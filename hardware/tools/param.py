@@ -19,15 +19,16 @@ from humanoid_sim.hardware.robstride.parameters import (
 )
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
-from humanoid_sim.hardware.tools.options import Get, Save, Set
+from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
 _LARGEST_INDEX = 0xFFFF
 
 
-def param(config: Get | Set | Save) -> int:
+def param(options: Param) -> int:
     """Do it, print, and return the exit status."""
+    config = options.command
     match config:
         case Get():
             return _get(config)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import tyro
 
@@ -23,15 +23,15 @@ class DoctorConfig:
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy ({policies})."""
+    """ONNX file, or a shipped policy."""
     robot: str
-    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
+    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
     """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     motion: str | None = None
-    """Motion to follow, if the checkpoint does not carry one: a sample motion ({motions}), or an .mcap
+    """Motion to follow, if the checkpoint does not carry one: a sample motion, such as wave, or an .mcap
     file."""
     command: str | None = None
     """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward while turning."""
@@ -45,8 +45,3 @@ class DoctorConfig:
     """Plant that simulates the motors: implicit takes longer steps, for policies that were trained and published so."""
     json: bool = False
     """Print the whole ranking as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("x.onnx --robot scene.xml", "why does it fall?"),
-        ("x.onnx --robot lite --motion wave", "a policy that follows a motion"),
-    )

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
-from rich.progress import TimeElapsedColumn
+from rich.progress import Progress
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.command_line.progress import BarOrLines
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
@@ -60,9 +59,10 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking(contradicts=examined.contradicts)
     interrupted = False
-    with SearchProgress(console, ranking) as progress:
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("changes", total=None)
         try:
-            search(examined, trial, ranking, progress)
+            search(examined, trial, ranking, lambda done, total: bar.update(task, completed=done, total=total))
         except KeyboardInterrupt:
             interrupted = True
     return Examination(ranking, examined.contract, pasting, interrupted, examined.problem)
@@ -95,21 +95,6 @@ def search(examined: ExaminedPolicy, trial: Trial, ranking: Ranking, progress: C
         ranking.add(Verdict(hypothesis, runner.run(hypothesis.contract, trial)))
         ranking.seconds = time.perf_counter() - start
         progress(ranking.tried, ranking.known)
-
-
-class SearchProgress(BarOrLines):
-    """A context that the search calls after every trial."""
-
-    def __init__(self, console: Console, ranking: Ranking) -> None:
-        super().__init__(console, "changes", None, TimeElapsedColumn())
-        self._ranking = ranking
-
-    def __call__(self, done: int, total: int) -> None:
-        """Take in that so many of the changes have been tried."""
-        elapsed = self._ranking.seconds
-        self.update(self._task, completed=done, total=total)
-        if self.is_due(elapsed):
-            self.say(elapsed, f"changes: {done} of {total} tried, {elapsed:.0f} s so far", "dim")
 
 
 def _check(config: DoctorConfig) -> None:

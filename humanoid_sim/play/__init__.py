@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `play` with command-line arguments; returns the exit status."""
-    from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
+    from humanoid_sim.cli import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
     from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
 
     config = parse(PlayConfig, "play", arguments)

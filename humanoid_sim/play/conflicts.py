@@ -19,7 +19,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, output_file, regular_file
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
-from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
+from humanoid_sim.play.options import NO_POLICY, OF_HARDWARE, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.rendering.backend import has_display, require_pictures
@@ -34,7 +34,7 @@ _DECIDES = ("policy_seconds",), ", which decides how long a policy runs"
 
 _MEANINGLESS: tuple[tuple[Literal["with", "without"], str, tuple[str, ...], str], ...] = (
     ("without", "dds_interface", ("dds_safety",), "; on this machine statuses always count"),
-    ("without", "hardware", (*PlayConfig.GROUPS["a real robot"], "no_gamepad"), ""),
+    ("without", "hardware", OF_HARDWARE, ""),
     ("with", "hardware", (*SIMULATED, "push"), ""),
     *(("with", name, *_DECIDES) for name in ("manual", "script", "hardware", "remote")),
 )

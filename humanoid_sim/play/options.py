@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Annotated, ClassVar, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import tyro
 
@@ -25,20 +24,20 @@ class PlayConfig:
     """
 
     policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
-    """ONNX checkpoint (FILE.onnx), a shipped policy ({policies}), 'placeholder' (which answers zeros) or 'none'.
+    """ONNX checkpoint (FILE.onnx), a shipped policy, 'placeholder' (which answers zeros) or 'none'.
     Default: the robot's sample policy; on hardware none."""
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
-    """Motion to follow: a sample motion ({motions}), an .mcap file or a rosbag2 folder of MCAP. Default with the
+    """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP. Default with the
     sample policy: wave."""
     motion_topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
     """Topic of the motion, in a file or folder that has others too. Default: its only one."""
     song: str | None = None
-    """Song of a piano policy: a sample song ({songs}) or a MIDI file (.mid).
+    """Song of a piano policy: a sample song, such as ode_to_joy, or a MIDI file (.mid).
     Default with the sample policy: ode_to_joy."""
     robot: str = DEFAULT_ROBOT
-    """A shipped robot ({robots}), robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
+    """A shipped robot, robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
@@ -152,35 +151,6 @@ class PlayConfig:
     state_sampling: Literal["now", "on_command"] = "now"
     """Moment at which the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
 
-    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "most used": (
-            *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "html"),
-            *("duration", "policy_seconds", "hardware"),
-        ),
-        "the policy": ("contract", "motion_topic", "action_limit"),
-        "driving the modes": (
-            *("script", "pose", "watchdog", "remote", "gravity_form"),
-            *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
-        ),
-        "other programs": (*("midi", "dds", "dds_interface", "dds_safety"),),
-        "output": ("video", "snapshot", "summary", "overwrite"),
-        "simulation": (
-            *("push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
-            *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),
-        ),
-        "a real robot": (
-            *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),
-            *("can_timeout", "host_id", "imu", "imu_mounting"),
-        ),
-    }
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("", "the sample policy moves the simulated arms"),
-        ("--robot lite_biped --command 0.3,0,0", "a policy that walks"),
-        ("--policy x.onnx --robot g1.xml --command 0.5,0,0", "your own policy and robot"),
-        ("--manual --console", "drive the modes yourself, from keyboard and browser"),
-        ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
-    )
-
     def is_given(self, name: str) -> bool:
         """Return whether an option is not as it is by default."""
         return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
@@ -191,5 +161,13 @@ class PlayConfig:
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
 
 
-SIMULATED = tuple(sorted({*PlayConfig.GROUPS["simulation"]} - {"control_frequency", "pace", "push"}))
+SIMULATED = (
+    *("actuation", "base_height", "command_delay", "drop", "imu_site", "physics_timestep"),
+    *("state_delay", "state_sampling", "yaw"),
+)
 """Options of the simulated robot."""
+OF_HARDWARE = (
+    *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),
+    *("can_timeout", "host_id", "imu", "imu_mounting", "no_gamepad"),
+)
+"""Options of a real robot."""

@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
@@ -108,7 +107,7 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
 
 
 def _modes(summary: dict[str, Any]) -> Table:
-    table = titled_table("Modes", "mode", "from", "to", "reason", right=("from", "to"))
+    table = Table("mode", "from", "to", "reason", title="Modes", title_justify="left")
     styles = {mode.name: style for mode, style in MODE_STYLES.items()}
     for span in summary["modes"]:
         name = f"[{styles[span['mode']]}]{span['mode']}[/]"
@@ -125,7 +124,7 @@ def _tracking(tracking: dict[str, Any]) -> Table:
     speed = tracking["peak_speed"]
     title = f"Tracking, {tracking['samples']} policy steps while the motion ran, hands up to {speed:.2f} m/s"
     errors_of = ("position RMS", "max", "orientation RMS", "max")
-    table = titled_table(title, "body", *errors_of, right=errors_of)
+    table = Table("body", *errors_of, title=title, title_justify="left")
     for errors in tracking["bodies"]:
         table.add_row(errors["name"], *_error_cells(errors))
     table.add_section()
@@ -143,7 +142,7 @@ def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _anchor(anchor: dict[str, Any]) -> Table:
-    table = titled_table(f"Reference, {anchor['samples']} policy steps", "error", "mean", "max", right=("mean", "max"))
+    table = Table("error", "mean", "max", title=f"Reference, {anchor['samples']} policy steps", title_justify="left")
     for name, key, unit in (
         ("joints, mean of all", "joint_error", "rad"),
         ("anchor position", "anchor_position", "m"),
@@ -154,7 +153,7 @@ def _anchor(anchor: dict[str, Any]) -> Table:
 
 
 def _hardware(figures: dict[str, Any]) -> Table:
-    table = titled_table("Buses and motors", "figure")
+    table = Table("figure", title="Buses and motors", title_justify="left")
     table.show_header = False
     for line in figures["lines"]:
         table.add_row(escape(line))
@@ -162,7 +161,7 @@ def _hardware(figures: dict[str, Any]) -> Table:
 
 
 def _base(base: dict[str, Any]) -> Table:
-    table = titled_table("Base, from its release on")
+    table = Table(title="Base, from its release on", show_header=False, title_justify="left")
     if base["velocity"] is not None:
         forward, left = base["velocity"]
         table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
@@ -178,7 +177,7 @@ def _base(base: dict[str, Any]) -> Table:
 
 def _piano(piano: dict[str, Any]) -> Table:
     ratios = ("precision", "recall", "F1")
-    table = titled_table("Song", "keys", *ratios, right=ratios)
+    table = Table("keys", *ratios, title="Song", title_justify="left")
     for name, part in (("per time step", "steps"), ("per note", "notes")):
         table.add_row(name, *(f"{piano[part][ratio.lower()]:.3f}" for ratio in ratios))
     table.caption = (
@@ -229,7 +228,7 @@ def _jitter(late: DurationHistogram) -> dict[str, Any]:
 
 def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     """Return the table of a run's loop."""
-    table = titled_table("Loop")
+    table = Table(title="Loop", show_header=False, title_justify="left")
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")
     overruns = f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped"

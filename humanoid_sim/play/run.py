@@ -16,7 +16,6 @@ from rich.markup import escape
 from rich.text import Text
 
 from humanoid_sim.cli import ExitStatus, complain, mute_output
-from humanoid_sim.command_line.progress import PoseProgress
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import PlayConsole
@@ -24,7 +23,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.report import print_report, summarise, write_summary
-from humanoid_sim.rendering.moments import Moments
+from humanoid_sim.rendering.moments import Moments, pose_progress
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -156,7 +155,7 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     if run.moments is not None:
         for kind, write in (("page", _write_page), ("video", _write_video)):
             try:
-                with _noting(problems), PoseProgress(console, f"writing the {kind} (Ctrl-C skips it)") as progress:
+                with _noting(problems), pose_progress(console, f"writing the {kind} (Ctrl-C skips it)") as progress:
                     text = write(run, run.moments, progress)
                     if text:
                         say(kind, text)
@@ -173,7 +172,7 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
         say("summary", outputs.summary)
 
 
-def _write_page(run: Run, moments: Moments, progress: PoseProgress) -> str:
+def _write_page(run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
     """Write the page, if one is wanted; returns what to say about it."""
     path, policy = run.plan.outputs.html, run.policy
     if path is None:
@@ -187,7 +186,7 @@ def _write_page(run: Run, moments: Moments, progress: PoseProgress) -> str:
     return f"{path}   open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def _write_video(run: Run, moments: Moments, progress: PoseProgress) -> str:
+def _write_video(run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
     """Draw the video, if one is wanted; returns what to say about it."""
     path = run.plan.outputs.video
     if path is None:

@@ -9,12 +9,12 @@ import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import tyro
 
 from humanoid_sim.assets import policy_path
-from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.cli import parse
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
 
@@ -24,21 +24,16 @@ class Show:
     """Show the contract of a checkpoint: joints, observation, action, and where each field came from."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy ({policies})."""
+    """ONNX file, or a shipped policy."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     robot: str | None = None
-    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
+    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
     skeleton: Path | None = None
     """A contract.yaml to write, with a line to fill in for each field that no source gives."""
     json: bool = False
     """Print everything as JSON."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("x.onnx", "what it needs to run, and where that is from"),
-        ("x.onnx --skeleton x.contract.yaml", "... and a file in which to write what is missing"),
-    )
 
 
 @dataclass(frozen=True)
@@ -46,9 +41,9 @@ class Check:
     """Check a checkpoint against a robot without running it there. Exit status 1 if anything is an error."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy ({policies})."""
+    """ONNX file, or a shipped policy."""
     robot: str
-    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
+    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
     """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
@@ -60,21 +55,19 @@ class Check:
     json: bool = False
     """Print the findings as JSON."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("x.onnx --robot scene.xml", "does it fit the robot?"),)
-
 
 @dataclass(frozen=True)
 class Stamp:
     """Write a copy of a checkpoint that holds its contract, its external tensors and golden vectors itself."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy ({policies})."""
+    """ONNX file, or a shipped policy."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     robot: str | None = None
-    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
+    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
     place, and for a trace's anchor poses."""
     trace: Path | None = None
     """The trainer's run (.npz) to take golden vectors from. Default: those that the checkpoint has already."""
@@ -82,10 +75,6 @@ class Stamp:
     """The motion (.mcap) of the trace, where the model does not carry it."""
     overwrite: bool = False
     """Replace the output if it exists."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("x.onnx --contract contract.yaml -o y.onnx", "one file that says everything about itself"),
-    )
 
 
 _PROGRAMS = {
@@ -100,13 +89,7 @@ _PROGRAMS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy` with command-line arguments; returns the exit status."""
     command: Show | Check | Stamp | DoctorConfig = parse(
-        Commands(
-            "Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
-            {"show": Show, "check": Check, "stamp": Stamp, "doctor": DoctorConfig},
-            for_file="show",
-        ),
-        "policy",
-        arguments,
+        Show | Check | Stamp | Annotated[DoctorConfig, tyro.conf.subcommand("doctor")], "policy", arguments
     )
     command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
     from humanoid_sim.policy.onnx_policy import check_file, has_onnxruntime  # noqa: PLC0415

@@ -15,7 +15,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.command_line.description import field_texts
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
@@ -303,11 +302,9 @@ def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) 
     yield f"# `python -m humanoid_sim.policy show {checkpoint.name} --contract THIS_FILE` says what is still missing;"
     yield "# beside the model, as NAME.contract.yaml, it is found by itself. docs/contract.md explains all fields."
     yield from (f"# {line}" for line in tensors)
-    texts = field_texts(PolicyContract)
     for name in missing:
         field, _, part = name.partition(".")
         yield ""
-        yield f"# {' '.join(texts[field].split())}"
         if field == "observation":
             yield f"# Terms: {', '.join(TERM_KINDS)}"
             yield "#observation: [TERM, TERM]"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import tyro
 
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class PrepareOptions:
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
-    """ONNX checkpoint, or a shipped policy ({policies}); it determines the order of the motion's joints and
+    """ONNX checkpoint, or a shipped policy; it determines the order of the motion's joints and
     bodies, and its frame rate."""
     contract: str | None = None
     """contract.yaml with what the checkpoint does not say."""
@@ -29,7 +29,7 @@ class PrepareOptions:
     wandb_file: Annotated[str | None, tyro.conf.arg(aliases=["--wandb-checkpoint-name"])] = None
     """The checkpoint's file name in the run. Default: the newest model_*."""
     robot: str = "lite"
-    """A shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
+    """A shipped robot, robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file"])] = None
     """Motion: an .npz or .csv file, or the folder of a LeRobot dataset."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
@@ -81,23 +81,6 @@ class PrepareOptions:
     """Replace files in the folder."""
     timeout: float = 30.0
     """Seconds to wait for an answer from the network."""
-
-    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "most used": ("policy", "motion", "dataset", "robot", "output", "name", "overwrite"),
-        "the checkpoint": ("contract", "wandb_run_path", "wandb_file"),
-        "what the motion's file leaves open": (
-            *("episode", "features", "fps", "joint_order", "body_order", "quaternions"),
-            *("angle_unit", "velocities"),
-        ),
-        "checks": ("resample", "tolerance", "angle_tolerance", "timeout"),
-        "songs": ("song", "tracks", "transpose", "voices", "keys", "sustain"),
-    }
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--policy x.onnx --motion walk.npz", "a motion of mjlab's for this policy"),
-        ("--motion wave.csv --fps 50 --joint-order robot", "a table of joint positions"),
-        ("--policy x.onnx --dataset user/name --episode 0", "an episode of a LeRobot dataset"),
-        ("--policy x.onnx --song etude.mid --keys C3-C6", "a song for a piano policy"),
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

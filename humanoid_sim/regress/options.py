@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -24,14 +23,14 @@ class RegressConfig:
     """
 
     policies: tuple[str, ...]
-    """ONNX checkpoints under test, or shipped policies ({policies})."""
+    """ONNX checkpoints under test, or shipped policies."""
     suite: str = "lite_tracking"
-    """A shipped suite ({suites}), or the path of a suite's YAML file."""
+    """A shipped suite, or the path of a suite's YAML file."""
     baseline: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
     """Policy to compare with: an ONNX checkpoint or a shipped policy, which is run too, or a file of --write-baseline.
     Default: nothing."""
     robot: str | None = None
-    """Instead of the suite's: a shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's
+    """Instead of the suite's: a shipped robot, robot_descriptions:NAME, or the path of a robot's
     YAML file or of an MJCF."""
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml for all the checkpoints. Default: the one beside each."""
@@ -72,19 +71,6 @@ class RegressConfig:
     """Replace output files that exist."""
     quiet: bool = False
     """Print verdicts only."""
-
-    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "most used": ("suite", "baseline", "robot", "seeds", "only", "report", "json", "junit", "record_failures"),
-        "what is run": (*("contract", "first_seed", "episode", "actuation", "baseline_actuation", "threads", "ray"),),
-        "verdict": ("strict",),
-        "output": ("write_baseline", "record_limit", "overwrite", "quiet"),
-    }
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("x.onnx --baseline y.onnx --report report.html", "is it worse than last week's?"),
-        ("x.onnx --suite velocity --robot scene.xml", "a policy that walks, on your robot"),
-        ("x.onnx --write-baseline released.json", "keep figures to compare with"),
-        ("x.onnx --baseline released.json --junit ci.xml", "... and compare with them, in CI"),
-    )
 
 
 def with_files(config: RegressConfig) -> RegressConfig:

@@ -15,11 +15,10 @@ import mujoco
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import TimeRemainingColumn
+from rich.progress import Progress
 
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.command_line.progress import BarOrLines
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
@@ -160,30 +159,12 @@ def _run(
     return results, seconds
 
 
-class EpisodeProgress(BarOrLines):
-    """A context that is called with how many episodes have just ended."""
-
-    def __init__(self, console: Console, label: str, total: int, clock: Callable[[], float] = perf_counter) -> None:
-        """Start at none. The label says whose episodes these are; an empty one shows nothing."""
-        super().__init__(console, label, total, TimeRemainingColumn())
-        self._label, self._done, self._total = label, 0, total
-        self._clock, self._begin = clock, clock()
-
-    def __call__(self, count: int) -> None:
-        """Take in that so many more have ended."""
-        self._done += count
-        self.advance(self._task, count)
-        elapsed = self._clock() - self._begin
-        if self._label and self._done < self._total and self.is_due(elapsed):
-            left = elapsed * (self._total - self._done) / max(self._done, 1)
-            self.say(elapsed, f"{self._label}: episodes {self._done} of {self._total}, about {left:.0f} s left")
-
-
 def run_policy(policy: TestedPolicy, executor: Executor, label: str = "") -> PolicyRun:
     """Run every episode of a policy; `label` is that of the progress on stderr."""
     suite = policy.prepared.suite
-    with EpisodeProgress(Console(stderr=True, emoji=False), label, len(suite.cases) * suite.seeds) as advance:
-        episodes = executor(policy, advance)
+    with Progress(console=Console(stderr=True, emoji=False), transient=True, disable=not label) as bar:
+        task = bar.add_task(label, total=len(suite.cases) * suite.seeds)
+        episodes = executor(policy, lambda count: bar.advance(task, count))
     return PolicyRun(
         name=policy.name,
         source=policy.checkpoint.source,

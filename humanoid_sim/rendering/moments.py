@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
+from rich.console import Console
+from rich.progress import Progress
 
 from humanoid_sim.messages import Event, EventKind, TickRecord
 from humanoid_sim.mit import FloatArray
@@ -97,3 +100,11 @@ class Moments(Sink):
                 anchor = moment.anchor
                 ghost.align(anchor)
             yield ghost.pose(model, moment.qpos, moment.frame) if ghost.has_place else None
+
+
+@contextmanager
+def pose_progress(console: Console, label: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar while poses are drawn; yields what takes their number so far and their total."""
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

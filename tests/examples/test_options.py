@@ -11,7 +11,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_help_and_a_mistyped_option(monkeypatch, capsys):
-    name, option = "gravity_compensation", "--form effort|pd"
+    name = "gravity_compensation"
     typed = f"python examples/{name}.py"
 
     def run(word):
@@ -22,13 +22,11 @@ def test_help_and_a_mistyped_option(monkeypatch, capsys):
 
     status, described, _ = run("--help")
     assert status == 0
-    assert described.startswith(f"usage: {typed} [options]\n\n")
-    assert f"\n  {option}" in described
-    status, _, refused = run("--xyz")
+    assert described.startswith(f"usage: {typed} ")
+    assert "--form {effort,pd}" in described
+    status, _, refused = run("--frm")
     assert status == 2
-    assert refused.startswith("error: unknown option '--xyz'; known: --")
-    assert f" {option.split(maxsplit=1)[0]}" in refused
-    assert refused.endswith(f"; '{typed} --help' says what they do\n")
+    assert refused.startswith("error: Unrecognized options: --frm; Perhaps you meant: --form ")
 
 
 def test_the_recorder_of_mjlab_needs_nothing_but_mjlab_and_numpy():

@@ -11,7 +11,6 @@ import tyro
 from humanoid_sim import mode
 from humanoid_sim.cli import load_program, run_program
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.tools.options import TOOLS
 from humanoid_sim.robots.description import load_robot
 
 _PAGE = (Path(__file__).parents[2] / "docs" / "checklist.md").read_text(encoding="utf-8")
@@ -44,12 +43,6 @@ def test_a_command_is_understood(monkeypatch, verb, words):
         monkeypatch.setattr(mode, "_read_usual", lambda _: None)
     with pytest.raises(_ParsedError):
         load_program(verb)(shlex.split(words))
-
-
-def test_every_tool_that_a_step_names_exists():
-    for name in ("set-id", "set-zero"):
-        assert f"`{name}`" in _PAGE
-        assert name in TOOLS.by_name
 
 
 def _step(title):

@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.play import front_ends

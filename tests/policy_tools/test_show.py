@@ -209,7 +209,7 @@ def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker, 
     assert f"missing: {', '.join(missing)}; fill it in, in {file}" in out
     text = file.read_text()
     assert "# inputs: obs [1, 32]\n" in text
-    assert "# Shape (n,), N·m/rad.\n#joint_stiffness: NUMBER\n" in text
+    assert "\n#joint_stiffness: NUMBER\n" in text
     assert re.findall("^#([a-z_]+):", text, flags=re.M) == missing
     assert json.loads(cli("show", bare, "--json")[1])["missing"] == missing
     filled = re.sub("^#([a-z])", r"\1", text, flags=re.M).replace("[TERM, TERM]", "[joint_pos]")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
-from humanoid_sim.command_line import parse
+from humanoid_sim.cli import parse
 
 __all__ = ["BenchOptions", "main"]
 
@@ -25,8 +24,6 @@ class BenchOptions:
     """Measure only the rows whose name contains this text."""
     json: bool = False
     """Print JSON instead of a table."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--only play", "the rows about play"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
