@@ -6,7 +6,16 @@ import numpy as np
 import onnx
 import pytest
 from control_run import bits
-from control_surface import TICK_TOPIC, play, recorded_ticks, replay, shipped_policy, start_recording
+from control_surface import (
+    TICK_TOPIC,
+    TRAINER_SAMPLES,
+    play,
+    recorded_ticks,
+    replay,
+    replay_policy,
+    shipped_policy,
+    start_recording,
+)
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from onnx import numpy_helper
@@ -42,7 +51,7 @@ def test_a_run_repeats_bit_for_bit(recorded, ticks):
     assert repeated.is_identical
     assert repeated.is_complete
     assert repeated.ticks == len(ticks) > 1000
-    assert replay(recorded, shipped_policy("lite_tracking")).is_identical
+    assert replay_policy(recorded, shipped_policy("lite_tracking")).is_identical
 
 
 def changed_byte(given, byte):
@@ -79,8 +88,11 @@ def test_another_policy_is_named_with_its_first_tick(recorded, ticks, tmp_path):
     model = onnx.load(shipped_policy("lite_tracking"))
     last = model.graph.initializer[-1]
     last.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(last) + np.float32(0.125), last.name))
+    trained = [entry for entry in model.metadata_props if entry.key == TRAINER_SAMPLES]
+    for entry in trained:
+        model.metadata_props.remove(entry)  # this policy was not trained, and would be refused as wired wrongly
     onnx.save(model, tmp_path / "other.onnx")
-    compared = replay(recorded, tmp_path / "other.onnx")
+    compared = replay_policy(recorded, tmp_path / "other.onnx")
     assert not compared.is_identical
     assert compared.first_tick == first_in(Mode.LOCOMOTION, ticks)
 

@@ -34,6 +34,7 @@ from humanoid_sim.hardware import calibration
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play import main as play_main
+from humanoid_sim.policy.checkpoint import GOLDEN_KEY as TRAINER_SAMPLES
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import TICK_TOPIC, McapRecorder
 from humanoid_sim.robots.description import load_robot
@@ -47,7 +48,7 @@ from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import RemoteInbox, VelocityCommand
 
-__all__ = ["TICK_TOPIC"]
+__all__ = ["TICK_TOPIC", "TRAINER_SAMPLES"]
 
 INPUT_ERRORS = (FieldError, InputError)
 """Exceptions for what a user gave."""
@@ -349,15 +350,25 @@ class Replayed:
     is_complete: bool | None
 
 
-def replay(path: Path, policy: Path | None = None) -> Replayed:
-    """Feed a recording's inputs through `step` again; with `policy` compare that one's answers to the recorded ones."""
-    options = [] if policy is None else ["--policy", str(policy)]
+def replay(path: Path) -> Replayed:
+    """Feed a recording's inputs through `step` again."""
+    found, status = _replay_program(path)
+    assert found["identical"] == (status == 0)
+    return Replayed(status == 0, found["ticks"], found["tick"], found["complete"])
+
+
+def replay_policy(path: Path, policy: Path) -> Replayed:
+    """Compare what a policy would have commanded on the recorded states with what was commanded."""
+    found, status = _replay_program(path, "--policy", str(policy))
+    times = [joint["first_time"] for joint in found["joints"] if joint["first_time"] is not None]
+    period = open_recording(path).header.control_period
+    return Replayed(status == 0, found["ticks"], round(min(times) / period) if times else None, None)
+
+
+def _replay_program(path: Path, *options: str) -> tuple[dict[str, Any], int]:
     with redirect_stdout(io.StringIO()) as out:
         status = run_program(replay_program.main, [str(path), "--json", *options])
-    found = json.loads(out.getvalue())
-    assert policy is not None or found["identical"] == (status == 0)
-    tick = found["tick"] if policy is None else found["infer"]["first_tick"]
-    return Replayed(status == 0, found["ticks"], tick, found["complete"])
+    return json.loads(out.getvalue()), status
 
 
 def recorded_ticks(path: Path) -> list[TickRecord]:
