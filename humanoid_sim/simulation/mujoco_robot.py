@@ -17,7 +17,7 @@ from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.plant import Actuation, MotorPlant, make_plant, mean_delay_steps, timestep_of
+from humanoid_sim.simulation.plant import Actuation, make_plant, mean_delay_steps, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -94,7 +94,6 @@ class MujocoRobot:
         height_scan: HeightScan | None = None,
         pushes: Sequence[Push] = (),
         terrain: Terrain | None = None,
-        motors: type[MotorPlant] | None = None,
     ) -> None:
         """Build the model.
 
@@ -117,7 +116,6 @@ class MujocoRobot:
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
             height_scan: of the ground, which the state reports; None for none.
             pushes: of a floating base, each at its time.
-            motors: a motor model of your own, in place of motors that give exactly what the MIT law asks for.
             terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
         """
         if state_sampling not in get_args(StateSampling):
@@ -137,9 +135,7 @@ class MujocoRobot:
         self.control_period = period
         """s, by which one `write` advances the simulation."""
         self._timestep = timestep
-        self._plant = make_plant(
-            description, actuation=actuation, physics_timestep=timestep, terrain=terrain, motors=motors
-        )
+        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep, terrain=terrain)
         self.model = self._plant.model
         """The compiled MuJoCo model."""
         self.data = self._plant.data

@@ -205,28 +205,6 @@ class QfrcPlant(Plant):
                 self.physics_step()
 
 
-class MotorPlant(QfrcPlant):
-    """Motors of your own: a subclass says what torque they give, before every physics step.
-
-    The MIT law is `mit_torque(command, self.position, self.velocity, effort_limit)`; whatever a motor makes of it
-    (friction, less torque at speed, a delay) is the subclass's, and so is the description's `torque_scale`.
-    `MujocoRobot` takes the class as `plant`.
-    """
-
-    def apply(self, command: MITCommand) -> None:
-        """See `Plant.apply`."""
-        self._command = command
-
-    @abstractmethod
-    def torque(self, command: MITCommand) -> FloatArray:
-        """Shape (n,), N·m, joint frame: of `self.position` and `self.velocity` as they are now."""
-
-    def _step(self, count: int) -> None:
-        for _ in range(count):
-            self.data.qfrc_applied[self._dof_index] = self.torque(self._command)
-            self.physics_step()
-
-
 class AffinePlant(Plant):
     """The law as MuJoCo's affine-bias actuators, one per joint, in order; their gains live in the model."""
 
@@ -290,25 +268,19 @@ def make_plant(
     actuation: Actuation = "qfrc_applied",
     physics_timestep: float | None = None,
     terrain: Terrain | None = None,
-    motors: type[MotorPlant] | None = None,
 ) -> Plant:
-    """Build the model and its plant, on a terrain or on a level floor; with motors of your own, if they are given.
+    """Build the model and its plant, on a terrain or on a level floor.
 
     Raises `InputError` if `actuation` is unknown, or the model cannot be built (see `build_model`).
     """
     check_actuation(actuation)
-    native = actuation != "qfrc_applied"
     model = build_model(
         description,
         physics_timestep=timestep_of(description, actuation, physics_timestep),
-        affine_actuators=native,
+        affine_actuators=actuation != "qfrc_applied",
         implicit=actuation == "implicit",
         terrain=terrain,
     )
-    if motors is not None:
-        if native:
-            raise InputError(f"actuation: is {actuation!r}, expected 'qfrc_applied' for motors of your own")
-        return motors(model, description)
     return _PLANTS[actuation](model, description)
 
 
