@@ -31,7 +31,6 @@ from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.terrain import Terrain
 
 
 class CopyableEnv:
@@ -123,9 +122,7 @@ class PolicyEnvironment(CopyableEnv):
 RENDER_MODES = ["human", "rgb_array"]
 
 
-def make_pictures(
-    description: RobotDescription, width: int, height: int, camera: str | None, terrain: Terrain | None = None
-) -> PoseRenderer:
+def make_pictures(description: RobotDescription, width: int, height: int, camera: str | None) -> PoseRenderer:
     """Return what draws pictures of a robot for `rgb_array`, with a model of their own.
 
     Raises `InputError` if a picture has no such size.
@@ -133,7 +130,7 @@ def make_pictures(
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera)
+    return PoseRenderer(lambda: build_model(description), width, height, camera)
 
 
 class Window:
@@ -141,7 +138,7 @@ class Window:
 
     _latest: ClassVar[NativeViewerSink | None] = None
 
-    def __init__(self, description: RobotDescription, period: float, terrain: Terrain | None = None) -> None:
+    def __init__(self, description: RobotDescription, period: float) -> None:
         """Open the window. Raises `InputError` if no window can be opened here, or another one is open."""
         if Window._latest is not None and not Window._latest.closed:
             raise InputError("render_mode: human is shown by another environment of this process; close that one first")
@@ -149,7 +146,7 @@ class Window:
         self._shown = 0
         self._due = perf_counter()
         try:
-            self._viewer = NativeViewerSink(lambda: build_model(description, terrain=terrain))
+            self._viewer = NativeViewerSink(lambda: build_model(description))
         except InputError as error:
             reason = str(error).partition(";")[0].removeprefix("viewer native: ")
             raise InputError(f"render_mode: human cannot be shown here: {reason}; use rgb_array instead") from None
@@ -180,7 +177,6 @@ class ShownEnv(CopyableEnv):
         period: float,
         render_mode: str | None,
         pictures: tuple[int, int, str | None],
-        terrain: Terrain | None = None,
     ) -> None:
         """Prepare what is shown. Raises `InputError` if the mode is unknown, or the size of a picture is not possible.
 
@@ -193,8 +189,8 @@ class ShownEnv(CopyableEnv):
         modes = [mode for mode in RENDER_MODES if mode != "human" or has_display()]  # without a display no window opens
         self.metadata = {"render_modes": modes, "render_fps": round(1.0 / period)}
         self.render_mode = render_mode
-        self._pictures = make_pictures(description, *pictures, terrain)
-        self._shown = description, period, terrain
+        self._pictures = make_pictures(description, *pictures)
+        self._shown = description, period
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""

@@ -18,7 +18,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, Extern, FloatArray, MITC
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseState, StartPose
-from humanoid_sim.simulation.model import base_body, build_model
+from humanoid_sim.simulation.model import base_body
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 _KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "is_closed", "_is_lifted")
@@ -75,7 +75,6 @@ class EpisodeRobot(MujocoRobot):
             options: as `MujocoRobot` takes them.
         """
         super().__init__(description, **options)
-        self._is_on_terrain = options.get("terrain") is not None
         self._is_punctual = options.get("state_delay", 0.0) == 0.0 and options.get("state_sampling", "now") == "now"
         self._own = mujoco.MjData(self.model)
         self._bodies = [self.model.body(name).id for name in bodies]
@@ -92,8 +91,7 @@ class EpisodeRobot(MujocoRobot):
 
     @cached_property
     def _start_pose(self) -> StartPose:
-        level = build_model(self.description, scene="floor") if self._is_on_terrain else self.model
-        return StartPose(level, self.description, self._plant.addresses)
+        return StartPose(self.model, self.description, self._plant.addresses)
 
     def started(self, start: Start) -> PlantState:
         """Return where a task's start says, on its feet or on its stand."""

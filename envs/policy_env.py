@@ -92,9 +92,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         """
         self.observation_space = self._prepare(contract, robot, motion, options)
         scenario = self.scenario
-        self._prepare_pictures(
-            scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
-        )
+        self._prepare_pictures(scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera))
         self.action_space = action_space(scenario.wiring, scenario.description)
         self.robot = self._robots = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
         self._drawn_from: int | None = None

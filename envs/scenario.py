@@ -35,7 +35,6 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
-from humanoid_sim.simulation.terrain import Terrain
 
 Named = str | Path
 """The name of a file that ships with the package, or a path."""
@@ -73,11 +72,6 @@ class Scenario:
     """Guards of the deployed control stack, which end an episode as they end LOCOMOTION there."""
 
     @property
-    def terrain(self) -> Terrain | None:
-        """Return what the robot walks on; None for a level floor."""
-        return self.starts.terrain
-
-    @property
     def contract(self) -> PolicyContract:
         """Return the policy's contract."""
         return self.wiring.contract
@@ -103,7 +97,6 @@ class Scenario:
             "velocity_at": self.velocity_points,
             "height_scan": self.contract.height_scan,
             "bodies": self.bodies,
-            "terrain": self.terrain,
         }
 
 
@@ -119,7 +112,6 @@ def make_scenario(
     motion_source: str = "motion",
     live: Mapping[str, LiveInput] | None = None,
     guards: bool = True,
-    terrain: Terrain | Mapping[str, Any] | str | None = None,
     reference_start: float = 0.0,
     **task_options: Any,
 ) -> Scenario:
@@ -141,7 +133,6 @@ def make_scenario(
         live: by its name, what makes each live input that the contract declares: of an `MITState` a value of shape
             (..., width).
         guards: whether the guards of the robot's description watch the joints.
-        terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields.
         reference_start: share of the episodes that begin at a random frame of the motion, in the motion's own state.
         task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
     """
@@ -166,11 +157,6 @@ def make_scenario(
         extern |= fed.widths
         wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
 
-    ground = Terrain.of(terrain)
-    if ground is not None and not description.is_floating:
-        raise InputError(f"terrain: is {ground.kind}, and '{description.name}' has a fixed base, expected flat")
-    if ground is not None and loaded.reference.terms:
-        raise InputError(f"terrain: is {ground.kind}, and the policy follows a motion, expected flat")
     timestep = timestep_of(description, actuation, physics_timestep)
     model = build_model(description, physics_timestep=timestep, scene="floor")
     start = StartPose(model, description, joint_addresses(model, description.joint_names))
@@ -189,7 +175,6 @@ def make_scenario(
         starts=EpisodeStarts(
             made,
             loaded.reference,
-            ground,
             reference_start,
             _states(description, read, loaded.reference, reference_start),
             turns=read.align_reference and mit.ANCHOR_POSE in told,
@@ -293,8 +278,6 @@ class EpisodeStarts:
     task: Task
     reference: MotionReference
     """One motion or several, of which each episode has one."""
-    terrain: Terrain | None = None
-    """Ground that the robot walks on; None for a level floor."""
     reference_start: float = 0.0
     """Share of the episodes that begin at a random frame of the motion, in the motion's own state."""
     states: ReferenceStates | None = None
@@ -305,8 +288,7 @@ class EpisodeStarts:
     @property
     def draws(self) -> int:
         """Random numbers that a start takes."""
-        of_ground = 0 if self.terrain is None else self.terrain.draws
-        return self.task.draws + self._motion_draws + of_ground
+        return self.task.draws + self._motion_draws
 
     @property
     def _motion_draws(self) -> int:
@@ -314,14 +296,7 @@ class EpisodeStarts:
 
     def __call__(self, numbers: FloatArray) -> Start:
         """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for."""
-        own, moving = self.task.draws, self.task.draws + self._motion_draws
-        start = self._in_motion(numbers[..., :own], numbers[..., own:moving])
-        if self.terrain is None:
-            return start
-        return replace(start, base_offset=self.terrain.spawn(numbers[..., moving:]))
-
-    def _in_motion(self, numbers: FloatArray, of_motion: FloatArray) -> Start:
-        """Return the task's own start, or one in the state of the reference."""
+        numbers, of_motion = numbers[..., : self.task.draws], numbers[..., self.task.draws :]
         if not self._motion_draws:
             return self.task.start(numbers)
         lengths = np.array(self.reference.lengths or (self.reference.frame_count,))

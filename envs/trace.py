@@ -39,7 +39,7 @@ def record_trace(
     """
     path = output_file(output, "output", ".npz")
     actuation = "implicit" if scenario.actuation == "implicit" else "affine"
-    options = scenario.robot_options() | {"actuation": actuation, "terrain": None}
+    options = scenario.robot_options() | {"actuation": actuation}
     simulation = BatchSimulation(scenario.description, 1, **options, threads=1)
     start = scenario.task.start(np.random.default_rng(0).random((1, scenario.task.draws)))
     fastest = int(np.argmax(np.linalg.norm(start.commands[0], axis=1)))  # not one to stand: a zero shows no scale

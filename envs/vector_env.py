@@ -101,7 +101,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         }
         self.wrench: FloatArray | None = None
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSimulation.step` takes it."""
-        self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
+        self._pictures = make_pictures(scenario.description, width, height, camera)
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = resets.count_option("max_episode_steps", unlimited)
         self.max_episode_steps = min(self._longest, scenario.task.episode_steps)

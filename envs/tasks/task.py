@@ -47,8 +47,6 @@ class Start:
     """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
     frame: npt.NDArray[np.integer] | None = None
     """Frame of the reference that is shown first, shape (...); None: 0."""
-    base_offset: FloatArray | None = None
-    """Shape (..., 3), m, world frame, by which a floating base is moved then; None for not at all."""
     base_pose: FloatArray | None = None
     """Shape (..., 7), m and w x y z, world frame, of a floating base instead of all that; rows of NaN, or None, where
     it stands."""
@@ -58,7 +56,7 @@ class Start:
     @property
     def pose(self) -> dict[str, FloatArray | None]:
         """Return where the robot begins, as `StartPose.arrays` takes it."""
-        names = "joint_position", "joint_velocity", "base_yaw", "base_offset", "base_pose", "base_velocity"
+        names = "joint_position", "joint_velocity", "base_yaw", "base_pose", "base_velocity"
         return {name: getattr(self, name) for name in names}
 
 

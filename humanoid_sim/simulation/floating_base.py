@@ -317,7 +317,6 @@ class StartPose:
         joint_position: FloatArray | None = None,
         joint_velocity: FloatArray | None = None,
         base_yaw: FloatArray | None = None,
-        base_offset: FloatArray | None = None,
         base_pose: FloatArray | None = None,
         base_velocity: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
@@ -328,7 +327,6 @@ class StartPose:
             joint_position: shape (..., n), rad; None for the description's initial position.
             joint_velocity: shape (..., n), rad/s; None for rest.
             base_yaw: shape (...), rad, about the vertical, by which a floating base is turned; None for not at all.
-            base_offset: shape (..., 3), m, world frame, by which it is moved then; None for not at all.
             base_pose: shape (..., 7), m and w x y z, world frame, of a floating base instead; None, or rows of NaN,
                 where it stands as above.
             base_velocity: shape (..., 6), m/s, world frame, and rad/s, base frame, where `base_pose` says where it is.
@@ -346,8 +344,6 @@ class StartPose:
             qpos[..., quaternion] = multiply(turn, self._qpos[quaternion])
         if self._base is not None:
             place, orientation, linear, angular = self._base
-            if base_offset is not None:
-                qpos[..., place] += base_offset
             if base_pose is not None and base_velocity is not None:
                 is_given = np.isfinite(base_pose).all(axis=-1, keepdims=True)
                 for array, part, given in (

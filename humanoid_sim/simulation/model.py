@@ -18,7 +18,6 @@ from humanoid_sim.robots.piano import key_joint_names
 from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
-from humanoid_sim.simulation.terrain import Terrain
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -40,7 +39,6 @@ def build_model(
     affine_actuators: bool = False,
     implicit: bool = False,
     scene: bool | Literal["floor"] = True,
-    terrain: Terrain | None = None,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """Return the robot in a room, ready for the MIT law.
@@ -50,7 +48,7 @@ def build_model(
     Euler integration unless it is to be implicit, and no automatic reset of a bad state. Joints that the MJCF has and
     the description does not stay passive. Whatever else the MJCF says about contacts and the solver stays as it is. A
     floating base gets a support, see `humanoid_sim.simulation.floating_base`. Raises `InputError` if the MJCF cannot be
-    read, or does not have what the description names, or there is to be a terrain and it brings a ground of its own.
+    read, or does not have what the description names.
 
     Args:
         physics_timestep: s; None for the description's.
@@ -59,7 +57,6 @@ def build_model(
         implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
             textures are 2 MB.
-        terrain: in the scene instead of a level floor; None for that.
         edit: changes the model before it is compiled, when all else is in it.
     """
     spec = read_spec(description.mjcf_path)
@@ -78,7 +75,7 @@ def build_model(
         _add_affine_actuators(spec, description)
     if scene:
         bare = compile_spec(spec, description.mjcf_path)
-        (add_floor if scene == "floor" else add_scene)(spec, bare, description, terrain=terrain)
+        (add_floor if scene == "floor" else add_scene)(spec, bare, description)
     if edit is not None:
         edit(spec)
     model = compile_spec(spec, description.mjcf_path)

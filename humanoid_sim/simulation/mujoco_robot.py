@@ -16,12 +16,10 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
-from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.plant import Actuation, make_plant, mean_delay_steps, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
-from humanoid_sim.simulation.terrain import Terrain
 
 T = TypeVar("T")
 StateSampling = Literal["now", "on_command"]
@@ -93,7 +91,6 @@ class MujocoRobot:
         velocity_at: Sequence[str] = (),
         height_scan: HeightScan | None = None,
         pushes: Sequence[Push] = (),
-        terrain: Terrain | None = None,
     ) -> None:
         """Build the model.
 
@@ -116,7 +113,6 @@ class MujocoRobot:
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
             height_scan: of the ground, which the state reports; None for none.
             pushes: of a floating base, each at its time.
-            terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
         """
         if state_sampling not in get_args(StateSampling):
             accepted = " or ".join(get_args(StateSampling))
@@ -135,7 +131,7 @@ class MujocoRobot:
         self.control_period = period
         """s, by which one `write` advances the simulation."""
         self._timestep = timestep
-        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep, terrain=terrain)
+        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep)
         self.model = self._plant.model
         """The compiled MuJoCo model."""
         self.data = self._plant.data
@@ -154,9 +150,8 @@ class MujocoRobot:
         self._observer: BaseObserver | None = None
         if description.is_floating:
             self._observer = BaseObserver(self.model, description)
-            level = self.model if terrain is None else build_model(description, scene="floor")
             self._base = FloatingBase(
-                level,
+                self.model,
                 description,
                 self.data.qpos,
                 position=base_position,

@@ -26,7 +26,6 @@ from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.simulation.terrain import Terrain
 
 Actuation = Literal["qfrc_applied", "affine", "implicit"]
 """The forms of the plant."""
@@ -267,9 +266,8 @@ def make_plant(
     *,
     actuation: Actuation = "qfrc_applied",
     physics_timestep: float | None = None,
-    terrain: Terrain | None = None,
 ) -> Plant:
-    """Build the model and its plant, on a terrain or on a level floor.
+    """Build the model and its plant.
 
     Raises `InputError` if `actuation` is unknown, or the model cannot be built (see `build_model`).
     """
@@ -279,7 +277,6 @@ def make_plant(
         physics_timestep=timestep_of(description, actuation, physics_timestep),
         affine_actuators=actuation != "qfrc_applied",
         implicit=actuation == "implicit",
-        terrain=terrain,
     )
     return _PLANTS[actuation](model, description)
 

@@ -10,10 +10,8 @@ import math
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.terrain import Terrain, add_terrain
 
 OFFSCREEN_SIZE = (1920, 1440)
 """px, width and height of the largest image that can be rendered off screen."""
@@ -30,9 +28,7 @@ _FIELD_OF_VIEW = 38.0
 """degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""
 
 
-def add_scene(
-    spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, terrain: Terrain | None = None
-) -> None:
+def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription) -> None:
     """Add the room to a robot's spec. What the robot's own MJCF brings (a floor, lights, cameras) is kept, not doubled.
 
     `bare` is the same compiled, without a room. Cameras go along with a floating base, without turning with it.
@@ -45,7 +41,7 @@ def add_scene(
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE and not geom.material:
             geom.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
-    add_floor(spec, bare, description, material=_FLOOR_MATERIAL, terrain=terrain)
+    add_floor(spec, bare, description, material=_FLOOR_MATERIAL)
     if not spec.worldbody.lights:  # a lamp that a body carries lights no room
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
@@ -115,22 +111,18 @@ def add_floor(
     description: RobotDescription,
     *,
     material: str = "",
-    terrain: Terrain | None = None,
 ) -> None:
-    """Add a floor, or a terrain, to a robot that brings none, the only part of a room that dynamics know.
+    """Add a floor to a robot that brings none, the only part of a room that dynamics know.
 
     Whatever can collide at all collides with it, whichever bits its contact masks use. `bare` is the spec compiled;
-    without a material the floor is grey. Raises `InputError` if there is to be a terrain, and the robot brings a ground
-    of its own.
+    without a material the floor is grey.
     """
-    # A robot could stand on a plane, on terrain, and on anything else fixed that extends a metre all around.
+    # A robot could stand on a plane, on a height field, and on anything else fixed that extends a metre all around.
     is_ground = np.isin(bare.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))
     is_fixed = bare.body_weldid[bare.geom_bodyid] == 0
     can_collide = (bare.geom_contype != 0) | (bare.geom_conaffinity != 0)
     is_wide = (bare.geom_aabb.reshape(-1, 6)[:, 3:5] >= 1.0).all(axis=1)
     if (is_ground | (is_fixed & can_collide & is_wide)).any():
-        if terrain is not None:
-            raise InputError(f"terrain: {description.mjcf_path} brings a ground of its own")
         return
     floor = {
         "name": "floor" if spec.geom("floor") is None else "",
@@ -139,11 +131,6 @@ def add_floor(
         "contype": 1 | int(np.bitwise_or.reduce(bare.geom_conaffinity)),
         "conaffinity": 1 | int(np.bitwise_or.reduce(bare.geom_contype)),
     }
-    if terrain is not None:
-        add_terrain(spec, terrain, **floor)
-        # Cameras are as far away, and see as near, as suits the robot.
-        spec.stat.extent, spec.stat.center = float(bare.stat.extent), bare.stat.center
-        return
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], **floor)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -29,12 +28,11 @@ class Floor:
         is_level = data.geom_xmat[geoms, 8] > 1.0 - _FLAT
         self._level: float | None = None
         """m, everywhere; None where it depends on the place."""
-        self._field = _Field.of(model, data, geoms)
         if not geoms:
             self._level = 0.0
         elif (is_plane & is_level).all() and np.ptp(levels) < _FLAT:
             self._level = float(levels.max())
-        elif self._field is None:
+        else:
             self._cast = _floor_alone(model, geoms)
             self._data = mujoco.MjData(self._cast)
             mujoco.mj_kinematics(self._cast, self._data)
@@ -46,8 +44,6 @@ class Floor:
         """Shape (...), m, world frame: of the first thing straight below points of shape (..., 3), m."""
         if self._level is not None:
             return np.full(position.shape[:-1], self._level)
-        if self._field is not None:
-            return self._field.level(position)
         points = position.reshape(-1, 3)
         levels = np.array([self._below(point) for point in points])
         return levels.reshape(position.shape[:-1])
@@ -66,55 +62,6 @@ def fixed_geoms(model: mujoco.MjModel) -> list[int]:
         if model.body_weldid[model.geom_bodyid[i]] == 0
         and (model.geom_contype[i] or model.geom_conaffinity[i] or i in paired)
     ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Field:
-    """A height field with flat ground around it, whose level many points can be told at once."""
-
-    heights: FloatArray
-    """Shape (rows along y, columns along x), m, world frame."""
-    middle: FloatArray
-    """Shape (2,), m, world frame."""
-    half: FloatArray
-    """Shape (2,), m, half of its length along x and y."""
-    around: float
-    """m, world frame: how high the ground beside it is."""
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int]) -> _Field | None:
-        """Return the only height field among geoms, if not turned and with level boxes beside it; else None."""
-        fields = [i for i in geoms if model.geom_type[i] == mujoco.mjtGeom.mjGEOM_HFIELD]
-        boxes = [i for i in geoms if i not in fields]
-        if len(fields) != 1 or not boxes:
-            return None
-        (field,), k = fields, model.geom_dataid[fields[0]]
-        rows, columns, begin = model.hfield_nrow[k], model.hfield_ncol[k], model.hfield_adr[k]
-        x, y, z, _ = model.hfield_size[k]
-        middle, half = data.geom_xpos[field, :2].copy(), np.array([x, y])
-        sizes = model.geom_size[boxes]
-        levels = data.geom_xpos[boxes, 2] + sizes[:, 2]
-        is_beside = (np.abs(data.geom_xpos[boxes, :2] - middle) + _FLAT >= half + sizes[:, :2]).any(axis=1)
-        is_box = model.geom_type[boxes] == mujoco.mjtGeom.mjGEOM_BOX
-        are_straight = np.abs(data.geom_xmat[geoms] - np.eye(3).ravel()).max() < _FLAT
-        if not (is_box.all() and is_beside.all() and are_straight and np.ptp(levels) < _FLAT):
-            return None
-        shares = model.hfield_data[begin : begin + rows * columns].reshape(rows, columns).astype(np.float64)
-        return cls(data.geom_xpos[field, 2] + z * shares, middle, half, float(levels[0]))
-
-    def level(self, position: FloatArray) -> FloatArray:
-        """See `Floor.level`. MuJoCo cuts each cell into two triangles, along the diagonal of rising x and y."""
-        rows, columns = self.heights.shape
-        place = (position[..., :2] - self.middle + self.half) / (2.0 * self.half) * [columns - 1, rows - 1]
-        is_on = ((place >= 0.0) & (place <= [columns - 1, rows - 1])).all(axis=-1)
-        place = np.where(is_on[..., None], place, 0.0)
-        column, row = (np.minimum(place[..., i].astype(np.intp), n - 2) for i, n in ((0, columns), (1, rows)))
-        x, y = place[..., 0] - column, place[..., 1] - row
-        first, last = self.heights[row, column], self.heights[row + 1, column + 1]
-        ahead, beside = self.heights[row, column + 1], self.heights[row + 1, column]
-        below = first + x * (ahead - first) + y * (last - ahead)
-        above = first + y * (beside - first) + x * (last - beside)
-        return np.where(is_on, np.where(x >= y, below, above), self.around)
 
 
 _DOWN = np.array([0.0, 0.0, -1.0])

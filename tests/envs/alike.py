@@ -23,8 +23,6 @@ EVERYTHING: dict[str, Any] = {
 """Of the randomisation of any robot."""
 PUSHED = EVERYTHING | {"push": (0.1, 0.5), "push_interval": 0.2}
 """That of one whose base is free."""
-FIELD: dict[str, Any] = {"kind": "mixed", "levels": 2, "variants": 3, "tile": 3.0, "platform": 1.2}
-"""Ground."""
 
 
 def hasty(name: str = "lite") -> RobotDescription:

@@ -5,7 +5,7 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
-from alike import EVERYTHING, FIELD, PUSHED
+from alike import EVERYTHING, PUSHED
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
@@ -104,7 +104,6 @@ def test_gymnasium_s_own_check_passes_without_a_display(name, monkeypatch):
         ("LiteTracking-v0", {"motion": ["wave", "circle"], "actuation": "implicit"}),
         ("LiteTracking-v0", {"randomisation": EVERYTHING, "actuation": "implicit"}),
         ("BipedVelocity-v0", {"randomisation": PUSHED, "actuation": "implicit"}),
-        ("BipedVelocity-v0", {"terrain": FIELD, "actuation": "implicit"}),
         ("LitePiano-v0", {}),
         ("LiteModes-v0", {"remote": True}),
     ],

@@ -12,7 +12,6 @@ from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.terrain import Terrain
 
 WALKER = """
 <mujoco>
@@ -164,12 +163,11 @@ def test_it_is_as_late_as_the_imu(walker):
 
 
 @pytest.mark.parametrize("at", ["base", "eye", "leg", "imu"])
-@pytest.mark.parametrize("terrain", [None, Terrain("mixed")])
-def test_a_batch_sees_bit_for_bit_what_one_robot_sees(walker, at, terrain):
+def test_a_batch_sees_bit_for_bit_what_one_robot_sees(walker, at):
     scan = HeightScan(at=at, above=0.5)
     robot = walker("")
-    batch = BatchSimulation(robot, 5, height_scan=scan, terrain=terrain, threads=2)
-    one = MujocoRobot(robot, height_scan=scan, terrain=terrain, support=False, actuation="affine")
+    batch = BatchSimulation(robot, 5, height_scan=scan, threads=2)
+    one = MujocoRobot(robot, height_scan=scan, support=False, actuation="affine")
     generator = np.random.default_rng(0)
     qpos, qvel = np.tile(one.data.qpos, (5, 1)), np.tile(one.data.qvel, (5, 1))
     qpos[:, :2] += generator.uniform(-8.0, 8.0, (5, 2))
@@ -177,7 +175,6 @@ def test_a_batch_sees_bit_for_bit_what_one_robot_sees(walker, at, terrain):
     batch.reset(qpos=qpos, qvel=qvel)
     assert dict(batch.extern) == dict(one.extern)
     seen = batch.state().extern["height_scan"].value
-    assert np.ptp(seen) > 0.01 or terrain is None
     for i in range(5):
         one.data.qpos[:] = qpos[i]
         alone = one._sensors.read(one.data).live["height_scan"]  # the robot itself samples after physics steps alone

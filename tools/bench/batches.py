@@ -23,7 +23,6 @@ from humanoid_sim.regress.suite import Disturbance, load_suite
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.terrain import Terrain
 from tools.bench.timing import Row, paired_ratio
 
 __all__ = ["height_scans", "piano_scene", "regress_speed", "vector_step"]
@@ -195,7 +194,7 @@ class _Stepped:
 
 
 def height_scans(repetitions: int) -> list[Row]:
-    """Compare control periods of robots on rough ground that scan it with those of robots that do not."""
+    """Compare control periods of robots that scan the ground with those of robots that do not."""
     scanning, blind = _OnGround(HeightScan()), _OnGround(None)
 
     def describe(ours: float, without: float) -> str:
@@ -216,12 +215,11 @@ def height_scans(repetitions: int) -> list[Row]:
 
 
 class _OnGround:
-    """Robots on rough ground that hold their initial position, at the rate of a policy that walks."""
+    """Robots that hold their initial position, at the rate of a policy that walks."""
 
     def __init__(self, scan: HeightScan | None) -> None:
         robot = load_robot("lite_biped")
-        terrain = Terrain("rough")
-        self.simulation = BatchSimulation(robot, _SCANNING, control_period=0.02, height_scan=scan, terrain=terrain)
+        self.simulation = BatchSimulation(robot, _SCANNING, control_period=0.02, height_scan=scan)
         zeros = np.zeros((_SCANNING, len(robot.joints)))
         position = zeros + np.array(robot.initial_position)
         self._command = MITCommand(position, zeros, zeros, zeros + 40.0, zeros + 2.0)

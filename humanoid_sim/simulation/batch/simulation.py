@@ -27,7 +27,6 @@ from humanoid_sim.simulation.model import base_body, body_ids, build_model, join
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation, mean_delay_steps, timestep_of
 from humanoid_sim.simulation.push import PUSH_DURATION
 from humanoid_sim.simulation.stability import DampingStability
-from humanoid_sim.simulation.terrain import Terrain
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -66,7 +65,6 @@ class BatchSimulation:
         bodies: Sequence[str] = (),
         push_body: str = "",
         randomisation: Randomisation | None = None,
-        terrain: Terrain | None = None,
         seeds: npt.ArrayLike | None = None,
     ) -> None:
         """Build the model once, and copies of it where environments differ.
@@ -84,7 +82,6 @@ class BatchSimulation:
             height_scan: of the ground, which the state reports; None for none.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
-            terrain: instead of a level floor; None for that.
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
         """
         for name, value in (("count", count), ("threads", 1 if threads is None else threads)):
@@ -109,7 +106,6 @@ class BatchSimulation:
             affine_actuators=True,
             implicit=actuation == "implicit",
             scene="floor",
-            terrain=terrain,
         )
         DampingStability(model, description).check_description()
         self._timestep = timestep
@@ -126,8 +122,7 @@ class BatchSimulation:
             carriers=len(self._carriers),
         )
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
-        level = model if terrain is None else build_model(description, scene="floor")
-        self.start_pose = StartPose(level, description, self._joints)
+        self.start_pose = StartPose(model, description, self._joints)
         """Pose in which a robot starts, for any joint positions."""
         self._base = BaseObserver(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
