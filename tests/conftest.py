@@ -42,7 +42,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--complete",
         action="store_true",
-        help="soak: campaigns in full, and two minutes of fuzzing instead of 20 s",
+        help="soak: campaigns in full",
     )
 
 
@@ -70,12 +70,6 @@ def pytest_collection():
         gc.collect()
         gc.freeze()
         gc.enable()
-
-
-@pytest.fixture
-def fuzzing_seconds(request):
-    """s of wall time that a slow fuzzing test goes on."""
-    return 120.0 if request.config.getoption("--complete") else 20.0
 
 
 _TABLES = pytest.StashKey[dict[str, list[tuple[str, ...]]]]()

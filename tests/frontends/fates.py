@@ -12,7 +12,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ import onnx
 import pytest
 from dds_bridge import free_domain
 from models import linear_model
-from play_fixtures import quick_robot
 from waiting import until
 
 from humanoid_sim import replay
@@ -80,13 +78,6 @@ PATIENCE = 60.0
 def script(mode: Mode, lead: float = 0.3) -> str:
     """Into a mode, `lead` s after the begin, and out of it through DAMPING."""
     return f"hold {lead:g}; {WALK[mode]}hold {STAY:g}; damp; hold 0.5"
-
-
-def on_motors(folder: Path, mode: Mode, *options: str, lead: float = 0.3) -> tuple[str, ...]:
-    """Options of `play` for a run through that mode on emulated motors."""
-    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script")
-    given = ("--robot", quick_robot(folder), "--policy", "placeholder", "--script", script(mode, lead))
-    return *hardware, *given, *options
 
 
 def available(names: Sequence[str]) -> list[str]:
@@ -281,11 +272,6 @@ class Log:
         assert not after.output.command.stiffness.any()
         assert (after.output.command.damping > 0.0).all()
         return float(after.input.state.time) - in_force[-1].input.remote.arrival_time
-
-    def longest_pause(self) -> float:
-        """s between two ticks."""
-        times = [float(tick.input.state.time) for tick in self.ticks]
-        return max(late - early for early, late in pairwise(times))
 
     def control(self) -> list[tuple[object, ...]]:
         """Every tick's mode, controller, pose and command, bit for bit."""

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from fates import PATIENCE, Played, available
@@ -59,22 +58,6 @@ def client(play: Played, kind: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            yield process
-        finally:
-            process.kill()
-
-
-@contextmanager
-def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
-    """The gamepad's program with a pad of SDL's, once that drives."""
-    command = [sys.executable, str(Path(__file__).with_name("pad_program.py")), "--session", str(play.process.pid)]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        try:
-            while not process.stdout.readline().strip().endswith("drives"):
-                assert process.poll() is None
             yield process
         finally:
             process.kill()
