@@ -124,7 +124,6 @@ def transition(
     standby_finished: bool,
     available: Container[str],
     unready: str = "",
-    missing: Mapping[str, str] = MappingProxyType({}),
 ) -> Decision:
     """Return who is in control next.
 
@@ -147,7 +146,6 @@ def transition(
         standby_finished: the standby controller's command has arrived at its final pose and gains.
         available: names of the controllers that exist.
         unready: reason why the controller that is to move the robot cannot start yet; '' for none.
-        missing: reasons to refuse those that do not, by name, in place of the plain one.
     """
     mode = MODES[current]
     if not safety.is_ok:
@@ -155,7 +153,7 @@ def transition(
     if intent is None:
         return Decision()
     rule = RULES[intent]
-    refusal = _refusal(intent, rule, mode, current, standby_finished, available, missing)
+    refusal = _refusal(intent, rule, mode, current, standby_finished, available)
     if not refusal and rule.standby_finished and unready:
         refusal = f"{intent.name} refused: {unready}"
     if refusal:
@@ -207,12 +205,11 @@ def _refusal(
     current: str,
     standby_finished: bool,
     available: Container[str],
-    missing: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     if mode not in rule.modes:
         return f"{intent.name} refused: requires {rule.requirement}, mode is {mode.name}"
     if rule.standby_finished and not standby_finished:
         return f"{intent.name} refused: requires {rule.requirement}, {current} has not finished"
     if rule.target is not None and intent is not Intent.DAMP and rule.target not in available:
-        return f"{intent.name} refused: {missing.get(rule.target, f'{rule.target} is not available')}"
+        return f"{intent.name} refused: {rule.target} is not available"
     return ""

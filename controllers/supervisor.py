@@ -89,8 +89,6 @@ class Supervisor:
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
     guards: Guards | None = field(default=None, kw_only=True)
     """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
-    missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)
-    """Reasons to refuse controllers that are not available, by name, in place of the plain one."""
     needs_producer: bool = field(default=False, kw_only=True)
     """True where START_REMOTE requires commands that already arrive: nothing else keeps a floating base on its feet."""
     _zero: MITCommand = field(init=False, repr=False)
@@ -138,7 +136,7 @@ class Supervisor:
         safety = merge_safety(tick_input.safety)
         intent, superseded = choose_intent(tick_input.intents)
         finished, unready = _has_finished(memory.controller_memory), self.unready(intent, tick_input)
-        decision = transition(memory.controller, safety, intent, finished, self.controllers, unready, self.missing)
+        decision = transition(memory.controller, safety, intent, finished, self.controllers, unready)
 
         switch = decision.controller is not None
         wanted = decision.controller or memory.controller

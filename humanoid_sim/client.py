@@ -53,7 +53,6 @@ __all__ = [
     "SessionInfo",
     "ask_sessions",
     "find_session",
-    "load_request",
     "monotonic_ns",
     "network_on",
     "running_sessions",
@@ -93,13 +92,8 @@ VELOCITY_TIMEOUT = 0.25
 """s after which a velocity command that is not repeated is zero."""
 LIVE_TIMEOUT = 0.5
 """s after which a live input that is not repeated is zero, unless its producer says otherwise."""
-LOAD = "load"
-"""Followed by a JSON object of `LOAD_OPTIONS` and texts, asks for another policy."""
-LOAD_OPTIONS = ("policy", "contract", "motion", "song", "command")
-LOAD_TIMEOUT = 180.0
-"""s that it may take to check, prove and load a policy."""
-_LONGEST_WORD, _LONGEST_LOAD = 200, 16_000
-"""Characters of what is asked for; of a policy with its files."""
+_LONGEST_WORD = 200
+"""Characters of what is asked for."""
 _LONGEST_REASON = 1000
 """Characters that say why something was refused."""
 STOOD_STILL, _SETTLE = 0.2, 0.5
@@ -314,8 +308,6 @@ class Feed:
         self._definitions: Mapping[str, str] = told["definitions"]
         self._blobs: dict[str, tuple[mmap.mmap, int, int]] = {}
         self._place_blobs(self._map, told["blobs"])
-        self._loaded: mmap.mmap | None = None
-        self._loads = 0
         self._rings: Mapping[str, Sequence[int]] = told["rings"]
         self._decoders: dict[str, Decoder] = {}
 
@@ -345,31 +337,6 @@ class Feed:
     def _place_blobs(self, memory: mmap.mmap, places: Mapping[str, Sequence[int]]) -> None:
         self._blobs.update({name: (memory, offset, length) for name, (offset, length) in places.items()})
 
-    def follow(self) -> bool:
-        """Take over `header`, `live_inputs` and files of a policy that was loaded since; True if there was one.
-
-        They stay as they are until this is called, so that they do not change while somebody reads them.
-        """
-        while "policy" in self._rings and self.newest("policy") != self._loads:
-            sample = self.latest("policy")
-            if sample is None:
-                return False
-            try:
-                memory, told = self._mapped(sample.data.decode())
-            except SessionError:  # replaced meanwhile, or the session has ended
-                if self.newest("policy") == sample.number:
-                    return False
-                continue
-            attached = json.loads(self.header["session"]["attachments"])
-            self._blobs = {name: place for name, place in self._blobs.items() if name not in attached}
-            self._place_blobs(memory, told["blobs"])
-            if self._loaded is not None:
-                self._loaded.close()
-            self._loaded, self._loads = memory, sample.number
-            self.header, self.live_inputs = told["header"], told["live_inputs"]
-            return True
-        return False
-
     def __enter__(self) -> Feed:
         return self
 
@@ -379,8 +346,6 @@ class Feed:
     def close(self) -> None:
         """Let the memory go."""
         self._map.close()
-        if self._loaded is not None:
-            self._loaded.close()
 
     def is_running(self) -> bool:
         """Return whether the session goes on; a killed one does not, although nobody could write that down."""
@@ -669,8 +634,7 @@ class Intake:
 
     def post(self, word: str, *, seen: int | None = None) -> str:
         """Ask for something without waiting; gives what `answer` takes. Arguments and errors as for `ask`."""
-        longest = _LONGEST_LOAD if word.startswith(f"{LOAD} ") else _LONGEST_WORD
-        return self._post(" ".join(word.splitlines())[:longest], seen)  # a mark's text is a line
+        return self._post(" ".join(word.splitlines())[:_LONGEST_WORD], seen)  # a mark's text is a line
 
     def _post(self, word: str, seen: int | None = None) -> str:
         assert self._intents is not None
@@ -684,18 +648,6 @@ class Intake:
         except OSError as error:
             raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
         return token
-
-    def load(self, policy: str, timeout: float = LOAD_TIMEOUT, **options: str | None) -> Answer:
-        """Ask for another policy, in ZERO_TORQUE, DAMPING or STANDBY, and wait until it is loaded or refused.
-
-        Raises `SessionError` if the session has ended or does not answer.
-
-        Args:
-            policy: ONNX file, or the name of a policy that ships with the package.
-            timeout: s
-            options: `motion` and `contract`, files as well, `song`, and `command`, the velocity as `vx,vy,wz`.
-        """
-        return self.ask(load_request(policy, **options), timeout)
 
     def answer(self, token: str, timeout: float) -> Answer:
         """Return the answer to what was posted last; `timeout` in s. Raises `SessionError` as `ask` does."""
@@ -793,25 +745,6 @@ class Intake:
         except OSError as error:
             raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
         return True
-
-
-def load_request(policy: str, **options: str | None) -> str:
-    """Make the word by which `Intake.ask` asks for another policy; files that exist get absolute paths.
-
-    Raises `ValueError` if there is no such option.
-
-    Args:
-        policy: see `Intake.load`, as for `options`.
-        options: None is left out.
-    """
-    unknown = set(options) - set(LOAD_OPTIONS)
-    if unknown:
-        raise ValueError(f"unknown option {min(unknown)}, expected one of {', '.join(LOAD_OPTIONS)}")
-    given = {name: str(text) for name, text in {"policy": policy, **options}.items() if text is not None}
-    files = {
-        name: str(Path(text).absolute()) for name, text in given.items() if name != "command" and os.path.exists(text)
-    }
-    return f"{LOAD} {json.dumps({**given, **files})}"
 
 
 def ask_sessions(

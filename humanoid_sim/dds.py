@@ -58,9 +58,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for any_writer in (False, True)
             if is_local or config.safety
         ]
-        reader = CommandReader(attachment.session, attachment.header.joint_names, participant, commands, statuses)
-        if is_local:
-            reader.wanted = wanted_inputs(attachment)
+        reader = CommandReader(
+            attachment.session,
+            attachment.header.joint_names,
+            participant,
+            commands,
+            statuses,
+            wanted_inputs(attachment) if is_local else {},
+        )
         stack.callback(reader.close)
         reader.start()
         number = attachment.before_present()
@@ -69,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):
             ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
-        _serve(attachment, telemetry, reader, number, is_local=is_local)
+        _serve(attachment, telemetry, reader, number)
     return 0
 
 
@@ -94,13 +99,10 @@ class _Refusals:
         return self._text
 
 
-def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int, *, is_local: bool) -> None:
+def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int) -> None:
     """Publish the ticks after that number until the session ends."""
     for samples in attachment.looks(number, min(max(0.1 * attachment.feed.control_period, 0.001), 0.005)):
         for sample in samples:
-            if attachment.follow():
-                telemetry.follow()
-                reader.wanted = wanted_inputs(attachment) if is_local else {}
             telemetry.publish(sample)
         if reader.error is not None:
             raise reader.error

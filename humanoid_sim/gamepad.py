@@ -176,8 +176,6 @@ def _drive(pads: Pads, config: GamepadConfig) -> int:
         found = pads.look()
         ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
         for _ in steps(attachment, lambda: driver.step(pads.look())):
-            if attachment.follow():
-                driver.speeds = policy_speeds(attachment.contract)
             sleep(_PERIOD)
     return 0
 

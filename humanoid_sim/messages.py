@@ -243,7 +243,7 @@ class EventKind(IntEnum):
     FALL = 6
     """The robot fell, or lost the motion that it follows."""
     POLICY = 7
-    """The policy was replaced between two ticks; the recording holds the new one before this event."""
+    """Unused: another policy was loaded, in recordings of versions that could."""
     PUSH = 8
     """An operator pushed the simulated robot, from the tick that follows on."""
 
@@ -257,5 +257,3 @@ class Event:
     text: str
     """One line."""
     kind: EventKind = EventKind.NOTE
-    header: SessionHeader | None = None
-    """Header of the run from a `POLICY` event on; None where it could not be read, and of other events."""

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
 from humanoid_sim.cli import ExitStatus, complain, run_program
-from humanoid_sim.client import LOAD, LOAD_OPTIONS, LOAD_TIMEOUT, SessionError, ask_sessions, load_request
+from humanoid_sim.client import SessionError, ask_sessions
 from humanoid_sim.errors import InputError
 
 Intent: TypeAlias = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate"]
@@ -25,8 +25,7 @@ class ModeOptions:
     """Send an intent to a session that runs on this machine, and print what became of it.
 
     damp goes to all sessions that run. reactivate, in ZERO_TORQUE or DAMPING, verifies and enables the robot afresh, as
-    a relaunch would; the FSM then begins in ZERO_TORQUE. mode load POLICY loads another policy (mode load --help).
-    Exit status 1 if it was refused, or failed.
+    a relaunch would; the FSM then begins in ZERO_TORQUE. Exit status 1 if it was refused, or failed.
     """
 
     intent: Intent
@@ -35,33 +34,9 @@ class ModeOptions:
     """Process id of the session. Default: the only one that runs."""
 
 
-@dataclass(frozen=True)
-class LoadOptions:
-    """Load another policy into a session that runs on this machine, in ZERO_TORQUE, DAMPING or STANDBY.
-
-    It is checked, run for the first time and proved by its golden vectors in a process of its own, while the session
-    goes on with the policy that it has. Exit status 1 if it was refused.
-    """
-
-    policy: str
-    """ONNX checkpoint (FILE.onnx) or a shipped policy."""
-    contract: str | None = None
-    """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
-    motion: str | None = None
-    """Motion to follow: a sample motion, such as wave, or an .mcap file."""
-    song: str | None = None
-    """Song of a piano policy: a sample song, such as ode_to_joy, or a MIDI file (.mid)."""
-    command: str | None = None
-    """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks. Default: 0,0,0."""
-    session: int | None = None
-    """Process id of the session. Default: the only one that runs."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `mode` with command-line arguments; returns the exit status: 1 if it was refused, or failed."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] == [LOAD]:
-        return _load(words[1:])
     if words[:1] == ["stop"]:  # as somebody types who has no time to look it up
         words[0] = "damp"
     config = _read_usual(words)
@@ -70,14 +45,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         config = parse(ModeOptions, "mode", words, positional=True)
     return _ask(config.intent, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
-
-
-def _load(words: Sequence[str]) -> int:
-    from humanoid_sim.cli import parse  # noqa: PLC0415 - nobody waits for a DAMP here
-
-    config = parse(LoadOptions, f"mode {LOAD}", words, positional=True)
-    options = {name: getattr(config, name) for name in LOAD_OPTIONS}
-    return _ask(load_request(**options), config.session, LOAD_TIMEOUT)
 
 
 def _ask(word: str, process: int | None, timeout: float) -> int:

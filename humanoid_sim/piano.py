@@ -64,7 +64,7 @@ def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
     from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion  # noqa: PLC0415 - heavy
     from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
 
-    run = open_recording(recording).of_last_policy()
+    run = open_recording(recording)
     if song is not None:
         motion = read_motion(song)
     elif MOTION_ATTACHMENT in run.header.attachments:

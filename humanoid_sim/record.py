@@ -76,7 +76,7 @@ def export(options: Export) -> int:
         raise InputError("record export: expected --urdf, --csv, --html, --mp4 or --rerun, each with a file to write")
     for name, path in chosen.items():
         output_file(path, f"--{name}", suffixes.get(name, f".{name}"), overwrite=options.overwrite)
-    recording = open_recording(options.file).of_last_policy()
+    recording = open_recording(options.file)
     for name, path in chosen.items():
         print(f"{path}: {writers[name](recording, path, options)}")
     return 0

@@ -74,7 +74,7 @@ def record_dataset(config: RecordDataset) -> int:
         raise InputError(f"--repo-id: is '{repo_id}', expected user/name")
     if not config.recordings:
         raise InputError("no recording is given, expected at least one .mcap")
-    recordings = [open_recording(path).of_last_policy() for path in config.recordings]
+    recordings = [open_recording(path) for path in config.recordings]
     first = recordings[0].header
     for recording in recordings[1:]:
         if recording.header.joint_names != first.joint_names or recording.header.robot != first.robot:

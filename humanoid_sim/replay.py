@@ -21,7 +21,7 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import finite, is_file, output_file, whole_file
-from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
+from humanoid_sim.messages import PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
@@ -83,7 +83,7 @@ def replay(config: ReplayConfig) -> int:
     from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
 
     inference = _Inference(recording, config.policy, tolerance) if config.infer else None
-    report = repeat_run(recording, rebuild_supervisor, inference, _with_progress(recording, inference))
+    report = repeat_run(recording, rebuild_supervisor, inference, _with_progress(recording))
     if config.json:
         print(json.dumps(_as_json(recording, report, inference), indent=2))
     else:
@@ -160,18 +160,11 @@ class _Inference:
     """Runs the model on every recorded observation."""
 
     def __init__(self, recording: Recording, policy: str | None, tolerance: float) -> None:
-        self._recording, self._given = recording, policy
         self.report = InferenceReport(tolerance)
-        self.is_same_file: bool | None = None
-        self.follow(recording.header if "contract" in recording.header.documents else recording.of_last_policy().header)
-
-    def follow(self, header: SessionHeader) -> None:
-        """Infer with the policy of this header from here on. Raises `InputError` if it cannot be used."""
-        settings = recorded_settings(self._recording.path, header)
-        self.checkpoint = _load(self._recording.path, header, settings, self._given)
+        settings = recorded_settings(recording.path, recording.header)
+        self.checkpoint = _load(recording.path, recording.header, settings, policy)
         recorded = settings.get("policy_sha256")
-        if recorded and self.is_same_file is not False:
-            self.is_same_file = recorded == self.checkpoint.sha256
+        self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
 
     def __call__(self, record: TickRecord, step: PolicyStep) -> None:
         width = self.checkpoint.observation_width
@@ -226,15 +219,13 @@ def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], give
     return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
 
 
-def _with_progress(recording: Recording, inference: _Inference | None) -> Iterator[Entry]:
-    """Yield the entries, with a bar on stderr if a person is watching; `inference` follows their policies."""
+def _with_progress(recording: Recording) -> Iterator[Entry]:
+    """Yield the entries, with a bar on stderr if a person is watching."""
     console = Console(stderr=True)
     columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=recording.size)
         for count, entry in enumerate(recording.entries()):
-            if inference is not None and isinstance(entry, Event) and entry.header is not None:
-                inference.follow(entry.header)
             yield entry
             if count % 256 == 0:
                 progress.update(task, completed=recording.position)

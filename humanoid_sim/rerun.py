@@ -160,8 +160,6 @@ def _watch(
             refresh()
         for sample in samples:
             newest, record = sample, attachment.record(sample)
-            if attachment.follow():
-                log.follow(_action_names(attachment))
             if teller.keeps_up:
                 log.tick(record)
         if time.monotonic() - told > _TOLD_EVERY:

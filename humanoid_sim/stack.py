@@ -50,14 +50,8 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
     action_limit: float
     guards: GuardRecord | None
     """Guards of the run; None for a run without guards."""
-    loads: bool
-    """The session loads policies while it runs."""
     needs_producer: bool = False
     """START_REMOTE required a producer."""
-
-
-_NO_POLICY = "no policy is loaded: humanoid_sim.mode load POLICY loads one"
-"""Refusal of START_LOCOMOTION in a session that could have one."""
 
 
 ChosenGuards = Guards | Literal["description"] | None
@@ -73,7 +67,6 @@ def build_supervisor(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
-    loads: bool = False,
     needs_producer: bool = False,
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
@@ -86,7 +79,6 @@ def build_supervisor(
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
-        loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
         needs_producer: START_REMOTE requires commands that already arrive.
     """
     joints = description.joint_names
@@ -108,9 +100,8 @@ def build_supervisor(
             stale_command_timeout_ms=remote_settings.stale_command_timeout_ms,
             damping=description.passive_damping,
         )
-    missing = {RL_POLICY: _NO_POLICY} if loads else {}
     watching = _chosen(guards, description)
-    return Supervisor(joints, controllers, guards=watching, missing=missing, needs_producer=needs_producer)
+    return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer)
 
 
 def policy_controller(
@@ -162,7 +153,6 @@ def run_header(
     remote: bool = False,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
-    loads: bool = False,
     needs_producer: bool = False,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
@@ -185,7 +175,6 @@ def run_header(
                 "remote": remote,
                 "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
                 "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
-                "loads": loads,
                 **({"needs_producer": True} if needs_producer else {}),
             }
         ),
@@ -281,6 +270,5 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         remote=controllers.remote,
         action_limit=controllers.action_limit,
         guards=guards,
-        loads=controllers.loads,
         needs_producer=controllers.needs_producer,
     )

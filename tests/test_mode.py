@@ -1,4 +1,3 @@
-import json
 import os
 import subprocess
 import sys
@@ -142,19 +141,3 @@ def test_it_loads_nothing_heavy():
     code = "import sys, humanoid_sim.mode; print(*{'numpy', 'tyro', 'mujoco', 'msgspec', 'rich'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out == "\n"
-
-
-def test_a_policy_is_asked_for_by_absolute_paths(local, tmp_path, monkeypatch, capsys):
-    """This session takes none, so it is refused with status 1."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.onnx").touch()
-    asked = []
-    status = []
-    with monkeypatch.context() as patch:
-        patch.setattr(local.intents, "_load", lambda options, *_: asked.append(options))
-        patch.setattr(mode, "LOAD_TIMEOUT", 0.2)
-        serve(local, lambda: status.append(run("load", "x.onnx", "--command", "0.3,0,0")))
-    assert json.loads(asked[0]) == {"policy": str(tmp_path / "x.onnx"), "command": "0.3,0,0"}
-    serve(local, lambda: status.append(run("load", "lite_tracking")))
-    assert status == [2, 1]
-    assert capsys.readouterr().out.endswith("load refused: this session takes no other policy\n")

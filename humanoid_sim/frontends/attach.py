@@ -71,14 +71,6 @@ class Attachment:
         is_seen = self.description.is_floating and not self.session.hardware
         return BaseObserver(self.model(), self.description) if is_seen else None
 
-    def follow(self) -> bool:
-        """Take over `header` and `contract` of a policy that was loaded since; True if there was one."""
-        if not self.feed.follow():
-            return False
-        for name in ("header", "contract"):
-            self.__dict__.pop(name, None)
-        return True
-
     def reference_ghost(self) -> ReferenceGhost | None:
         """Return the motion that the policy follows, as poses of the robot; None where there is none that holds poses.
 

@@ -18,18 +18,15 @@ from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.conflicts import free_path
 from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import expected_duration, has_keys, needs_gamepad
-from humanoid_sim.play.loading import JudgedPolicy, PolicyLoader
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.judged import JudgedPolicy
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
-from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.moments import Moments
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.keyboard import Keyboard
-from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.losses import DeviceWatch, Interruption
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
@@ -67,13 +64,10 @@ class Run:
         """
         config, description, setup, policy = plan.config, plan.description, plan.setup, plan.policy
         self.plan, self.policy, self.config = plan, policy, config
-        """The plan; the policy that was loaded last, and the options with those of that policy."""
         is_hardware = config.hardware is not None
         shown = self._watch(console)
-        header, self._made = _header(plan), time.monotonic_ns()
+        self.header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
-        self._loader = loader = PolicyLoader(self, header)
-        loading = Loading(loader.prepare, loader.cancel)
         self.script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
         self.simulation = self._controls(plan)
@@ -82,7 +76,7 @@ class Run:
             stack.callback(registration.close)
             self._outside_safety = OutsideSafety(parse_watchdogs(config.watchdog))
             intents = IntentSocket(
-                registration.intents, reactivation, self._note, self._outside_safety, loading, self.simulation
+                registration.intents, reactivation, self._note, self._outside_safety, self.simulation
             )
             stack.callback(intents.close)
             inbox = RemoteInbox(description.joint_names, plan.clock)
@@ -97,7 +91,7 @@ class Run:
                 tell=self._note,
             )
             stack.callback(self.data.close)
-            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken)
+            self.feed = FeedWriter(self.header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends,
@@ -112,7 +106,6 @@ class Run:
             registration.register(
                 robot=description.name, policy=policy.source, hardware=config.hardware or "", feed=self.feed.path
             )
-            self.rename_policy = registration.rename_policy
             keyboard = self._keyboard(reactivation, shown)
             if keyboard is not None:
                 stack.callback(keyboard.close)
@@ -126,7 +119,7 @@ class Run:
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
         shows = (self.feed, shown, self.front_ends, *self.recorders, self.moments, self.monitor)
-        sinks = (*shows, intents, self.data, loading)
+        sinks = (*shows, intents, self.data)
         self.session = plan.session = Session(
             setup.robot,
             plan.supervisor,
@@ -137,7 +130,7 @@ class Run:
                 duration=config.duration,
                 punctual=is_hardware,
             ),
-            header=header,
+            header=self.header,
             intents=sources if self.script is None else (OverriddenScript(self.script, sources, self._is_paused),),
             remote=inbox,
             sinks=[sink for sink in sinks if sink is not None],
@@ -146,7 +139,6 @@ class Run:
             qpos=lambda: setup.qpos(self.session.state),
             mode_listener=setup.mode_listener,
             reactivation=reactivation,
-            loading=loading,
             interruption=self.interruption,
             simulation=self.simulation,
         )
@@ -180,7 +172,7 @@ class Run:
         self.plan.velocity.restart()
         if self.recorders:
             self.recorders.append(self._recorder(free_path(self.recorders[0].path)))
-            sinks.replace(self.recorders[-2], self.recorders[-1], self._loader.header)
+            sinks.replace(self.recorders[-2], self.recorders[-1], self.header)
 
     def _watch(self, console: Console) -> ConsoleSink:
         """Make what shows, records and judges the run; what shows it."""
@@ -227,25 +219,6 @@ class Run:
             tell=lambda text: self.session.event(text, EventKind.FAILURE),
         )
 
-    def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
-        """Have what watches the run watch another policy; between two ticks, on the control thread."""
-        self.policy, self.config, self.judged = policy, config, judged
-        self.monitor.follow(judged.update)
-        self.console.follow(
-            replace(
-                self.console.told,
-                available=self.session.controllers,
-                walks=policy.walks,
-                motion_frames=policy.motion_frames,
-            )
-        )
-        if self.keyboard is not None:
-            self.keyboard.velocity = self.plan.velocity if policy.walks else None
-        if self.script is not None:
-            self.script.motion_frames = policy.motion_frames
-        if self.moments is not None:
-            self.moments.follow(judged.ghost)
-
     def close(self) -> None:
         """Let go of the terminal, and of what others on the machine reach the run by. May be called twice."""
         self._open.close()
@@ -255,7 +228,7 @@ class Run:
         if self.config.hardware is None:
             waited = time.monotonic_ns() - self._made
             header = replace(header, start_time_ns=header.start_time_ns + waited)
-        self._loader.header, self._start_time_ns = header, header.start_time_ns
+        self.header, self._start_time_ns = header, header.start_time_ns
         return header
 
     def _note(self, text: str) -> None:
@@ -311,7 +284,6 @@ def _header(plan: Plan) -> SessionHeader:
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
         remote=True,
-        loads=True,
         needs_producer=plan.supervisor.needs_producer,
         action_limit=config.action_limit,
     )

@@ -198,10 +198,6 @@ class ConsoleSink(WorkerSink):
         self._frame: int | None = None
         self._overruns = 0
 
-    def follow(self, told: Told) -> None:
-        """Know of another policy from here on."""
-        self.told, self._frame = told, None
-
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
         output = record.output

@@ -68,7 +68,6 @@ class Plan:
             remote=True,
             live=live,
             action_limit=config.action_limit,
-            loads=True,
             needs_producer=description.is_floating,
         )
         warnings = () if contract is None else setup.check_policy(contract)

@@ -36,13 +36,6 @@ class PlayedRobot(Robot, Protocol):
         """Return whether `close` was called."""
 
 
-def measuring(robot: MujocoRobot, contract: PolicyContract | None) -> Callable[[], None]:
-    """Prepare a robot to measure what a policy observes, or nothing; the result, between two ticks, begins it."""
-    if contract is None:
-        return robot.measuring("", ())
-    return robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan)
-
-
 @dataclass(frozen=True, slots=True)
 class BringUp:
     """Checks and questions for an operator before a real robot is enabled."""
@@ -110,8 +103,6 @@ class RobotSetup:
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
     """Notices for an operator about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
-    measure: Callable[[PolicyContract | None], Callable[[], None]] = lambda _: lambda: None
-    """Prepares to measure what another policy, or none, observes; its result, called between two ticks, does so."""
     base: BaseObserver | None = None
     """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
     mode_listener: Callable[[Mode], str] | None = None
@@ -151,8 +142,10 @@ def simulated_robot(
         base_height=config.base_height,
         drop=config.drop,
         pushes=pushes,
+        anchor_body="" if contract is None else contract.anchor_body,
+        velocity_at=() if contract is None else contract.velocity_points,
+        height_scan=None if contract is None else contract.height_scan,
     )
-    measuring(robot, contract)()
     touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)
     imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()
@@ -174,7 +167,6 @@ def simulated_robot(
         model=lambda: build_model(description),
         simulated=True,
         check_policy=check_policy,
-        measure=partial(measuring, robot),
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
         notices=(

@@ -9,8 +9,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -19,7 +18,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from humanoid_sim.errors import InputError, blaming, needing, require_known
 from humanoid_sim.files import regular_file
-from humanoid_sim.messages import Event, EventKind, Mode, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, Mode, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
@@ -50,7 +49,6 @@ class Recording:
 
     def __init__(self, path: Path, header: SessionHeader) -> None:
         """Made by `open_recording`."""
-        self._loads = 0
         self.path = path
         self.header = header
         self.size = path.stat().st_size
@@ -76,23 +74,15 @@ class Recording:
             stream = McapStream(file)
             schemas: dict[int, str] = {}
             channels: dict[int, str] = {}
-            headers = _HeaderParts()
             for record in stream:
                 self.position = file.tell()
-                with suppress(HeaderError):  # then the event that follows has none
-                    headers.look(record)
                 if isinstance(record, Message):
                     topic = channels.get(record.channel_id, "")
                     if topic not in topics:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
                     topics[topic].messages += 1
                     if topic in _DECODERS:
-                        entry = self._decode(topic, record)
-                        if isinstance(entry, TickRecord):
-                            headers.take()  # that of the whole run
-                        elif entry.kind is EventKind.POLICY:
-                            entry = replace(entry, header=headers.take())
-                        yield entry
+                        yield self._decode(topic, record)
                 elif isinstance(record, Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, Channel):
@@ -102,37 +92,8 @@ class Recording:
         self.topics = topics
 
     def ticks(self) -> Iterator[TickRecord]:
-        """Yield the ticks alone, without the steps of other policies than the header's. Raises as `entries` does."""
-        loads = 0
-        for entry in self.entries():
-            if isinstance(entry, Event):
-                loads += entry.kind is EventKind.POLICY
-            elif loads == self._loads or entry.output.policy_step is None:
-                yield entry
-            else:
-                yield replace(entry, output=replace(entry.output, policy_step=None))
-
-    def of_last_policy(self) -> Recording:
-        """Give the recording with the header of the policy that was loaded last; itself where none was.
-
-        Raises `InputError` as `entries`, and
-        if that policy cannot be read.
-        """
-        found, loads = self.header, 0
-        for entry in self.entries():
-            if isinstance(entry, Event) and entry.kind is EventKind.POLICY:
-                found, loads = self.loaded(entry), loads + 1
-        if not loads:
-            return self
-        last = Recording(self.path, found)
-        last._loads = loads
-        return last
-
-    def loaded(self, event: Event) -> SessionHeader:
-        """Give the header from a `POLICY` event on. Raises `InputError` if it cannot be read."""
-        if event.header is None:
-            raise InputError(f"{self.path}: the policy that was loaded at {event.time:g} s cannot be read: damaged")
-        return event.header
+        """Yield the ticks alone. Raises as `entries` does."""
+        return (entry for entry in self.entries() if isinstance(entry, TickRecord))
 
     def action_names(self) -> tuple[str, ...]:
         """Return the joints that the recorded policy drives; none without a policy."""

@@ -238,11 +238,7 @@ class _RunWriter:
             self._add(shown, time_ns, record.index)
 
     def event(self, event: Event) -> None:
-        """Encode one event, behind the header that it brings."""
-        if event.header is not None:
-            self._writer.flush()
-            write_header(self._writer, event.header)
-            self._topics.follow(event.header)
+        """Encode one event."""
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
 
     @property

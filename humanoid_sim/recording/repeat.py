@@ -227,9 +227,8 @@ def repeat_run(
 ) -> RepeatReport:
     """Repeat a run up to its end or the first difference; ticks behind a gap are only counted.
 
-    Where an operator had the robot reactivated, the control stack begins again as it did then. Where another policy was
-    loaded, it goes on with that one. Raises `InputError` if the recording cannot be read, or its header does not
-    describe a control stack.
+    Where an operator had the robot reactivated, the control stack begins again as it did then. Raises `InputError` if
+    the recording cannot be read, or its header does not describe a control stack.
 
     `infer` is called for every policy step that is reached. `entries` are the recording's, for a
     caller who wants to see them pass.
@@ -244,9 +243,6 @@ def repeat_run(
     for record in recording.entries() if entries is None else entries:
         if not isinstance(record, TickRecord):
             is_fresh = is_fresh or (report.can_continue and record.kind is EventKind.FRESH_START)
-            if report.can_continue and record.kind is EventKind.POLICY:
-                header = recording.loaded(record)
-                stack = build(header, policy)
             continue
         if is_fresh:
             memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False

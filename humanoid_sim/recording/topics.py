@@ -140,20 +140,15 @@ class ViewerTopics:
         self._second = max(1, round(1.0 / header.control_period))
         self._remote: RemoteCommand | None = None
         self._heard: dict[str, Extern] = {}
-        self.live: Mapping[str, str] = {}
+        self.live = _live_topics(header)
         """Topics of live inputs, by name."""
-        self.follow(header)
+        self._policy = PolicyTopics(header)
         self._body = RecordedBody.of(header)
         self._is_described = self._body is None
         if self._body is not None:
             moving = (*self._body.hinged, *self._body.floating)
             self._transforms = ros.TransformEncoder([(joint.parent, joint.child) for joint in moving])
             self._poses = np.empty((len(moving), 7))
-
-    def follow(self, header: SessionHeader) -> None:
-        """Name what a policy that was loaded since observes and answers."""
-        self._policy = PolicyTopics(header)
-        self.live = _live_topics(header)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the messages of one tick, stamped `time_ns`."""

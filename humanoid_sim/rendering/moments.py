@@ -79,10 +79,6 @@ class Moments(Sink):
         if event.kind is EventKind.FALL and self.fell is None:
             self.fell = event.time
 
-    def follow(self, ghost: ReferenceGhost | None) -> None:
-        """Show the motion of another policy from here on."""
-        self._ghost, self._shown = ghost, ShownReference()
-
     @property
     def have_ghosts(self) -> bool:
         """True if a policy follows a motion that can be shown in any of them."""

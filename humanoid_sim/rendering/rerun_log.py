@@ -46,13 +46,9 @@ class RerunLog:
             library.urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
         for plot in ("position", "velocity", "effort", "command"):
             stream.log(f"plots/{plot}", library.SeriesLines(names=list(header.joint_names)), static=True)
-        self.follow(action)
-
-    def follow(self, action: tuple[str, ...]) -> None:
-        """Write the actions of a policy that drives these joints from here on."""
         self._action = action
         if action:
-            self._stream.log("plots/action", self._library.SeriesLines(names=list(action)), static=True)
+            stream.log("plots/action", library.SeriesLines(names=list(action)), static=True)
 
     def tick(self, tick: TickRecord) -> None:
         """Write a tick, if it is time for a pose."""

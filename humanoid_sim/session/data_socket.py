@@ -205,19 +205,6 @@ class DataSocket(ExternSource, Sink):
         self.discarded = 0
         """Samples that nobody looked into, because newer ones of their producers came with them."""
 
-    def follow(
-        self, velocity: VelocityCommand | None, live: Mapping[str, int], timeouts: Mapping[str, float] | None = None
-    ) -> None:
-        """Take what another policy observes from here on; arguments as for the constructor. For the control thread."""
-        before, self._timeouts = self._timeouts, dict(timeouts or {})
-        self._velocity, self._widths = velocity, dict(live)
-        self._live_turns = {name: self._live_turns.get(name, Turn(math.inf)) for name in self._widths}
-        self._live = {
-            name: value
-            for name, value in self._live.items()
-            if self._widths.get(name) == len(value.value) and self._timeouts.get(name) == before.get(name)
-        }
-
     def latest(self) -> Mapping[str, Extern]:
         """Take in what has come since the last call; the live inputs that were ever heard."""
         time = self._clock()

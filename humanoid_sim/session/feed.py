@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from humanoid_sim import client as wire
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import header_metadata
@@ -34,10 +34,6 @@ _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 """Bytes; a longer event is cut, a longer status is left out."""
 _ROOM = 1 << 14
 """Bytes for what a tick holds beside its numbers: texts, live inputs."""
-_MOST_OBSERVED = 4096
-"""Values that a policy which is loaded later may observe."""
-_PATH_SIZE = 4096
-"""Bytes of what says where the header of such a policy is."""
 _PAGE = 4096
 _MFD_NOEXEC_SEAL, _F_SEAL_FUTURE_WRITE = 0x8, 0x10
 """Constants of Linux 6.3 and 5.1 that Python does not name. The second forbids writing except by present mappings."""
@@ -96,8 +92,6 @@ class FeedWriter(Sink):
         self._latest: tuple[TickRecord, bytes] | None = None
         self._encoder = TickEncoder(len(header.joint_names))
         self._pending: deque[Event] = deque(maxlen=_EVENTS)
-        self._loaded: int | None = None
-        """Handle of the memory with the header of the policy that was loaded last; None before."""
         files = {**header.attachments, **(blobs or {})}
         described = {
             "joint_names": header.joint_names,
@@ -111,16 +105,13 @@ class FeedWriter(Sink):
             ("tick", _TICKS, _tick_size(header)),
             ("event", _EVENTS, _EVENT_SIZE),
             ("status", _STATUSES, _STATUS_SIZE),
-            ("policy", 2, _PATH_SIZE),
         ):
             rings[name] = (offset, slots, size)
             offset = _aligned(offset + 64 + slots * size)
         self._handle, self._memory = _filled({**described, "rings": rings}, files, places, offset)
         self.path = Path(f"/proc/{os.getpid()}/fd/{self._handle}")
         """By which this user's other programs open it for reading."""
-        self._ticks, self._events, self._statuses, self._policies = (
-            _Ring(self._memory, *place) for place in rings.values()
-        )
+        self._ticks, self._events, self._statuses = (_Ring(self._memory, *place) for place in rings.values())
         for place, slots, size in rings.values():  # every page is mapped before the loop begins
             for at in range(place, place + 64 + slots * size, _PAGE):
                 self._memory[at] = 0
@@ -151,26 +142,6 @@ class FeedWriter(Sink):
         """Publish what is told beside ticks; from one thread."""
         self._statuses.put(json.dumps(told).encode())
 
-    def prepare(self, header: SessionHeader, live_inputs: Mapping[str, int]) -> int:
-        """Describe the run with another policy, for `follow`; takes its time, on any thread.
-
-        Raises `InputError` if there is no room for what the policy observes, or no memory.
-        """
-        observed = sum(width for _, width in header.observation_terms)
-        if observed > _MOST_OBSERVED:
-            raise InputError(f"its observation is {observed} wide; a running session takes at most {_MOST_OBSERVED}")
-        places, offset = _placed(header.attachments)
-        handle, memory = _filled(_described(header, live_inputs), header.attachments, places, offset)
-        memory.close()
-        return handle
-
-    def follow(self, prepared: int) -> None:
-        """Publish what `prepare` gave, between two ticks."""
-        before, self._loaded = self._loaded, prepared
-        self._policies.put(f"/proc/{os.getpid()}/fd/{prepared}".encode())
-        if before is not None:
-            os.close(before)
-
     def close(self) -> None:
         """Say that the session has ended, and let the memory go; readers keep what they have mapped."""
         if self._memory.closed:
@@ -179,8 +150,6 @@ class FeedWriter(Sink):
         self._memory[wire.ENDED_OFFSET] = 1
         self._memory.close()
         os.close(self._handle)
-        if self._loaded is not None:
-            os.close(self._loaded)
 
     def _publish_events(self) -> None:
         while self._pending:
@@ -247,7 +216,7 @@ def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
 def _tick_size(header: SessionHeader) -> int:
     """Bytes of a slot: all numbers of a tick of this robot, and room for what is beside them."""
     joints = len(header.joint_names)
-    observation = max(sum(width for _, width in header.observation_terms), _MOST_OBSERVED)
+    observation = sum(width for _, width in header.observation_terms)
     numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
     return _aligned(8 * numbers + _ROOM)
 

@@ -14,11 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from humanoid_sim.client import LOAD, Answer
+from humanoid_sim.client import Answer
 from humanoid_sim.controllers.fsm import granted_intent
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
-from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
 from humanoid_sim.session.simulation_controls import PAUSE, PUSH, SIMULATION_WORDS, SimulationControls
@@ -29,7 +28,7 @@ MARK = "mark"
 """Followed by a text, puts that text into the recording."""
 _SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
-_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, LOAD, *SIMULATION_WORDS}) - {Intent.DAMP.value, PAUSE}
+_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, *SIMULATION_WORDS}) - {Intent.DAMP.value, PAUSE}
 """Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14
 """Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
@@ -119,7 +118,6 @@ class IntentSocket(IntentSource, Sink):
         reactivation: Reactivation | None = None,
         tell: Callable[[str], None] = lambda _: None,
         safety: OutsideSafety | None = None,
-        loading: Loading | None = None,
         simulation: SimulationControls | None = None,
     ) -> None:
         """Open the socket. Raises `InputError` if it cannot be opened.
@@ -127,7 +125,6 @@ class IntentSocket(IntentSource, Sink):
         Args:
             path: where it will be, in a folder that only its user can enter.
             tell: records a line: who asked for what, marks, and safety statuses.
-            loading: what `load` asks for; None where no policy can be loaded.
             simulation: what only a simulation can be asked for; None for motors.
         """
         self._path = path
@@ -139,8 +136,7 @@ class IntentSocket(IntentSource, Sink):
         self._safety = safety
         self._waiting: list[_Asked] = []
         self._reactivating: list[_Asked] = []
-        self._loading, self._simulation = loading, simulation or SimulationControls()
-        self._awaiting_load: list[_Asked] = []
+        self._simulation = simulation or SimulationControls()
         self._freshness = Freshness()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
@@ -190,8 +186,6 @@ class IntentSocket(IntentSource, Sink):
             self._reactivating.append(asked)
         elif word == _SAFETY and self._safety is not None:
             self._answer([asked], self._reported(self._safety, rest, who))
-        elif word == LOAD:
-            self._load(rest, who, asked)
         elif word in SIMULATION_WORDS:
             self._control(word, rest, who, asked)
         elif word == MARK:
@@ -202,7 +196,7 @@ class IntentSocket(IntentSource, Sink):
                 intent = Intent(said)
             except ValueError:
                 others = () if self._simulation.push is None else SIMULATION_WORDS
-                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, _SAFETY, MARK, *others])
+                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, _SAFETY, MARK, *others])
                 self._answer([asked], Answer(False, f"'{said[:40]}' means nothing, expected one of {known}"))
             else:
                 self._waiting.append(replace(asked, intent=intent))
@@ -217,18 +211,6 @@ class IntentSocket(IntentSource, Sink):
             self._tell(f"{who}: {error}")
             return Answer(False, str(error))
         return Answer(True, told)
-
-    def _load(self, options: str, who: str, asked: _Asked) -> None:
-        """Have a policy prepared, or answer why not."""
-        refusal = "load refused: this session takes no other policy"
-        if self._loading is not None:
-            refusal = self._loading.request(options, self._freshness.mode)
-        if refusal:
-            self._tell(f"{refusal}; requested by {who}")
-            self._answer([asked], Answer(False, refusal))
-        else:
-            self._tell(f"load requested by {who}: {options[:200]}")
-            self._awaiting_load.append(asked)
 
     def _control(self, word: str, rest: str, who: str, asked: _Asked) -> None:
         """Have the simulation controlled, or answer why not."""
@@ -253,18 +235,12 @@ class IntentSocket(IntentSource, Sink):
         if self._reactivating and self._reactivation is not None and self._reactivation.answer:
             self._answer(self._reactivating, self._reactivation.answer)
             self._reactivating.clear()
-        if self._awaiting_load and self._loading is not None and self._loading.answer:
-            if not self._loading.answer.granted:
-                self._tell(self._loading.answer.text)
-            self._answer(self._awaiting_load, self._loading.answer)
-            self._awaiting_load.clear()
 
     def close(self) -> None:
         """Answer whoever waits, and remove the socket. May be called twice."""
         self._answer([*self._waiting, *self._reactivating], Answer(True, "the session has ended"))
-        self._answer(self._awaiting_load, Answer(False, "load refused: the session has ended"))
-        for waiting in (self._waiting, self._reactivating, self._awaiting_load):
-            waiting.clear()
+        self._waiting.clear()
+        self._reactivating.clear()
         self._socket.close()
         self._path.unlink(missing_ok=True)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -48,7 +47,6 @@ class RunMonitor(WorkerSink):
         self._tracker = tracker
         self.base = None if base is None else BaseMotion()
         self._observer = base
-        self._following: deque[Tracker] = deque()
         self._tell = tell
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
@@ -64,15 +62,6 @@ class RunMonitor(WorkerSink):
         self.pose: FloatArray | None = None
         """Shape (nq,), the last pose in the most interesting mode that was reached, for a picture."""
         self._pose_rank = -1
-
-    def follow(self, tracker: Tracker) -> None:
-        """Use another tracker from the next `POLICY` event on."""
-        self._following.append(tracker)
-
-    def handle_event(self, event: Event) -> None:
-        """Judge another policy by what follows for it."""
-        if event.kind is EventKind.POLICY and self._following:
-            self._tracker = self._following.popleft()
 
     def handle_tick(self, record: TickRecord) -> None:
         """Take one tick into account."""

@@ -65,12 +65,6 @@ class Registration:
             self.close()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
-    def rename_policy(self, policy: str) -> None:
-        """Let others find the session under another policy. Where that cannot be written, it keeps the old one."""
-        self._told["policy"] = policy
-        with contextlib.suppress(OSError):
-            self._write()
-
     def _write(self) -> None:
         temporary, before = self.path.with_name(f".{self.path.name}"), self._handle
         try:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter, sleep
 from typing import TypeAlias
 
-from humanoid_sim.controllers.base import RL_POLICY, Controller
+from humanoid_sim.controllers.base import Controller
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED, Supervisor, SupervisorMemory
 from humanoid_sim.errors import InputError, RobotError
@@ -30,7 +30,6 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
-from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
@@ -89,7 +88,6 @@ class Session:
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
-        loading: Loading | None = None,
         interruption: Interruption | None = None,
         simulation: SimulationControls | None = None,
     ) -> None:
@@ -102,7 +100,6 @@ class Session:
             qpos: MuJoCo's generalised position, for viewers.
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
-            loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             simulation: what operators may ask of a simulation alone; None for motors.
         """
@@ -119,7 +116,6 @@ class Session:
         self._qpos = qpos
         self._mode_listener = mode_listener
         self._reactivation = reactivation
-        self._loading = loading
         self._interruption = interruption
         self._simulation = simulation or SimulationControls()
         self._failures: list[str] = []
@@ -217,8 +213,6 @@ class Session:
                 continue
             if self._reactivation is not None and self._reactivation.is_asked:
                 self._begin_afresh(self._reactivation)
-            if self._loading is not None and self._loading.is_ready:
-                self._replace_policy(self._loading)
             self.tick(intents)
             if self._first_time is None:
                 self._first_time = self.time
@@ -267,16 +261,6 @@ class Session:
         # What was asked for while the robot was busy was meant for the state before; DAMP is meant always.
         if self._output is None and Intent.DAMP in self._collect():
             self.tick((Intent.DAMP,))
-
-    def _replace_policy(self, loading: Loading) -> None:
-        """Put the policy that was prepared in place, if the mode still allows it."""
-        prepared = loading.take(self.mode)
-        if prepared is None:
-            return
-        controllers = {**self._supervisor.controllers, RL_POLICY: prepared.controller}
-        self._supervisor = replace(self._supervisor, controllers=controllers)
-        prepared.follow()
-        self._sinks.event(prepared.text, EventKind.POLICY, prepared.header)
 
     def _rest(self) -> None:
         """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.

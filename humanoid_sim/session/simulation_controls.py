@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from humanoid_sim.client import LOAD, Answer
+from humanoid_sim.client import Answer
 from humanoid_sim.errors import InputError, number_in
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.reactivation import REACTIVATE
@@ -18,7 +18,7 @@ from humanoid_sim.session.sinks import SinkGroup
 
 PAUSE, RESUME, SPEED, PUSH, RESET = SIMULATION_WORDS = ("pause", "resume", "speed", "push", "reset")
 _SLOWEST, _FASTEST = 0.1, 4.0  # times real time
-_NOT_IN_PAUSE = {*(intent.value for intent in Intent), REACTIVATE, LOAD, PUSH} - {Intent.DAMP.value, Intent.QUIT.value}
+_NOT_IN_PAUSE = {*(intent.value for intent in Intent), REACTIVATE, PUSH} - {Intent.DAMP.value, Intent.QUIT.value}
 
 
 @dataclass(slots=True)

@@ -84,9 +84,9 @@ class SinkGroup:
             except Exception as error:
                 self._drop(sink, error)
 
-    def event(self, text: str, kind: EventKind = EventKind.NOTE, header: SessionHeader | None = None) -> None:
-        """Hand out something that happened outside the ticks, now; `header` of a `POLICY` event."""
-        event = Event(self._clock(), text, kind, header)
+    def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
+        """Hand out something that happened outside the ticks, now."""
+        event = Event(self._clock(), text, kind)
         for sink in self._sinks:
             try:
                 sink.event(event)

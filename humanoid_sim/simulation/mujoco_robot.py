@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Generic, Literal, TypeVar, get_args
 
 import numpy as np
@@ -159,8 +159,7 @@ class MujocoRobot:
                 height=base_height,
                 drop=drop,
             )
-        self._measured = anchor_body, tuple(velocity_at), height_scan
-        self._sensors = BodySensors(self.model, description, *self._measured)
+        self._sensors = BodySensors(self.model, description, anchor_body, tuple(velocity_at), height_scan)
 
         self._keys = None if description.piano is None else PianoKeys(self.model)
         self.hardest_touch: Touch | None = None
@@ -235,26 +234,6 @@ class MujocoRobot:
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
         self._body_line.restart(self._step, self._body_sample())
-
-    def measuring(
-        self, anchor_body: str, velocity_at: Sequence[str], height_scan: HeightScan | None = None
-    ) -> Callable[[], None]:
-        """Make ready to report other live inputs; arguments as for the constructor.
-
-        Raises `InputError` if the model has no such body or site.
-
-        Returns:
-            What makes the state report them, from the next reading on; to be called between two ticks.
-        """
-        wanted = anchor_body, tuple(velocity_at), height_scan
-        sensors = BodySensors(self.model, self.description, *wanted)
-
-        def measure() -> None:
-            if wanted != self._measured:
-                self._measured, self._sensors, self._state = wanted, sensors, None
-                self._body_line.restart(self._step, self._body_sample())
-
-        return measure
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """Return the state as it is seen at the present simulation time, and the simulator's safety status.

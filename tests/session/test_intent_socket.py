@@ -37,7 +37,7 @@ def seen_then(local):
     return sample.stamp
 
 
-WORDS = ("load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate", 'load {"policy": "p.onnx"}')
+WORDS = ("load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate")
 
 
 @pytest.mark.parametrize("word", WORDS)

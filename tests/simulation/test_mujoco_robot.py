@@ -216,24 +216,3 @@ def test_standby_reaches_its_pose_and_sags_little():
     assert safety[0].is_ok
     assert np.abs(state.joint_position - pose).max() < 0.05
     assert np.abs(state.joint_velocity).max() < 0.01
-
-
-def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot):
-    """Bit for bit as by a robot that measured them from the beginning."""
-    plain, measuring = (MujocoRobot(small_robot(), anchor_body=body) for body in ("", "lower"))
-    for command in commands(20):
-        plain.write(command)
-        measuring.write(command)
-    assert plain.read()[0].extern == {}
-    measure = plain.measuring("lower", ())
-    assert plain.read()[0].extern == {}  # until it is called
-    measure()
-    assert plain.extern == measuring.extern
-    for command in commands(3):
-        pose, expected = (robot.read()[0].extern["anchor_pose"] for robot in (plain, measuring))
-        assert pose.value.tobytes() == expected.value.tobytes()
-        assert pose.arrival_time == expected.arrival_time
-        plain.write(command)
-        measuring.write(command)
-    with pytest.raises(InputError, match="nowhere"):
-        plain.measuring("nowhere", ())

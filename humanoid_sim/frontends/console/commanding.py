@@ -57,12 +57,6 @@ class Commanding:
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="commanding", daemon=True)
 
-    def follow(self) -> None:
-        """Steer the policy that was loaded."""
-        with self._lock:
-            self._speeds = policy_speeds(self._attachment.contract)
-            self._steering = None if self._speeds is None else Steering(self._speeds)
-
     def start(self) -> None:
         """Send from here on."""
         self._thread.start()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import threading
 import time
 from collections import deque
@@ -18,13 +17,9 @@ from typing import Any
 from websockets.asyncio.server import ServerConnection
 
 from humanoid_sim.client import (
-    LOAD,
-    LOAD_OPTIONS,
-    LOAD_TIMEOUT,
     Answer,
     Intake,
     SessionError,
-    load_request,
     monotonic_ns,
 )
 from humanoid_sim.errors import FieldError
@@ -109,8 +104,6 @@ class Hub:
         self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
         self._told = 0
         self._marks = 0
-        self._loads = 0
-        """Number of policies that were loaded since the console began."""
         self._pages: set[ServerConnection] = set()
         self._page_numbers = count(1)
         self._commanding = Commanding(attachment)
@@ -125,11 +118,6 @@ class Hub:
     def look(self) -> TickRecord | None:
         """Take what is new in the feed; gives the newest tick, or None where none is new."""
         feed, newest = self._attachment.feed, None
-        if self._attachment.follow():
-            self._supervisor = known_supervisor(self._attachment.header)
-            self._showing.follow()
-            self._commanding.follow()
-            self._loads += 1
         if time.monotonic() >= self._status_due:
             self._status_due = time.monotonic() + _STATUS_PERIOD
             self._status = feed.status()
@@ -178,8 +166,6 @@ class Hub:
                         page.start(self._pong(connection, asked["ping"]))
                 elif "do" in asked:
                     refusal = self._wish(page, message)
-                elif "load" in asked:
-                    refusal = self._load(page, asked)
                 else:
                     refusal = self._request(page, asked)
                 if refusal:
@@ -202,12 +188,9 @@ class Hub:
         """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
         session, connection = self._attachment.session, page.connection
         hello = {"session": str(session), "access": page.access.value, "joint_names": self._attachment.feed.joint_names}
-        loads, shown = -1, 0
+        await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(page.number)))
+        shown = 0
         while True:
-            if loads != self._loads:  # so that it begins anew with a policy that was loaded
-                loads, shown = self._loads, 0
-                page.watch.begin(self._showing.plots)
-                await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(page.number)))
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._supervisor, is_simulated=not session.hardware)
@@ -309,42 +292,6 @@ class Hub:
             page.answers.append(await asking)
         except SessionError as error:
             page.answers.append(Answer(False, str(error)))
-
-    def _load(self, page: _Page, asked: dict[str, Any]) -> str:
-        """Ask for another policy; why not, if it is refused here."""
-        options, seen = asked["load"], _seen(asked)
-        if page.access is not Access.CONTROL:
-            return _WATCHING
-        if not page.asks.admits(time.monotonic()):
-            return f"load left out: more than {_ASKS_PER_SECOND:g} requests a second"
-        if not isinstance(options, dict) or not all(
-            name in LOAD_OPTIONS and isinstance(text, str) for name, text in options.items()
-        ):
-            return f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"
-        if seen is None:
-            return _blind(LOAD)
-        # On a thread of its own: nothing else waits behind it.
-        answer = asyncio.get_running_loop().run_in_executor(None, self._wait_for_load, options, seen)
-        page.start(self._answer(page, answer))
-        return ""
-
-    def _wait_for_load(self, options: dict[str, str], seen: int) -> Answer:
-        folder = self._attachment.session.folder
-        given = {name: text.strip() for name, text in options.items() if text.strip()}
-        files = {
-            name: path
-            for name, text in given.items()
-            if name != "command" and os.path.isfile(path := os.path.join(folder, text))
-        }
-        deadline = time.monotonic() + LOAD_TIMEOUT
-        with Intake(self._attachment.session, "console") as intake:
-            token = intake.post(load_request(**{"policy": "", **given, **files}), seen=seen)
-            while True:
-                try:
-                    return intake.answer(token, 1.0)
-                except SessionError:
-                    if not self._attachment.feed.is_running() or time.monotonic() > deadline:
-                        raise
 
     def _wait(self, word: str, damps: int, seen: int | None) -> Answer:
         """Ask, on a thread of its own. What waited for its turn while a DAMP came would move the robot after it."""

@@ -21,7 +21,6 @@ let ended = false;
 let jointNames = [];
 let armed = -Infinity; // when REACTIVATE was pressed first
 let marking = false; // an answer to a mark is awaited
-let loading = false; // an answer to a policy that is to be loaded is awaited
 
 // Of what is not an intent; without a connection nothing is sent.
 function tell(message) {
@@ -78,8 +77,6 @@ function show(told) {
   showVitals(told.vitals);
   showStandby(told.standby);
   showIntents(told.intents);
-  get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
-  get("policy-ask").classList.toggle("refused", told.load !== "");
   showSafety(told.safety, told.fallen);
   showJoints(told.joints);
   showCommands(told);
@@ -177,13 +174,10 @@ function showSafety(statuses, fallen) {
 }
 
 function showAnswer({ granted, text }) {
-  let place = "answer"; // of a mark and of a load beside their buttons, and only there
+  let place = "answer"; // of a mark beside its button, and only there
   if (marking && /mark/.test(text)) {
     place = "mark-answer";
     marking = false;
-  } else if (loading && /^(load|policy loaded)/.test(text)) {
-    place = "policy-answer";
-    loading = false;
   }
   get(place).classList.toggle("refused", !granted);
   get(place).textContent = text;
@@ -242,11 +236,6 @@ prepareView(); // where it was loaded before this script ran
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
   if (button && (button.dataset.ask !== "reactivate" || isConfirmed(event.detail))) ask(button.dataset.ask);
-});
-get("policy-load").addEventListener("submit", (event) => {
-  event.preventDefault();
-  loading = tell({ load: Object.fromEntries(new FormData(event.target)), seen });
-  get("policy-answer").textContent = loading ? "checking, and loading …" : "not sent, there is no connection";
 });
 setInterval(cover, 100);
 document.addEventListener("DOMContentLoaded", connect); // not before every script of the page has run

@@ -171,10 +171,6 @@ class Watch:
         self._plots = plots
         self._told: dict[int, int] = {}
 
-    def begin(self, plots: Plots) -> None:
-        """Begin anew, with the plots of a policy that was loaded."""
-        self._plots, self._told = plots, {}
-
     def choose(self, charts: object) -> str:
         """Plot these, by their numbers, from here on; why not, if it is refused."""
         last = len(self._plots.charts) - 1

@@ -48,11 +48,6 @@ class Ghosts:
         self._is_on = {REFERENCE: reference is not None, COMMAND: False}
         self._why = dict.fromkeys(self._is_on, "")
 
-    def follow(self, reference: ReferenceGhost | None) -> None:
-        """Show the motion of a policy that was loaded; argument as for the constructor."""
-        self._reference, self._shown = reference, ShownReference()
-        self._is_on[REFERENCE] = reference is not None
-
     def switch(self, name: str, *, on: bool) -> str:
         """Switch a figure; why not, if it is refused."""
         if name not in self._is_on:

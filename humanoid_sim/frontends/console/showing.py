@@ -72,18 +72,10 @@ class Showing:
         self._switched: Any = scene.ghosts
         robot = attachment.feed.status().get("robot")
         self._channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
-        self._prepare()
-
-    def _prepare(self) -> None:
-        header = self._attachment.header
+        header = attachment.header
         self._policy = recorded_settings("the session", header).get("policy")
         self._keys = ShownKeys(header)
         self.plots = Plots(header, self._description, self._channels, self._attachment.base)
-
-    def follow(self) -> None:
-        """Show what belongs to the policy that was loaded. Raises `InputError` if its header is damaged."""
-        self._prepare()
-        self._ghosts.follow(self._attachment.reference_ghost())
 
     def hear(self, status: Mapping[str, Any]) -> None:
         """Take the feed's status."""

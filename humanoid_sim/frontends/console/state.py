@@ -16,7 +16,6 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
-from humanoid_sim.session.loading import load_refusal
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.stack import no_policy, rebuild_supervisor
@@ -33,7 +32,7 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 )
 
 
-_ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null, "loads": false}'
+_ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null}'
 """Controllers of a robot that is only watched, whose session is elsewhere."""
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
@@ -112,7 +111,7 @@ def refusals(record: TickRecord, supervisor: Supervisor) -> dict[Intent, str]:
     found = {}
     for intent in RULES:
         unready = supervisor.unready(intent, record.input)
-        args = (control.controller_name, safety, intent, is_finished, available, unready, supervisor.missing)
+        args = (control.controller_name, safety, intent, is_finished, available, unready)
         found[intent] = transition(*args).refusal
     return found
 
@@ -139,7 +138,6 @@ def state(record: TickRecord, supervisor: Supervisor, *, is_simulated: bool) -> 
             "velocity": record.input.state.joint_velocity.tolist(),
             "effort": record.input.state.joint_effort.tolist(),
         },
-        "load": load_refusal(control.mode),
         "safety": [_safety(status) for status in record.input.safety],
         "intents": {
             intent.value: _offered(intent.name, refusal, record)

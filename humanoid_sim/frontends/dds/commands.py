@@ -56,15 +56,16 @@ def wanted_inputs(attachment: Attachment) -> dict[str, Wanted]:
 class LiveForwarder:
     """Hands values on as they arrive. For one thread."""
 
-    def __init__(self, participant: Participant, intake: Intake, refuse: Callable[[str, str], None]) -> None:
-        """Subscribe to nothing yet; `refuse` counts a message that is not accepted, by its topic and the reason."""
+    def __init__(
+        self,
+        participant: Participant,
+        intake: Intake,
+        refuse: Callable[[str, str], None],
+        wanted: Mapping[str, Wanted],
+    ) -> None:
+        """Subscribe to what the session takes; `refuse` counts a message that is not accepted, by topic and reason."""
         self._participant, self._intake, self._refuse = participant, intake, refuse
-        self._readers: dict[str, tuple[Wanted, Sequence[Reader]]] = {}
-
-    def follow(self, wanted: Mapping[str, Wanted]) -> None:
-        """Subscribe to what the session takes, and to nothing else."""
-        kept = {name: found for name, found in self._readers.items() if wanted.get(name) == found[0]}
-        self._readers = {name: kept.get(name) or (one, self._subscribed(one)) for name, one in wanted.items()}
+        self._readers = {name: (one, self._subscribed(one)) for name, one in wanted.items()}
 
     def take(self, stamp: Callable[[Received], int]) -> None:
         """Hand on the newest value of each; `stamp` gives a sample's arrival, ns."""
@@ -228,16 +229,16 @@ class CommandReader:
         joints: tuple[str, ...],
         participant: Participant,
         commands: Reader,
-        statuses: Sequence[Reader] = (),
+        statuses: Sequence[Reader],
+        wanted: Mapping[str, Wanted],
     ) -> None:
         """Prepare to read `/remote_policy_controller/command`, and the `statuses` by which other programs may damp.
 
-        Those are latched, and of any quality of service.
+        Those are latched, and of any quality of service. `wanted` are the live inputs to take.
         """
+        self._wanted = wanted
         self._session, self._joints = session, joints
         self._participant, self._commands, self._statuses = participant, commands, statuses
-        self.wanted: Mapping[str, Wanted] = {}
-        """Live inputs to take; may be replaced from any thread."""
         self._stack = ExitStack()
         self._intakes: OrderedDict[int, Intake] = OrderedDict()
         self._stop = threading.Event()
@@ -269,14 +270,13 @@ class CommandReader:
         try:
             own = self._stack.enter_context(Intake(self._session, "dds"))
             safety = StatusForwarder(own, lambda problem: self._refuse(SAFETY_TOPIC, problem))
-            live = LiveForwarder(self._participant, own, self._refuse)
+            live = LiveForwarder(self._participant, own, self._refuse, self._wanted)
             while not self._stop.is_set():
                 self._commands.wait(_WAIT)
                 clock.look(monotonic_ns())
                 taken = [sample for statuses in self._statuses for sample in statuses.take()]
                 safety.take(taken, stamp, time.monotonic())
                 self._take_commands(clock)
-                live.follow(self.wanted)
                 live.take(stamp)
                 self._report(own)
         except SessionError:  # it has ended, as the feed says too

@@ -58,19 +58,13 @@ class Telemetry:
         self._fixed, self._has_live = dict(topics), live
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
-        self._topics: dict[str, ros.Topic] = {}
         self._time_ns = -1
-        self.follow()
+        taken = {one.topic for one in wanted_inputs(attachment).values()}
+        made = set(self._messages.live.values()) - taken if live else ()
+        self._topics = {**self._fixed, **dict.fromkeys(made, ros.LIVE_INPUT)}
         for topic in self._fixed:
             if topic != ros.SAFETY_TOPIC:  # announced by its sources
                 self._writer(topic, "")
-
-    def follow(self) -> None:
-        """Publish what a policy that was loaded since has."""
-        self._messages.follow(self._attachment.header)
-        taken = {one.topic for one in wanted_inputs(self._attachment).values()}
-        made = set(self._messages.live.values()) - taken if self._has_live else ()
-        self._topics = {**self._fixed, **dict.fromkeys(made, ros.LIVE_INPUT)}
 
     def publish(self, sample: Sample) -> None:
         """Publish a tick."""
