@@ -20,7 +20,7 @@ twice = $(1) || $(1)
 # The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: play test test-integration test-lerobot test-ros test-peers soak docs picture notebooks bench lint format types clean
+.PHONY: play test test-integration test-lerobot test-ros test-peers soak picture notebooks bench lint format types clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -51,9 +51,6 @@ test-ros: $(VENV)/test.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in ne
 
 test-peers: $(VENV)/peers.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export, and other programs; installs about 3 GB at the first time
 	$(BIN)/python -m pytest -m peers $(ARGS)
-
-docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked; ARGS=--serve serves it
-	$(BIN)/python docs/build.py $(ARGS)
 
 picture: $(VENV)/integration.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
 	$(BIN)/python docs/moving_picture.py
@@ -103,10 +100,6 @@ $(VENV)/peers.done: $(VENV)/test.done
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt $(PLUGINS:=/pyproject.toml)
 	$(PYTHON) -m venv $(LEROBOT)
 	$(call twice,$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '$(LEROBOT_EXTRAS)' $(PLUGINS:%=-e %))
-	touch $@
-
-$(VENV)/docs.done: $(VENV)/play.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	touch $@
 
 $(ROS)/test.done: constraints-ros.txt
