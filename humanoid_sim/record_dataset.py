@@ -1,21 +1,16 @@
-"""`python -m humanoid_sim.record dataset`: recordings become a LeRobot dataset (format v3.0).
-
-Its former name, `python -m humanoid_sim.record_dataset`, does the same.
-"""
+"""`python -m humanoid_sim.record dataset`: recordings become a LeRobot dataset (format v3.0)."""
 
 from __future__ import annotations
 
 import os
 import shutil
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,12 +45,6 @@ class RecordDataset:
     """Frames per second; must divide the control rate. Default: the policy's steps, 50 where there are none."""
     reference: bool = False
     """Add the reference motion that the policy was shown, as features reference.*."""
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `record dataset` by its former name, with command-line arguments; returns the exit status."""
-    config = parse(RecordDataset, "record_dataset", arguments, positional=True)
-    return record_dataset(config)
 
 
 def record_dataset(config: RecordDataset) -> int:
@@ -236,7 +225,3 @@ def _check_loads(library: Any, root: Path, repo_id: str, counts: list[int]) -> N
     found = [int(loaded.meta.episodes[i]["length"]) for i in range(loaded.meta.total_episodes)]
     if found != counts or len(loaded.hf_dataset) != sum(counts):
         raise RuntimeError(f"lerobot finds episodes of {found} frames where {counts} were written")
-
-
-if __name__ == "__main__":
-    sys.exit(run_program(main))

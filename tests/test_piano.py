@@ -11,7 +11,7 @@ from humanoid_sim import piano
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
-from humanoid_sim.policy.motion import Motion, motion_bytes, write_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes
 
 SONG = np.zeros((6, 88), dtype=np.float32)
 SONG[1:3, 39] = SONG[3:5, 43] = 1.0
@@ -49,7 +49,7 @@ def test_a_run_is_scored_against_its_song(tmp_path, capsys):
 
 def test_another_song_takes_the_place_of_its_own(tmp_path, capsys):
     path = recorded(tmp_path / "run.mcap", SONG, None)
-    write_motion(tmp_path / "song.mcap", song())
+    (tmp_path / "song.mcap").write_bytes(motion_bytes(song()))
     assert piano.main([str(path), str(tmp_path / "song.mcap")]) == 0
     assert "2 of 2 notes were struck in time; 0 wrong strokes" in capsys.readouterr().out
 

@@ -5,11 +5,11 @@ import sys
 import pytest
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.record_dataset import main
+from humanoid_sim.record import main
 
 
 def refusal(capsys, *arguments):
-    assert run_program(main, arguments) == 2
+    assert run_program(main, ["dataset", *arguments]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     return error

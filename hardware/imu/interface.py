@@ -80,9 +80,6 @@ class SimulatedImu(Imu):
         return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration, OK)
 
 
-DEFAULT_MOUNTING = ",".join(f"{value:g}" for value in LABEL_UP)
-
-
 def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
     """Return the IMU that `--imu` and `--imu-mounting` describe, or raise `InputError`; None for `none`. Opens nothing.
 

@@ -24,7 +24,7 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
-from humanoid_sim.files import regular_file, whole_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.values import names
 from humanoid_sim.ros2.cdr import CdrError
@@ -250,14 +250,8 @@ def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
     return float(round(steps.mean())) / _NANOSECONDS
 
 
-def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
-    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one."""
-    with whole_file(path) as file:
-        file.write(motion_bytes(motion))
-
-
 def motion_bytes(motion: Motion) -> bytes:
-    """Return what `write_motion` would write."""
+    """Return a motion file's bytes; the same motion gives the same."""
     stream = BytesIO()
     writer = Writer(stream, compression=CompressionType.LZ4)
     # The library's name without its version: the bytes must not change with an update of it.

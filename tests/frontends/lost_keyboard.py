@@ -13,7 +13,7 @@ from models import linear_model
 
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.robots.description import load_robot
 
 LOSSES = ("unplugged", *BLOWS)
@@ -45,7 +45,7 @@ def piano_options(folder: Path, robot: str = "lite") -> tuple[str, ...]:
     song = np.zeros((400, 88), dtype=np.float32)
     song[10:, 39] = song[30:, 43] = 1.0
     if not (folder / "song.mcap").exists():
-        write_motion(folder / "song.mcap", Motion(song, (), 0.02, task_type="piano"))
+        (folder / "song.mcap").write_bytes(motion_bytes(Motion(song, (), 0.02, task_type="piano")))
     return ("--policy", str(folder / "piano.onnx"), "--motion", str(folder / "song.mcap"), *ROWS["midi"].options)
 
 

@@ -12,7 +12,7 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main as prepare
-from humanoid_sim.record_dataset import main
+from humanoid_sim.record import main
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 
@@ -35,7 +35,7 @@ def load(root):
 
 
 def test_lerobot_loads_what_was_recorded(tmp_path, recording):
-    assert run_program(main, [str(recording), "--output", str(tmp_path / "waves"), "--task", "wave"]) == 0
+    assert run_program(main, ["dataset", str(recording), "--output", str(tmp_path / "waves"), "--task", "wave"]) == 0
     dataset = load(tmp_path / "waves")
     opened = open_recording(recording)
     steps = [tick for tick in opened.ticks() if tick.output.policy_step is not None]
@@ -60,7 +60,7 @@ def test_lerobot_loads_what_was_recorded(tmp_path, recording):
 
 
 def test_the_reference_comes_back_as_the_motion(tmp_path, recording):
-    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves"), "--reference"]) == 0
+    assert run_program(main, ["dataset", str(recording), "-o", str(tmp_path / "waves"), "--reference"]) == 0
     policy = str(asset_path("policies", "lite_tracking.onnx"))
     options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
     assert run_program(prepare, options) == 0
@@ -72,7 +72,7 @@ def test_the_reference_comes_back_as_the_motion(tmp_path, recording):
 
 
 def test_what_the_robot_did_becomes_a_motion(tmp_path, recording):
-    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 0
+    assert run_program(main, ["dataset", str(recording), "-o", str(tmp_path / "waves")]) == 0
     policy = str(asset_path("policies", "lite_tracking.onnx"))
     options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
     assert run_program(prepare, options) == 0
@@ -88,7 +88,7 @@ def test_several_recordings_and_modes(tmp_path):
     for tick in ticks:
         recorder.tick(tick)
     recorder.close()
-    assert run_program(main, [str(path), str(path), "-o", str(tmp_path / "set"), "--fps", "25"]) == 0
+    assert run_program(main, ["dataset", str(path), str(path), "-o", str(tmp_path / "set"), "--fps", "25"]) == 0
     dataset = load(tmp_path / "set")
     lengths = [int(dataset.meta.episodes[i]["length"]) for i in range(dataset.num_episodes)]
     remote = sum(tick.output.control_mode.mode is Mode.REMOTE for tick in ticks)
@@ -106,7 +106,7 @@ def test_nothing_is_left_of_a_dataset_that_cannot_be_made(tmp_path, recording, c
         (["--modes", "remote"], "no stretch in REMOTE of at least two frames"),
         (["--repo-id", "waves"], "--repo-id: is 'waves', expected user/name"),
     ):
-        assert run_program(main, [str(recording), "-o", str(output), *options]) == 2
+        assert run_program(main, ["dataset", str(recording), "-o", str(output), *options]) == 2
         error = capsys.readouterr().err
         assert reason in error
         assert list(tmp_path.iterdir()) == []
@@ -114,6 +114,6 @@ def test_nothing_is_left_of_a_dataset_that_cannot_be_made(tmp_path, recording, c
 
 def test_a_dataset_is_never_replaced(tmp_path, recording, capsys):
     (tmp_path / "waves").mkdir()
-    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 2
+    assert run_program(main, ["dataset", str(recording), "-o", str(tmp_path / "waves")]) == 2
     assert "exists; a dataset is only written whole, to a new folder" in capsys.readouterr().err
     assert list((tmp_path / "waves").iterdir()) == []

@@ -13,7 +13,7 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import choose_policy
-from humanoid_sim.policy.motion import Motion, read_motion, write_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
@@ -58,7 +58,7 @@ def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made
     path = models.saved(tmp_path / "p.onnx", models.linear_model(models.write_metadata(contract)))
     with pytest.raises(InputError, match=r"--motion: is missing; .* follows a motion; its default is the dataset"):
         choose_policy(PlayConfig(policy=str(path)), LITE)
-    write_motion(tmp_path / "m.mcap", Motion(np.ones((3, 9)), ("hand",), 0.02))
+    (tmp_path / "m.mcap").write_bytes(motion_bytes(Motion(np.ones((3, 9)), ("hand",), 0.02)))
     choice = choose_policy(PlayConfig(policy=str(path), motion=str(tmp_path / "m.mcap")), LITE)
     assert choice.loaded.reference.frame_count == 3
 

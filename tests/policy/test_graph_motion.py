@@ -13,7 +13,7 @@ from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.policy.checkpoint import load_checkpoint, zero_policy
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
-from humanoid_sim.policy.motion import Motion, read_motion, write_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 JOINTS = models.JOINTS
@@ -172,7 +172,7 @@ FILE = {
 
 def test_a_motion_file_with_joints_and_world_poses(tmp_path):
     motion = Motion(**FILE, robot="g1")
-    write_motion(tmp_path / "m.mcap", motion)
+    (tmp_path / "m.mcap").write_bytes(motion_bytes(motion))
     read = read_motion(tmp_path / "m.mcap")
     assert read.frames.tobytes() == motion.frames.tobytes()
     assert (read.layout, read.joint_names, read.body_names) == ("joints_bodies_w", JOINTS, BODIES)

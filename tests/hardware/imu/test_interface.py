@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, SimulatedImu, make_imu
+from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.simulation.sensors import ImuSample
 
 
@@ -19,7 +19,7 @@ def test_port_baud_rate_and_mounting(device):
 @pytest.mark.parametrize("text", ["", "microstrain", "microstrain:", "xsens:/dev/ttyUSB0", "microstrain:/dev/x@fast"])
 def test_an_imu_that_is_not_known(text):
     with pytest.raises(InputError, match=f"--imu: is '{text}', expected none, microstrain:PORT or "):
-        make_imu(text, DEFAULT_MOUNTING, time.monotonic)
+        make_imu(text, "0,1,0,0", time.monotonic)
 
 
 @pytest.mark.parametrize("text", ["", "1,0,0", "1,1,0,0", "w,x,y,z", "nan,0,0,0"])

@@ -16,7 +16,7 @@ from pressing import KEY, press_in_standby, pressing_pose
 from humanoid_sim import piano, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import Mode
-from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.robots.description import load_robot
 
 CONTRACT = """
@@ -44,7 +44,7 @@ def holding(folder):
     (folder / "contract.yaml").write_text(CONTRACT.format(**texts), encoding="utf-8")
     song = np.zeros((200, 88), dtype=np.float32)
     song[:, KEY] = 1.0
-    write_motion(folder / "song.mcap", Motion(song, (), 0.02, task_type="piano"))
+    (folder / "song.mcap").write_bytes(motion_bytes(Motion(song, (), 0.02, task_type="piano")))
     return "--policy", str(folder / "piano.onnx"), "--motion", str(folder / "song.mcap")
 
 
