@@ -200,8 +200,8 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         InputError: an option, the policy or the robot is not accepted; nothing has moved then.
         MissingPackageError: an optional package is not installed.
     """
-    from humanoid_sim.play.conflicts import refuse_early  # noqa: PLC0415
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
+    from humanoid_sim.play.refusals import refuse_early  # noqa: PLC0415
     from humanoid_sim.play.run import played  # noqa: PLC0415
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 

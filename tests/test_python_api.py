@@ -110,7 +110,6 @@ def test_a_recording_that_was_not_named_goes_with_its_last_reader() -> None:
         ({"actuation": "afine"}, "simulate: actuation: is 'afine', expected one of qfrc_applied, affine, implicit"),
         ({"duration": "long"}, "simulate: duration: is 'long', expected a number"),
         ({"duration": float("nan")}, "--duration: is nan, expected a finite number > 0"),
-        ({"command": (0.3, 0, 9)}, "--command: means nothing for this policy, which observes no velocity command"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
         ({"manual": True}, "simulate: manual is True, expected none"),
         ({"record": "none"}, r"--record: .*/none"),

@@ -12,7 +12,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config = parse(PlayConfig, "play", arguments)
 
-    from humanoid_sim.play.conflicts import refuse_early  # noqa: PLC0415
+    from humanoid_sim.play.refusals import refuse_early  # noqa: PLC0415
 
     refuse_early(config)
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415

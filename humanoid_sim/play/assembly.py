@@ -15,10 +15,10 @@ from humanoid_sim import __version__
 from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
-from humanoid_sim.play.conflicts import free_path
 from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import expected_duration, has_keys, needs_gamepad
 from humanoid_sim.play.judged import JudgedPolicy
+from humanoid_sim.play.outputs import free_path
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.recording.recorder import McapRecorder

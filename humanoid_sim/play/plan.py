@@ -7,13 +7,6 @@ from typing import TYPE_CHECKING
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.conflicts import (
-    Outputs,
-    choose_outputs,
-    refuse_conflicts,
-    refuse_unheard_keys,
-    refuse_without_effect,
-)
 from humanoid_sim.play.front_ends import (
     automatic_steps,
     is_realtime,
@@ -23,8 +16,10 @@ from humanoid_sim.play.front_ends import (
     with_keyboard,
 )
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.outputs import Outputs, choose_outputs
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import choose_for_robot, policy_notices
+from humanoid_sim.play.refusals import options_without_effect, refuse
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
@@ -46,7 +41,7 @@ class Plan:
     def __init__(self, config: PlayConfig, left: ExitStack) -> None:
         """Choose and check. `left` lets go of emulated motors, which run from here on if the options ask for them."""
         steps = None if config.script is None else parse_script(config.script)
-        refuse_conflicts(config)
+        refuse(config)
         front_ends = wanted_front_ends(config)
         description = with_imu(load_robot(config.robot), config.imu_site)
         self.config = config
@@ -54,13 +49,11 @@ class Plan:
         self.policy, self.description = choose_for_robot(config, description)
         description = self.description
         contract = self.policy.contract
-        refuse_without_effect(config, contract, description)
         policy_dt = None if contract is None else contract.policy_dt
         self.control_period, moved = control_rate(config, description, policy_dt)
         self.setup = setup = self._robot(left)
         self.taken, live = self.policy.live_inputs(setup.live)
         """Name and width of the live inputs that come from other programs."""
-        refuse_unheard_keys(config, self.taken, setup.live)
         self.supervisor = build_supervisor(
             description,
             self.control_period,
@@ -79,6 +72,7 @@ class Plan:
         self.velocity = self._velocity()
         notices = (
             moved,
+            *options_without_effect(config, contract, description),
             *setup.notices,
             describe_unwatched(description),
             *warnings,

@@ -11,8 +11,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.conflicts import checkpoint_path
 from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, PlayConfig
+from humanoid_sim.play.refusals import checkpoint_path
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,

@@ -1,15 +1,11 @@
 """A simulated piano's keys on their way: from a finger that presses one to the feed, the recording and the replay."""
 
-import pytest
 from pressing import KEY, press_in_standby
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
-from humanoid_sim.play.conflicts import refuse_unheard_keys
-from humanoid_sim.play.options import PlayConfig
 
 
 def test_a_key_that_a_finger_presses_is_told_everywhere(run, make_robot, folder):
@@ -30,17 +26,3 @@ def test_a_key_that_a_finger_presses_is_told_everywhere(run, make_robot, folder)
     assert [KEY] in told
     assert 0.9 < len(shown) / (0.25 * len(result.ticks)) < 1.5, "50 a second, of 200 ticks, and once for each change"
     assert run_program(replay.main, ["r.mcap"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("reported", "why"),
-    [
-        ({"key_pressed": 88}, "this robot, which has a piano and knows its keys"),
-        ({}, "this policy, which plays no piano"),
-    ],
-)
-def test_a_keyboard_that_nobody_listens_to_is_refused(reported, why):
-    refuse_unheard_keys(PlayConfig(midi=()), {"key_pressed": 88}, reported)
-    refuse_unheard_keys(PlayConfig(), {}, reported)
-    with pytest.raises(InputError, match=f"^--midi: means nothing for {why}$"):
-        refuse_unheard_keys(PlayConfig(midi=()), {}, reported)

@@ -2,6 +2,8 @@ import pytest
 
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import control_rate
+from humanoid_sim.play.refusals import options_without_effect
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
 
@@ -27,3 +29,19 @@ def test_the_control_rate_moves_to_a_multiple_of_the_policys(asked, policy_dt, h
     assert bool(notice) == moves
     if moves:
         assert f"to {hertz:g} Hz" in notice
+
+
+def test_options_that_change_nothing_are_named():
+    lite = load_robot("lite")
+    config = PlayConfig(command="1,0,0", yaw=1.0, dry_run=True)
+    assert options_without_effect(config, placeholder_checkpoint(lite).contract, lite) == (
+        "without effect in simulation: --dry-run",
+        "without effect for a policy that observes no velocity command: --command",
+        "without effect for a base that does not move freely: --yaw",
+    )
+    hardware = PlayConfig(hardware="can0", motion="wave", push=("1,0@2",))
+    assert options_without_effect(hardware, None, lite) == (
+        "without effect on hardware: --push",
+        "without effect without a policy: --motion",
+    )
+    assert options_without_effect(PlayConfig(), placeholder_checkpoint(lite).contract, lite) == ()
