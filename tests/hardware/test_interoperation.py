@@ -44,23 +44,6 @@ def _joint(motors, name):
     return float(_MOTORS[name].direction * motors.truth.joint_position[_LITE.joint_names.index(name)])
 
 
-def test_their_scales_are_the_manuals_but_for_what_is_patched():
-    for model in ROBSTRIDES:
-        assert their_table.MODEL_MIT_POSITION_TABLE[model.name] == model.position
-        assert their_table.MODEL_MIT_KP_TABLE[model.name] == model.stiffness
-        assert their_table.MODEL_MIT_KD_TABLE[model.name] == model.damping
-
-
-def test_every_motor_answers_their_ping_with_its_own_uid(client):
-    found = {}
-    for name, motor in _MOTORS.items():
-        sender, uid = client.read_id(name, timeout=0.5)
-        assert sender == motor.can_id
-        found[name] = bytes(uid)
-    assert len(set(found.values())) == 14
-    assert client.ping_by_id(40, timeout=0.05) is None
-
-
 def test_parameters_are_read_and_written(client, motors):
     name = "left_elbow_pitch"
     assert client.read(name, ParameterType.MODE) == 0
@@ -98,19 +81,3 @@ def test_their_mit_frames_move_a_joint_and_their_readings_are_true(client, motor
     assert effort == pytest.approx(0.0, abs=1e-3)
     assert still == pytest.approx(position, abs=0.1)
     assert "WARNING" not in capsys.readouterr().out.replace("WARNING: No calibration provided", "")
-
-
-def test_the_torque_that_they_command_is_the_torque_that_acts(client, motors):
-    name = "right_wrist_yaw"
-    index = _LITE.joint_names.index(name)
-    client.enable(name)
-    client.write_operation_frame(name, 0.0, 0.0, 0.0, torque=0.8)
-    client.read_operation_frame(name)
-    time.sleep(0.02)
-    client.write_operation_frame(name, 0.0, 0.0, 0.0, torque=0.8)
-    _, _, torque, _ = client.read_operation_frame(name)
-    acting = motors.truth.joint_effort[index] * _MOTORS[name].direction
-    client.disable(name)
-    one_step = MOTORS["rs-05"].effort / 32767
-    assert torque == pytest.approx(0.8, abs=2 * one_step)
-    assert acting == pytest.approx(0.8, abs=2 * one_step)

@@ -1,4 +1,4 @@
-"""A program that holds a robot of which four motors need a guardian: `guarded_robot.py CHANNEL [reactivate|close]`."""
+"""A program that holds a robot of which four motors need a guardian: `guarded_robot.py CHANNEL`."""
 
 import sys
 import time
@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter import guarding
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.guardian.protocol import GuardianPlan
@@ -42,25 +41,9 @@ def main(channel: str) -> None:
     robot = make_robot(channel)
     robot.activate()
     print("holding", flush=True)
-    before: tuple[str, ...] = ()
     while True:
         hold(robot)
-        _, statuses = robot.read()
-        now = tuple(f"{status.level.name} {status.message}" for status in statuses if status.source == "guardian")
-        if now != before:
-            print(" | ".join(now) or "fine", flush=True)
-            before = now
-            if "reactivate" in sys.argv and now and "taken over" in now[0]:
-                robot.activate()
-                print("reactivated", flush=True)
-            elif "close" in sys.argv and now and "taken over" in now[0]:
-                break
         time.sleep(PERIOD)
-    try:
-        robot.close()
-        print("closed", flush=True)
-    except RobotError as error:  # motors that were silent before prove nothing by being silent
-        print(f"closed, {error}", flush=True)
 
 
 if __name__ == "__main__":

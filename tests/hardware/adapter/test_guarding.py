@@ -90,9 +90,9 @@ def emulated(channel):
 
 
 @contextmanager
-def _holding(channel, *words):
+def _holding(channel):
     with subprocess.Popen(
-        [sys.executable, str(_PROGRAM), channel, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, str(_PROGRAM), channel], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             assert _line(process) == "holding\n"
@@ -139,45 +139,6 @@ def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel, emula
     assert emulated.resets(killed)
 
 
-def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel, emulated):
-    with _holding(channel, "reactivate") as process:
-        process.send_signal(signal.SIGSTOP)
-        stopped = time.monotonic()
-        until(lambda: emulated.gains(stopped + 0.05))
-        time.sleep(0.1)
-        process.send_signal(signal.SIGCONT)
-        continued = time.monotonic()
-        assert _line(process).startswith("FAULT the guardian has taken over, because this program was silent")
-        assert _line(process) == "reactivated\n"
-        again = time.monotonic()
-        assert min(at for at in emulated.resets(stopped)) > DAMPING_TIME
-        held = [at for at, gains in emulated.gains(continued) if gains.stiffness > 0.0]
-        assert all(at > again - continued - 0.2 for at in held)  # never beside the guardian
-        assert _line(process) == "fine\n"
-        time.sleep(0.2)
-        assert [at for at, gains in emulated.gains(again) if gains.stiffness > 0.0]
-        process.kill()  # the new guardian does as the first one did
-        killed = time.monotonic()
-        until(lambda: _names(_WRISTS) <= set(emulated.stopped(killed)))
-
-
-def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(channel, emulated):
-    with _holding(channel, "close") as process:
-        process.send_signal(signal.SIGSTOP)
-        stopped = time.monotonic()
-        time.sleep(0.2)
-        process.send_signal(signal.SIGCONT)
-        assert _line(process).startswith("FAULT the guardian has taken over")
-        closed = _line(process)
-        assert closed.startswith("closed, lite_sito: not confirmed to be disabled: left_wrist_roll (no feedback), ")
-        assert closed.endswith("switch the power off before touching the robot\n")
-        assert time.monotonic() - stopped > DAMPING_TIME
-        assert process.wait(5.0) == 0
-        assert set(emulated.stopped(0.0)) == set(_ROBOT.joint_names)
-        assert _names(_WRISTS) <= set(emulated.stopped(stopped))
-        assert [gains for _, gains in emulated.gains(stopped + 0.05) if gains.stiffness > 0.0] == []
-
-
 @pytest.mark.usefixtures("emulated")
 def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(channel, monkeypatch):
     brake_briefly(monkeypatch.setattr)
@@ -207,13 +168,3 @@ def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(chann
     with pytest.raises(RobotError, match=r"guardian: the guardian cannot be started: No such file or directory"):
         robot.activate()
     robot.close()
-
-
-def test_motors_emulated_in_the_same_process_have_no_guardian():
-    with VirtualMotors(_ROBOT, ["virtual:unguarded"]):
-        robot = make_robot("virtual:unguarded")
-        robot.prepare()
-        (told,) = [check.text for check in robot.checks if check.subject == "guardian"]
-        assert told.startswith("left_wrist_roll, left_wrist_pitch, right_wrist_roll, right_wrist_pitch: emulated in")
-        assert told.endswith("in this process, with which they end; no guardian watches them")
-        robot.close()

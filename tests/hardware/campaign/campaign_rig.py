@@ -4,13 +4,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import can
 from drive_rig import Clock, Drive, driven, quick_lite
 
 from humanoid_sim.hardware.bus.address import BusAddress, PassingBus
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.session.realtime import punctual_threads, real_time
 
@@ -79,13 +77,11 @@ class Diary:
 
 
 @contextmanager
-def emulated(
-    address: str, clock: Clock = time.monotonic, settings: EmulationSettings | None = None, robot: str = "lite"
-) -> Iterator[tuple[VirtualMotors, Diary]]:
+def emulated(address: str, clock: Clock = time.monotonic, robot: str = "lite") -> Iterator[tuple[VirtualMotors, Diary]]:
     """Motors of the Lite, on a thread that other programs on this computer do not hold up, where that is permitted."""
     diary = Diary(clock)
     with punctual_threads(behind=10):
-        motors = VirtualMotors(quick_lite(robot), [address], settings=settings, told=diary, clock=clock)
+        motors = VirtualMotors(quick_lite(robot), [address], told=diary, clock=clock)
     with motors:
         yield motors, diary
 
@@ -101,30 +97,15 @@ class Campaign:
 
 
 @contextmanager
-def campaign(
-    slowness: float = 1.0,
-    address: str = "virtual:campaign",
-    *,
-    settings: EmulationSettings | None = None,
-    robot: str = "lite",
-    **taken_for: Any,
-) -> Iterator[Campaign]:
-    """Motors and a robot in ZERO_TORQUE, as punctual as `play`; all of it in slow motion by that factor.
-
-    Args:
-        slowness: that factor.
-        address: of the channel.
-        settings: how the motors are.
-        robot: with which motors the Lite is.
-        taken_for: what the host takes them for, see `driven`.
-    """
+def campaign(slowness: float = 1.0, robot: str = "lite") -> Iterator[Campaign]:
+    """Motors and a robot in ZERO_TORQUE, as punctual as `play`; all of it in slow motion by that factor."""
+    address = "virtual:campaign"
     sent: list[Sent] = []
 
     def clock() -> float:
         return time.monotonic() / slowness
 
-    taken_for.setdefault("description", quick_lite(robot))
-    with emulated(address, clock, settings, robot) as (motors, diary):
+    with emulated(address, clock, robot) as (motors, diary):
 
         def open_watched(channel: BusAddress) -> can.BusABC:
             return WatchedBus(motors.open_bus(channel), sent, clock)
@@ -137,7 +118,7 @@ def campaign(
                 open_bus=open_watched,
                 truth=lambda: motors.truth,
                 before_closing=motors.clear_faults,  # so that the motors confirm that they are disabled
-                **taken_for,
+                description=quick_lite(robot),
             ) as drive,
         ):
             yield Campaign(drive, motors, sent, diary)

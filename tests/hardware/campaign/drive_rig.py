@@ -3,11 +3,10 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 
 import can
 import numpy as np
@@ -145,32 +144,13 @@ class _Ticks:
         return
 
 
-@dataclass(frozen=True)
-class Ask:
-    """What REMOTE wants of one joint that is not to hold the standby pose."""
-
-    position: float = 0.0
-    """rad"""
-    effort: float = 0.0
-    """N·m"""
-    stiffness: float = 50.0
-    """N·m/rad"""
-    damping: float = 2.0
-    """N·m·s/rad"""
-
-
 class _Holder:
-    """A remote source that is never late: hold the standby pose, but for some joints."""
+    """A remote source that is never late: hold the standby pose."""
 
-    def __init__(self, description: RobotDescription, asks: Mapping[str, Ask]) -> None:
+    def __init__(self, description: RobotDescription) -> None:
         n = description.joint_count
         pose = np.array(description.standby_controller_a.pose_segments[-1])
-        effort, stiffness, damping = np.zeros(n), np.full(n, 50.0), np.full(n, 2.0)
-        for name, ask in asks.items():
-            joint = description.joint_names.index(name)
-            pose[joint], effort[joint] = ask.position, ask.effort
-            stiffness[joint], damping[joint] = ask.stiffness, ask.damping
-        self._command = MITCommand(pose, np.zeros(n), effort, stiffness, damping)
+        self._command = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
         self.clock: Callable[[], float] = lambda: 0.0
 
     def latest(self) -> messages.RemoteCommand:
@@ -235,16 +215,12 @@ def driven(
     truth: Callable[[], PlantTruth] | None = None,
     before_closing: Callable[[], None] = lambda: None,
     description: RobotDescription | None = None,
-    calibration: Mapping[str, float] = MappingProxyType({}),
-    asks: Mapping[str, Ask] = MappingProxyType({}),
 ) -> Iterator[Drive]:
     """A robot that is activated, in ZERO_TORQUE.
 
     Args:
         address: of its channel.
         description: what the host takes the robot for; None: what it is.
-        calibration: homing offsets, rad, that are not 0.
-        asks: joints of which REMOTE wants something else than to hold the standby pose.
         clock: s, the robot's.
         open_bus: opens the channel.
         truth: what is really so, if anybody knows.
@@ -254,7 +230,7 @@ def driven(
     robot = HardwareRobot(
         description,
         [address],
-        calibration={**dict.fromkeys(description.joint_names, 0.0), **calibration},
+        calibration=dict.fromkeys(description.joint_names, 0.0),
         control_period=PERIOD,
         can_timeout=CAN_TIMEOUT,
         allow_no_timeout=True,
@@ -262,7 +238,7 @@ def driven(
         open_bus=open_bus,
     )
     timed = _Timed(robot, clock)
-    sink, remote = _Ticks(timed, truth), _Holder(description, asks)
+    sink, remote = _Ticks(timed, truth), _Holder(description)
     session = Session(
         timed,
         build_supervisor(description, PERIOD, sample_policy(), remote=True),

@@ -100,7 +100,7 @@ SAMPLE = (Mode.LOCOMOTION, Mode.STANDBY, Mode.REMOTE)
 
 
 def test_every_fault_has_a_case():
-    no_flag = {"blocked"}  # only the joints' motion shows it: `test_guard_campaign`
+    no_flag = {"blocked"}  # only the joints' motion shows it
     assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS) - no_flag
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
-from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation.emulator import Emulator, FrameFaults
+from humanoid_sim.hardware.emulation.emulator import FrameFaults
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
@@ -38,16 +37,6 @@ def _numbers(arrivals):
 @pytest.fixture
 def faults():
     return FrameFaults(seed=1)
-
-
-def test_nothing_happens_without_a_fault_or_to_another_motor(faults):
-    faults.set("lost", 1, 1.0)
-    assert _through(faults, 0) == [(0.01 * i, frame) for i, frame in enumerate(_FRAMES)]
-    assert _through(faults, 1) == []
-    assert not faults.reaches(1)
-    faults.set("lost", 1, None)
-    assert len(_through(faults, 1)) == 100
-    assert faults.reaches(1)
 
 
 def test_some_are_lost(faults):
@@ -84,15 +73,6 @@ def test_identifiers_and_lengths_are_damaged(faults):
     assert {len(frame.data) for _, frame in _through(faults)} == {5}
 
 
-def test_the_same_seed_gives_the_same_losses():
-    runs = []
-    for _ in range(2):
-        faults = FrameFaults(seed=7)
-        faults.set("lost", 0, 0.5)
-        runs.append(_numbers(_through(faults)))
-    assert runs[0] == runs[1]
-
-
 ELBOW = "left_elbow_pitch"
 ELBOW_ID = 14
 
@@ -103,22 +83,6 @@ def bench():
     bench = Bench()
     bench.enable()
     return bench
-
-
-def test_all_answer_in_every_period(bench):
-    frames = bench.emulator.frames[0]
-    for _ in range(100):
-        replies = bench.command(duration=0.005, damping=2.0)
-        assert sorted(reply.motor_id for reply in replies) == sorted(IDS)
-    assert bench.emulator.frames[0] - frames == 2 * 14 * 100
-
-
-def test_a_frame_reaches_the_motors_of_its_bus_alone():
-    bench = Bench(buses=2)
-    bench.enable()
-    arrivals = bench.arrivals(lambda motor_id: OperationControl(motor_id, 0.0, 0.0, 0.0, 0.0, 1.0), 0.005)
-    assert [arrival.bus for arrival in arrivals].count(0) == 7
-    assert [arrival.frame.arbitration_id >> 8 & 0xFF for arrival in arrivals if arrival.bus == 0] == IDS[:7]
 
 
 def test_the_plant_is_that_of_play_fed_with_the_quantised_commands():
@@ -177,13 +141,6 @@ def test_the_torque_limit_is_the_written_one(bench):
     assert abs(bench.torque()[wrist]) == pytest.approx(4.0, rel=1e-6)
 
 
-def test_the_phase_current_limits_the_torque_whatever_is_written(bench):
-    bench.tell(WriteParameter(11, 0x700B, np.float32(100.0).tobytes()))
-    bench.submit(OperationControl(11, 12.0, 0.0, 0.0, 500.0, 0.0))
-    bench.advance(0.002)
-    assert bench.emulator.motors.plant.torque[0] == pytest.approx(MODELS_BY_ID[11].peak_torque)
-
-
 def test_work_makes_windings_warm(bench):
     bench.command(duration=1.0, effort=5.0)
     (warm,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == 15]
@@ -202,25 +159,7 @@ def test_old_firmware_multiplies_the_gains():
     assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
 
 
-def test_a_simulation_that_is_no_longer_sound_is_an_error_and_leaves_no_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    bench = Bench()
-    bench.emulator.motors.plant.step(np.full(14, np.nan))
-    with pytest.raises(RobotError, match="lite: simulation unstable"):
-        bench.advance(0.02)
-    assert list(tmp_path.iterdir()) == []
-
-
 class TestFaults:
-    def test_a_silent_motor_obeys_but_does_not_answer(self):
-        bench = Bench(faults=[Fault("silent", (ELBOW,), start=0.05)])
-        bench.enable()
-        bench.advance(0.06)
-        replies = bench.command(duration=0.01, effort=1.0)
-        assert ELBOW_ID not in {reply.motor_id for reply in replies}
-        assert len(replies) == 13
-        assert abs(bench.torque()[IDS.index(ELBOW_ID)]) == pytest.approx(1.0, abs=1e-3)
-
     def test_an_unplugged_motor_boots_when_it_is_plugged_in_again(self):
         bench = Bench(faults=[Fault("unplugged", (ELBOW,), start=0.05, duration=0.2)])
         bench.enable()
@@ -265,15 +204,6 @@ class TestFaults:
         moved = bench.emulator.motors.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
         assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)
 
-    def test_a_jammed_joint_does_not_move_whatever_pulls(self, bench):
-        bench.emulator.inject(Fault("stalled", (ELBOW,)))
-        bench.advance(0.01)
-        bench.emulator.motors.plant.lead({ELBOW: -1.0, "right_elbow_pitch": -1.0})
-        bench.advance(0.5)
-        position = bench.emulator.motors.plant.truth(0.0).joint_position
-        assert position[IDS.index(ELBOW_ID)] == pytest.approx(LITE.initial_position[3], abs=0.02)
-        assert position[IDS.index(24)] < -0.6
-
     def test_another_master_is_heard_and_obeyed(self, bench):
         bench.emulator.inject(Fault("other_master", duration=0.1, value=100.0))
         bench.command(duration=0.005, effort=1.0)
@@ -294,44 +224,6 @@ class TestFaults:
         replies = bench.command(duration=0.02)
         assert sorted(reply.motor_id for reply in replies) == [21, 22, 23, 24, 25, 26, 27]
 
-    def test_one_frame_is_refused_and_the_next_is_not(self):
-        bench = Bench(buses=2)
-        bench.emulator.inject(Fault("enobufs_once", (ELBOW,)))
-        bench.advance(0.01)
-        assert [bench.emulator.host_fault(0) for _ in range(3)] == ["enobufs", "", ""]
-        assert bench.emulator.host_fault(1) == ""
-        bench.emulator.clear_faults()
-        assert bench.emulator.host_fault(0) == ""
-
-    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self, bench):
-        bench.emulator.inject(Fault("error_frames", duration=0.1, value=100.0))
-        assert len(bench.command(duration=0.005)) == 14
-        arrivals = bench.emulator.advance(bench.emulator.time + 0.2)
-        errors = [arrival.frame for arrival in arrivals if arrival.frame.is_error]
-        assert len(errors) in (9, 10)
-        assert {frame.arbitration_id for frame in errors} == {0x008}
-
-    def test_another_computer_that_asks_is_answered_from_then_on(self, bench):
-        bench.emulator.inject(Fault("foreign_host", duration=0.05))
-        bench.advance(0.02)
-        bench.log.clear()
-        bench.command(duration=0.01)
-        hosts = {frame.arbitration_id & 0xFF for _, _, frame in bench.log if frame.arbitration_id >> 24 == 2}
-        assert hosts == {0xAA}
-
-    def test_faults_can_be_ended_and_those_to_come_forgotten(self):
-        bench = Bench(faults=[Fault("silent", (ELBOW,)), Fault("lost", start=0.1), Fault("other_master")])
-        bench.advance(0.01)
-        bench.emulator.clear_faults()
-        bench.advance(0.1)
-        bench.log.clear()
-        assert len(bench.command(duration=0.05)) == 14
-        assert len(bench.log) == 14, "and no other master"
-
-    def test_a_joint_that_is_not_driven_is_refused(self):
-        with pytest.raises(InputError, match="fault 'silent': unknown joint 'tail'"):
-            Emulator(LITE, faults=[Fault("silent", ("tail",))])
-
 
 def test_the_same_frames_and_faults_give_the_same_answers():
     def run():
@@ -344,14 +236,3 @@ def test_the_same_frames_and_faults_give_the_same_answers():
     first = run()
     assert first == run()
     assert len(first) > 100
-
-
-def test_a_motor_in_a_run_mode_that_is_not_emulated_says_why_it_is_not_enabled():
-    told = []
-    emulator = Emulator(LITE, told=lambda _, text: told.append(text))
-    model = MODELS_BY_ID[IDS[0]]
-    for command in (WriteParameter(IDS[0], 0x7005, b"\2\0\0\0"), Enable(IDS[0])):
-        emulator.submit(0, encode_command(command, model), emulator.time)
-        emulator.advance(emulator.time + 0.005)
-    assert told == [f"{LITE.joint_names[0]}: not enabled: run_mode is 2, only 0 (operation) is emulated"]
-    assert emulator.motors.states[0].mode is MotorMode.RESET

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.emulation.faults import FAULTS, Fault, describe_faults, parse_fault
+from humanoid_sim.hardware.emulation.faults import FAULTS, Fault, parse_fault
 from humanoid_sim.robots.description import load_robot
 
 LITE = load_robot("lite")
@@ -69,10 +69,3 @@ def test_what_is_refused_is_one_line(text, problem):
         parse_fault(text, LITE)
     assert str(caught.value).startswith(problem)
     assert "\n" not in str(caught.value)
-
-
-def test_the_list_for_a_person_names_every_fault():
-    lines = describe_faults().splitlines()
-    assert len(lines) == len(FAULTS)
-    assert "encoder_jump=1 " in describe_faults()
-    assert all(line.startswith(kind) for line, kind in zip(lines, FAULTS, strict=True))

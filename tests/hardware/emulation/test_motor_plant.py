@@ -5,10 +5,9 @@ import pytest
 from bus_rig import LITE
 from msgspec.structs import replace
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.emulation.motors import RATED_RISE, TIME_CONSTANT, heat
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.tools.emulate import HandSweep
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.mjcf import bare_model
@@ -54,26 +53,6 @@ def test_an_imu_on_a_moving_body_feels_what_it_does_in_simulation():
     assert np.all(np.abs(felt.angular_velocity) > 0.01)
 
 
-def _without_motors(names):
-    joints = (replace(joint, motor=None) if joint.name in names else joint for joint in LITE.joints)
-    return replace(LITE, joints=tuple(joints))
-
-
-def test_a_robot_without_motors_or_an_offset_of_another_joint_is_refused():
-    with pytest.raises(InputError, match="no joint has a motor"):
-        MotorPlant(_without_motors(LITE.joint_names), EmulationSettings())
-    with pytest.raises(InputError, match="homing_offset: unknown joint 'tail'"):
-        MotorPlant(LITE, EmulationSettings(homing_offset={"tail": 0.1}))
-
-
-def test_joints_without_a_motor_stay_passive():
-    plant = MotorPlant(_without_motors(LITE.joint_names[2:4]), EmulationSettings())
-    assert [joint.name for joint in plant.joints] == [*LITE.joint_names[:2], *LITE.joint_names[4:]]
-    plant.step(np.ones(12))
-    effort = plant.truth(0.0).joint_effort
-    np.testing.assert_array_equal(effort, np.where(np.isin(np.arange(14), [2, 3]), 0.0, DIRECTION))
-
-
 def test_windings_at_rated_torque_end_at_the_rated_rise():
     rated = np.array([MOTORS["rs-00"].rated_torque, MOTORS["rs-05"].rated_torque])
     rise = heat(np.zeros(2), rated, rated, TIME_CONSTANT)
@@ -82,20 +61,6 @@ def test_windings_at_rated_torque_end_at_the_rated_rise():
     np.testing.assert_allclose(heat(rise, np.zeros(2), rated, 1e5), 0.0, atol=1e-9)
     halves = heat(heat(rise, 2 * rated, rated, 5.0), 2 * rated, rated, 5.0)
     np.testing.assert_allclose(halves, heat(rise, 2 * rated, rated, 10.0), rtol=1e-12)
-
-
-def test_firmware_by_joint_beats_firmware_by_model():
-    settings = EmulationSettings(firmware={"rs-02": "0.2.2.11", "right_shoulder_pitch": "0.2.3.5"})
-    found = {
-        joint.name: identity for joint, identity in zip(LITE.joints, motor_identities(LITE, settings), strict=True)
-    }
-    assert found["left_shoulder_pitch"].version == (0, 2, 2, 11)
-    assert found["left_shoulder_pitch"].model.position == 12.5
-    assert found["left_shoulder_pitch"].firmware.gain_factor == 1.4167
-    assert found["right_shoulder_pitch"].version == (0, 2, 3, 5)
-    assert found["right_shoulder_pitch"].model.position == MOTORS["rs-02"].position
-    assert found["left_elbow_pitch"].version == (0, 0, 3, 255)
-    assert len({identity.uid for identity in found.values()}) == 14
 
 
 def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop_and_begins_again():
@@ -117,14 +82,3 @@ def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop_and_begins_ag
         position = sweep.at(time)
         led.append([name for name in LITE.joint_names if position[name]])
     assert led == [[name] for name in (*LITE.joint_names, LITE.joint_names[0])]
-
-
-def test_a_hand_on_what_is_no_joint_is_refused_and_one_that_lets_go_pulls_no_more():
-    plant = MotorPlant(LITE, EmulationSettings())
-    with pytest.raises(InputError, match="unknown joint 'tail'"):
-        plant.lead({"tail": 1.0})
-    plant.lead({"left_wrist_yaw": 1.0})
-    plant.lead(None)
-    for _ in range(100):
-        plant.step(np.zeros(14))
-    np.testing.assert_allclose(plant.shaft * DIRECTION, LITE.initial_position, atol=0.01)

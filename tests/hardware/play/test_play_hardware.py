@@ -1,30 +1,21 @@
 """`play --hardware` on emulated motors in this process: from the list of checks to the last frame."""
 
 import io
-import json
-import os
 import sys
-import threading
-import time
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim import mode, replay
+from humanoid_sim import replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import hardware_robot
 from humanoid_sim.play import run as run_module
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 
 HARDWARE = ("--hardware", "virtual:play", "--allow-script")
@@ -87,58 +78,6 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
     assert list(result.folder.iterdir()) == []
 
 
-@pytest.mark.soak
-def test_a_problem_that_comes_after_the_list_is_one_line(run, quick, emulate, monkeypatch):
-    """A plug that comes off while the operator reads."""
-    motors = emulate()
-
-    def pulled(robot, *arguments):
-        robot.prepare()
-        motors[0].inject(parse_fault("unplugged:left_elbow_pitch", load_robot("lite")))
-        return True
-
-    monkeypatch.setattr(run_module, "bring_up", pulled)
-    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
-    assert result.status == 2
-    assert result.err.startswith("error: lite: not enabled, 1 problem: left_elbow_pitch: motor 14 does not answer")
-    assert result.err.count("\n") == 1
-    assert list(result.folder.iterdir()) == []  # the recording of nothing is gone, and its name is free
-
-
-@pytest.mark.soak
-def test_without_an_operators_word_nothing_moves(run, quick):
-    statuses = []
-
-    def operator():
-        while os.getpid() not in [session.process for session in running_sessions()]:
-            time.sleep(0.01)
-        time.sleep(0.5)
-        for word in ("damp", "reactivate", "quit"):
-            statuses.append(run_program(mode.main, [word]))  # noqa: PERF401 - one after the other
-
-    began = time.time()
-    thread = threading.Thread(target=operator)
-    thread.start()
-    result = run("--robot", quick, "--hardware", "virtual:quiet", *PLACEHOLDER)
-    thread.join()
-    assert (result.summary["safety"], result.summary["faults"]) == ([], [])
-    assert result.status == 0
-    assert statuses == [0, 0, 0]
-    assert result.modes in (["ZERO_TORQUE", "DAMPING", "ZERO_TORQUE"], ["DAMPING", "ZERO_TORQUE"])  # DAMP at once
-    assert "waits for an operator in another terminal: python -m humanoid_sim.mode damp" in result.out
-    assert "reactivated: the robot is verified and enabled afresh" in [event.text for event in result.events]
-    for tick in result.ticks:
-        command = tick.output.command
-        assert not command.stiffness.any()
-        assert not command.effort.any()
-    assert run_program(replay.main, ["r.mcap"]) == 0
-    header = open_recording(result.folder / "r.mcap").header
-    checks = json.loads(header.documents["settings"])["checks"]
-    assert len(checks) == 15
-    assert checks[0].startswith("ok: left_shoulder_pitch: motor 11 on virtual:quiet")
-    assert began <= 1e-9 * header.start_time_ns + float(result.ticks[0].input.state.time) <= time.time()
-
-
 class Asked:
     """A robot with a motor whose firmware no document mentions, unless it has other checks."""
 
@@ -165,17 +104,6 @@ class Asked:
 class Terminal(io.StringIO):
     def isatty(self):
         return True
-
-
-@pytest.mark.parametrize(
-    ("answers", "enables"), [("n\n", False), ("y\nn\n", False), ("y\ny\n", True)], ids=["no", "yes, no", "yes, yes"]
-)
-def test_firmware_that_no_document_mentions_is_asked_about_first(answers, enables, monkeypatch, capsys):
-    robot = Asked()
-    monkeypatch.setattr(sys, "stdin", Terminal(answers))
-    assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
-    assert robot.accepted == (["0.5.3.12"] if enables else [])
-    assert "Drive motors with firmware 0.5.3.12 as if it were the manual's? [y/N]" in capsys.readouterr().out
 
 
 def test_neither_a_dry_run_nor_yes_answers_for_firmware_that_nobody_knows(capsys):
@@ -221,13 +149,6 @@ def test_a_channel_that_another_session_drives_is_refused(run, quick):
     assert dry.out.endswith("verdict: not ready: virtual:play\n")
 
 
-def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run, quick, emulate):
-    emulate(settings=EmulationSettings(firmware={"left_elbow_pitch": "0.0.2.6"}))
-    result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
-    assert result.status == 0
-    assert "verdict: ready to be enabled, once you have read the warnings about left_elbow_pitch\n" in result.out
-
-
 @pytest.mark.soak
 def test_emulated_motors_are_assembled_as_the_calibration_says(run, quick, calibrate):
     draw = np.random.default_rng(5)
@@ -238,38 +159,3 @@ def test_emulated_motors_are_assembled_as_the_calibration_says(run, quick, calib
     assert "virtual:b: " in result.out  # and no emoji
     expected = np.array(load_robot("lite").initial_position)
     assert np.abs(result.ticks[0].input.state.joint_position - expected).max() < 0.01
-
-
-def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_opened(run, make_robot):
-    def stiff(document):
-        for joint in document["joints"]:
-            joint["stiffness"] = 600.0
-
-    result = run("--robot", make_robot(change=stiff), *HARDWARE, "--script", WALK, *PLACEHOLDER)
-    assert result.status == 2
-    assert "joint_stiffness of left_shoulder_pitch: is 600, but motor rs-02 encodes at most 500" in result.err
-    assert result.out == ""
-
-
-@pytest.mark.soak
-def test_a_fault_on_the_bus_damps_and_the_summary_has_it(run, quick, monkeypatch):
-    lite = load_robot("lite")
-
-    def with_fault(*arguments, **options):
-        motors = VirtualMotors(*arguments, **options)
-        timer = threading.Timer(3.0, lambda: motors.inject(parse_fault("silent:right_wrist_yaw", lite)))
-        timer.daemon = True
-        timer.start()
-        return motors
-
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", with_fault)
-    script = WALK.replace("hold 0.5", "hold 6")
-    result = run("--robot", quick, *HARDWARE, "--script", script, *PLACEHOLDER)
-    assert result.status == 1
-    assert result.modes[-1] == "DAMPING"
-    assert "safety FAULT RX_TIMEOUT from humanoid_devices_robstride/virtual:play" in result.reasons[-1]
-    assert "right_wrist_yaw" in result.reasons[-1]
-    ages = [float(tick.input.state.joint_age.max()) for tick in result.ticks]
-    first = next(i for i, tick in enumerate(result.ticks) if not all(s.is_ok for s in tick.input.safety))
-    assert 0.2 <= ages[first] <= 0.25
-    assert result.ticks[first].output.control_mode.mode is Mode.DAMPING

@@ -1,12 +1,9 @@
 """An IMU on a serial line beside emulated motors."""
 
-import time
-
 import models
 import pytest
 from emulated_imu import EmulatedImu
 
-from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.robots.description import load_robot
 
 HARDWARE = ("--hardware", "virtual:imu", "--allow-script", "--policy", "placeholder")
@@ -27,30 +24,6 @@ def test_what_it_feels_is_the_robots_state(run, quick, device):
     for tick in result.ticks:
         assert tick.input.state.imu_angular_velocity == pytest.approx([0.1, -0.2, -0.3])
         assert [status.source for status in tick.input.safety] == ["humanoid_devices_robstride/virtual:imu", "imu"]
-
-
-@pytest.mark.soak
-def test_one_that_goes_silent_is_a_fault(run, quick, device):
-    def fall_silent(data):
-        if time.monotonic() > began + 2.0:
-            device.mute = True
-        return data
-
-    began = time.monotonic()
-    device.damage = fall_silent
-    result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "damp; hold 5; load_a")
-    assert result.status == 1
-    assert "RX_TIMEOUT from imu: " in result.summary["safety"][0]["message"]
-    flags = [status.flags for tick in result.ticks for status in tick.input.safety if status.source == "imu"]
-    assert flags[0] is SafetyFlag.NONE
-    assert SafetyFlag.RX_TIMEOUT in flags
-    assert "STANDBY" not in result.modes
-
-
-def test_one_that_is_not_there_is_a_problem_in_the_list(run, quick):
-    result = run("--robot", quick, *HARDWARE, "--imu", "microstrain:/dev/nowhere", "--script", "damp")
-    assert result.status == 2
-    assert "problem imu  /dev/nowhere: the IMU's port cannot be opened" in result.out
 
 
 def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calibrate):

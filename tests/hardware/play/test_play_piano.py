@@ -78,21 +78,3 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_ro
         shown = subprocess.run([tool, "rrd", "print", "-v", "r.rrd"], capture_output=True, text=True, check=True)
         assert "/keys" in shown.stdout
         assert "BarChart" in shown.stdout
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        (
-            ("--midi", "virtual"),
-            "--midi: is virtual, the keyboard of an emulated piano, and means nothing without --hardware virtual:NAME",
-        ),
-        (
-            ("--midi", "virtual", "--hardware", "virtual:none", "--robot", "lite"),
-            "--midi: is virtual, but lite has no piano; a robot with one is lite_piano",
-        ),
-    ],
-)
-def test_an_emulated_keyboard_needs_an_emulated_piano(run, options, problem):
-    refused = run(*options, "--policy", "placeholder", record=False)
-    assert (refused.status, refused.err) == (2, f"error: {problem}\n")

@@ -59,31 +59,3 @@ def test_reactivate_leads_back_to_motion(run, quick, fault, emulate):
     assert last.output.standby.is_finished
     assert result.status == 1  # there was a fault that nobody asked `play` for
     assert run_program(replay.main, ["r.mcap"]) == 0
-
-
-def test_a_reactivation_that_fails_says_all_of_it_and_replays(run, quick, emulate):
-    motors = emulate()
-    answers = []
-
-    def operator():
-        while os.getpid() not in [session.process for session in running_sessions()]:
-            time.sleep(0.01)
-        answers.append(send("damp"))
-        motors[0].inject(parse_fault("silent:left_elbow_pitch", load_robot("lite")))
-        time.sleep(0.5)
-        answers.append(send("reactivate"))
-        time.sleep(0.3)
-        answers.append(send("quit"))
-
-    thread = threading.Thread(target=operator)
-    thread.start()
-    result = run("--robot", quick, "--hardware", "virtual:refused", "--policy", "placeholder")
-    thread.join()
-    assert answers[:2] == [0, 1]
-    assert result.reasons[-1] == "no motor is driven: reactivate failed"
-    assert result.modes[-1] == "ZERO_TORQUE"
-    told = [item["message"] for item in result.summary["safety"]]
-    assert told[0].endswith("silent: left_elbow_pitch; check its plug, then press e (or: mode reactivate)")
-    assert "no motor is driven: not enabled, 2 problems: left_elbow_pitch: motor 14 does not answer" in told[-1]
-    assert told[-1].endswith("does not confirm that it is disabled; fix that, then press e (or: mode reactivate)")
-    assert run_program(replay.main, ["r.mcap"]) == 0

@@ -1,7 +1,6 @@
 import pytest
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.firmware import KNOWN, firmware_of, parse_version
+from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 
 
@@ -29,17 +28,3 @@ def test_what_a_version_means(model, version, position_range, gain_factor, has_r
     assert (firmware.position_range, firmware.gain_factor) == (position_range, gain_factor)
     assert (firmware.has_active_reports, firmware.reports_as_status) == (has_reports, as_status)
     assert firmware.applied_to(MOTORS[model]).position == position_range
-
-
-@pytest.mark.parametrize("text", ["", "0.2.3", "0.2.3.x", "0.2.3.256", "0.2.3.6.1", "-1.2.3.4", "²...0"])
-def test_texts_that_are_no_version(text):
-    with pytest.raises(InputError, match="expected four numbers of 0 to 255"):
-        parse_version(text)
-
-
-def test_the_newest_versions_are_those_of_the_documents():
-    newest = {model: known.newest for model, known in KNOWN.items() if known.newest is not None}
-    assert newest == {
-        **{"rs-00": (0, 0, 3, 6), "rs-01": (0, 1, 3, 6), "rs-02": (0, 2, 3, 9)},
-        **{"rs-03": (0, 3, 1, 10), "rs-04": (0, 4, 1, 12)},
-    }

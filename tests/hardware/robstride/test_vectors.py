@@ -147,16 +147,6 @@ def test_a_motor_reads_operation_control_as_the_reference_would():
             assert getattr(command, name) == pytest.approx(float(row[column]), abs=1e-9)
 
 
-def test_the_encoder_of_a_whole_bus_gives_the_same_frames():
-    rows = _rows("encode_mit", count=200)
-    encoder = RobstrideEncoder([_motor(row) for row in rows], [_model(row) for row in rows])
-    names = ("position", "velocity", "effort", "kp", "kd")
-    encoded = encoder.encode(np.array([[float(row[name]) for row in rows] for name in names]))
-    assert encoded.frames == tuple((i, 0, _frame(row)) for i, row in enumerate(rows))
-    beyond = [row["note"].startswith(("all beyond", "only", "negative")) for row in rows]
-    np.testing.assert_array_equal(encoded.saturated.any(axis=0), beyond)
-
-
 def test_values_that_are_not_finite_are_refused():
     for row in _rows("encode_mit_nonfinite", count=15):
         command, model = _operation_control(row), _model(row)
@@ -243,17 +233,6 @@ def test_device_ids_are_heard_from_every_motor():
         reply = decode_reply(_frame(row), {}, _HOST)
         assert reply == messages.DeviceId(_motor(row), bytes.fromhex(row["value"]))
         assert encode_reply(reply, _model(row)) == _frame(row)
-
-
-def test_versions_are_never_taken_for_a_position():
-    for row in _rows("version_reply", count=3):
-        motor_id, version = _motor(row), tuple(bytes.fromhex(row["value"]))
-        reply = _decoded(row)
-        assert isinstance(reply, messages.Version)
-        assert (reply.motor_id, reply.version) == (motor_id, version)
-        assert encode_reply(reply, _model(row)) == _frame(row)
-        shorter = Frame(_frame(row).arbitration_id, _frame(row).data[:7])
-        assert decode_reply(shorter, {motor_id: _model(row)}, _host(row)) == reply
 
 
 def _class_of(message):

@@ -18,14 +18,10 @@ from humanoid_sim.hardware.sito import codec
 from humanoid_sim.hardware.sito.codec import (
     Command,
     Gains,
-    Reset,
     SitoEncoder,
-    damping_frames,
     decode,
-    limp_frames,
-    reset_frames,
 )
-from humanoid_sim.robots.motors import FAMILIES, MOTORS
+from humanoid_sim.robots.motors import MOTORS
 
 _VECTORS = Path(__file__).parents[2] / "data" / "sito_vectors.csv"
 TA50, TA100 = MOTORS["TA40-50"], MOTORS["TA40-100"]
@@ -128,33 +124,6 @@ def test_what_does_not_fit_is_refused_and_never_wrapped(message, text):
         codec.encode(message, TA50)
 
 
-def test_the_last_count_fits_and_the_next_does_not():
-    assert [codec.rounded(value) for value in (0.5, 1.5, -0.5, -2.5, 0.49, -0.49)] == [1, 2, -1, -3, 0, 0]
-    last = 32767 * COUNT
-    assert codec.encode(codec.Command(22, 0.0, last, 0.0), TA50).data.hex() == "00007fff00000000"
-    assert codec.encode(codec.Command(22, 0.0, -last, 0.0), TA50).data.hex() == "0000800100000000"
-    with pytest.raises(FieldError):
-        codec.encode(codec.Command(22, 0.0, last + COUNT, 0.0), TA50)
-    half = codec.encode(codec.Command(22, 0.0, 0.0, TA50.effort), TA100).data.hex()
-    assert half.startswith("40a2"), "half of twice the gear"
-
-
-@given(
-    st.integers(1, 255),
-    st.floats(-2e5, 2e5),
-    st.floats(-3.14, 3.14),
-    st.floats(-150.0, 150.0),
-    st.sampled_from([TA50, TA100]),
-)
-def test_commands_come_back_to_half_a_count(i, position, velocity, effort, model):
-    back = codec.decode(codec.encode(codec.Command(i, position, velocity, effort), model), model)
-    assert isinstance(back, codec.Command)
-    assert back.device_id == i
-    assert abs(back.position - position) <= 0.501 * COUNT
-    assert abs(back.velocity - velocity) <= 0.501 * COUNT
-    assert abs(back.effort - effort) <= 0.501 * model.effort / 32767
-
-
 @given(st.binary(max_size=8), st.integers(0, 255), st.integers(0, 255))
 def test_no_frame_makes_it_raise(data, device_id, kind):
     found = codec.decode(Frame(0x05060000 | device_id << 8 | kind, data), TA50)
@@ -163,41 +132,6 @@ def test_no_frame_makes_it_raise(data, device_id, kind):
         assert isinstance(found, codec.Malformed) or len(data) == 8
     else:
         assert found is None
-
-
-@pytest.mark.parametrize(
-    ("kind", "data", "reason"),
-    [
-        (codec.MessageType.FEEDBACK_1, "0011223344", "feedback 1 with 5 bytes, expected 8"),
-        (codec.MessageType.RESET, "5555555555555554", "reset with 55 55"),
-        (codec.MessageType.SELECT_MODE, "0a05050000000000", "select mode with mode 0x0A, expected 0x08 or 0x09"),
-        (codec.MessageType.GAINS, "7fc0000000000000", "gains of nan and 0, expected finite numbers >= 0"),
-    ],
-)
-def test_what_is_malformed_says_why(kind, data, reason):
-    found = codec.decode(Frame(0x05061600 | kind, bytes.fromhex(data)), TA50)
-    assert isinstance(found, codec.Malformed)
-    assert found.reason.startswith(reason)
-
-
-def test_other_frames_are_none_of_its():
-    for other in (
-        Frame(0x05070016 << 8 >> 8, bytes(8)),  # another prefix
-        Frame(0x016, bytes(8), is_extended=False),
-        Frame(0x050616B1, bytes(8), is_remote=True),
-        Frame(0x050616B1, bytes(8), is_error=True),
-        Frame(0x0280FD0B, bytes(8)),  # a Robstride status
-    ):
-        assert codec.split_identifier(other) is None
-        assert codec.decode(other, TA50) is None
-
-
-def test_the_familys_facts_are_the_codecs():
-    """A host's message types are what the ids of another family's motors must not be."""
-    assert FAMILIES["sito"].last_bytes == {int(kind) for kind in codec.MessageType} - {
-        int(kind) for kind in codec.FROM_MOTOR
-    }
-    assert min(codec.FROM_MOTOR) > 127, "what motors send ends with no motor's id of the other family"
 
 
 MODEL = MOTORS["TA40-50"]
@@ -253,16 +187,3 @@ def test_what_does_not_fit_is_cut_off_and_marked():
     assert isinstance(gains, Gains)
     assert (command.velocity, command.effort) == pytest.approx((-MODEL.velocity, MODEL.effort))
     assert (gains.stiffness, gains.damping) == (500.0, 5.0)
-
-
-def read(frames):
-    return [decode(frame, MODEL) for frame in frames]
-
-
-def test_ready_frames():
-    limp = [Gains(22, 0.0, 0.0), Gains(22, 0.0, 0.0), Command(22, 0.0, 0.0, 0.0)]
-    assert read(limp_frames(22, MODEL)) == limp
-    assert read(damping_frames(22, MODEL, 2.0)) == [Gains(22, 0.0, 2.0), Gains(22, 0.0, 2.0), limp[2]]
-    assert read(damping_frames(22, MODEL, 50.0))[0] == Gains(22, 0.0, 5.0), "within what is ever tried"
-    assert read(reset_frames(22, MODEL))[-1] == Reset(22)
-    assert read(reset_frames(22, MODEL))[:3] == limp, "limp first, should it not obey"

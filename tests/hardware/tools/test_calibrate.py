@@ -1,13 +1,9 @@
-import io
-import os
 import threading
 import time
 from contextlib import contextmanager
 
 import pytest
-from rich.console import Console
 
-from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
@@ -15,7 +11,6 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
-from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import load_robot
 
 _CHANNEL = "virtual:bench-calibrate"
@@ -155,40 +150,6 @@ def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, pat
     assert not path.exists()
 
 
-@contextmanager
-def _terminal(monkeypatch):
-    """Standard input is a terminal; what is written to this descriptor is typed there."""
-    typed, shown = os.openpty()
-    with os.fdopen(shown, encoding="utf-8") as terminal:
-        monkeypatch.setattr("sys.stdin", terminal)
-        try:
-            yield typed
-        finally:
-            os.close(typed)
-
-
-def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(run, motors, tmp_path, monkeypatch):
-    drawn = []
-    draw = tool._table
-
-    def counted(*arguments):
-        drawn.append(time.monotonic())
-        return draw(*arguments)
-
-    screen = io.StringIO()
-    monkeypatch.setattr(tool, "_table", counted)
-    monkeypatch.setattr(tool, "make_console", lambda: Console(file=screen, force_terminal=True, width=100))
-    with _terminal(monkeypatch) as typed:
-        enter = threading.Timer(0.5, os.write, (typed, b"\n"))
-        enter.start()
-        status, printed, _ = run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS)
-        enter.join()
-    assert status == 0
-    assert "Enter writes the file, Ctrl-C leaves it alone" in printed
-    assert 3 <= len(drawn) <= 4  # at 0, 0.2 and 0.4 s and at the end; one may be late on a busy machine
-    assert "left_elbow_pitch" in screen.getvalue()
-
-
 def test_ctrl_c_writes_nothing(run, motors, path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -214,33 +175,6 @@ def test_a_silent_motor_or_a_channel_that_goes_down_ends_the_sweep(run, path, mo
     assert not path.exists()
 
 
-def test_where_nobody_answers_it_says_what_to_check(run, path, monkeypatch):
-    monkeypatch.setattr(tool, "_SILENT", 0.2)
-    status, _, complained = _calibrate(run, path, joints=(), channel="virtual:bench-nobody", duration=5)
-    assert status == 3
-    assert complained.splitlines() == [
-        "check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
-        "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
-        "error: no motor answers on virtual:bench-nobody",
-    ]
-    assert not path.exists()
-
-
-def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been():
-    tracks = {3: JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 0.1)), 4: JointTrack()}
-    tracks[5] = JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 2.356), angle=0.0)
-    wiring = make_wiring(_LITE, 1)
-    screen = io.StringIO()
-    config = Calibrate(channels=_CHANNEL, robot="lite")
-    Console(file=screen, width=140).print(tool._table(tool._Task(config, _LITE, wiring, (3, 4, 5)), tracks))
-    rows = screen.getvalue().splitlines()
-    assert "was silent: sweep again" in next(row for row in rows if "left_elbow_pitch" in row)
-    unheard = next(row for row in rows if "left_wrist_yaw" in row)
-    assert "silent" in unheard
-    assert "nan" not in screen.getvalue()
-    assert unheard.split()[2:5] == ["-", "-", "-"]
-
-
 def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     track = JointTrack()
     for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
@@ -249,18 +183,3 @@ def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     assert track.is_silent(2.0)
     track.take(5.0, 2.0)  # another turn: it was without power
     assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
-
-
-def test_a_silence_during_the_sweep_is_said(run, monkeypatch, path):
-    _seen(monkeypatch, Sweep(0.0, 0.1), restarts=1)
-    status, _, complained = _calibrate(run, path)
-    assert status == 1
-    assert complained == "warning: fell silent during the sweep, which began anew: left_elbow_pitch\n"
-
-
-def test_an_existing_file_that_is_none_is_left_alone(run, motors, path):
-    path.write_text("left_elbow_pitch: 3\n", encoding="utf-8")
-    status, _, complained = _calibrate(run, path, joints=(), duration=5)
-    assert status == 2
-    assert "left_elbow_pitch: is 3, expected a mapping with id, direction, homing_offset" in complained
-    assert path.read_text(encoding="utf-8") == "left_elbow_pitch: 3\n"

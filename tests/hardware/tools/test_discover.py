@@ -2,10 +2,6 @@ import pytest
 
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.open_channels import ChannelLock
-from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.tools import bench
-from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("lite_motors")
 
@@ -37,25 +33,11 @@ def test_status_3_where_nothing_answers(run):
     ]
 
 
-def test_on_a_real_channel_it_says_what_to_measure():
-    advice = bench.advice_for_silence("can0")
-    assert [line for line in advice if "60 Ω; at 120 Ω a terminator is missing" in line]
-    assert [line for line in advice if "is the motors' supply on?" in line]
-    assert [line for line in advice if "1000000 bit/s" in line]
-
-
 def test_status_1_where_a_joint_is_missing(run):
     words = ("--first", "11", "--last", "26", "--wait", "0.03", "--robot", "lite")
     status, _, complained = run("discover", _CHANNEL, *words)
     assert status == 1
     assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
-
-
-def test_a_channel_that_is_down_is_an_error(run):
-    channel = "virtual:bench-down"
-    with VirtualMotors(load_robot("lite"), [channel], faults=[Fault("bus_off", start=0.2)]):
-        status, printed, complained = run("discover", channel, "--last", "30")
-    assert (status, printed, complained) == (2, "", f"error: {channel}: bus-off\n")
 
 
 def test_a_channel_in_use_is_refused(run):

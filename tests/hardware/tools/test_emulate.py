@@ -1,12 +1,8 @@
 """`python -m humanoid_sim.hardware emulate`."""
 
-import os
 import re
-import signal
 import threading
 import time
-
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 
 CHANNEL = "udp_multicast:239.74.163.62"
 
@@ -19,18 +15,6 @@ def test_it_says_what_happens_and_ends_with_a_summary(run):
     assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
     assert "0.100 s  fault: silent@0.1" in out
     assert re.search(r": \d+ frames$", out, re.MULTILINE)
-
-
-def test_a_signal_ends_it(run):
-    killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))
-    killer.start()
-    try:
-        status, out, _ = run("emulate", "--channel", CHANNEL, "--quiet")
-    finally:
-        killer.cancel()
-        killer.join()
-    assert status == 0
-    assert " frames\n" in out
 
 
 def test_a_piano_s_keys_are_played_on_a_fifo(run, tmp_path):
@@ -52,33 +36,6 @@ def test_a_piano_s_keys_are_played_on_a_fifo(run, tmp_path):
     assert not fifo.exists()
     status, _, err = run("emulate", "--channel", CHANNEL, "--midi", str(fifo))
     assert (status, err) == (2, f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n")
-
-
-def test_one_motor_alone_as_it_comes(run):
-    status, out, err = run("emulate", "--channel", CHANNEL, "--alone", "left_elbow_pitch", "--duration", "0.1")
-    assert (status, err) == (0, "")
-    assert out.startswith(f"the motor of left_elbow_pitch, id 127, of lite on {CHANNEL}; ")
-    status, _, err = run("emulate", "--channel", CHANNEL, "--robot", "lite_sito", "--alone", "left_wrist_roll")
-    assert status == 2
-    assert err.startswith("error: unknown joint with a Robstride motor 'left_wrist_roll'")
-
-
-def test_without_a_channel_there_is_nowhere_to_be_but_the_list_of_faults_needs_none(run):
-    status, _, err = run("emulate", "--fault", "lost")
-    assert status == 2
-    assert err == "error: --channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2\n"
-    status, out, _ = run("emulate", "--fault", "help")
-    assert status == 0
-    assert "encoder_jump=1" in out
-
-
-def test_a_hand_sweeps_the_joints(run, monkeypatch):
-    led = []
-    monkeypatch.setattr(VirtualMotors, "move_by_hand", lambda _, positions: led.append(positions))
-    status, _, err = run("emulate", "--channel", CHANNEL, "--sweep", "--duration", "0.3")
-    assert (status, err) == (0, "")
-    assert len(led) >= 3
-    assert abs(led[-1]["left_shoulder_roll"]) < abs(led[0]["left_shoulder_roll"]), "on its way to 0"
 
 
 def test_a_calibration_assembles_the_motors(run, tmp_path):

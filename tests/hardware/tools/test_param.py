@@ -52,29 +52,6 @@ def test_a_value_is_written_verified_and_said(run, values):
     assert values("12", "limit_torque") == (0, {"limit_torque": "12.1"})
 
 
-def test_a_value_that_the_motor_does_not_take_is_an_error(run):
-    status, _, complained = run("param", "set", _CHANNEL, "15", "damper", "0")  # an rs-05 has none
-    assert status == 2
-    assert complained == f"error: motor 15 on {_CHANNEL}: damper reads nothing after 0 was written\n"
-
-
-STORED = "stored canTimeout: is 1e+09, expected 0 to 100000"
-
-
-@pytest.mark.parametrize(
-    ("words", "problem"),
-    [
-        (("0x3017", "1", "--type", "f32"), "0x3017: is mechVel of an rs-05, which is read only"),
-        (("0x3022", "0", "--type", "u32"), "0x3022: is fault_word of an rs-05, which is read only"),
-        (("0x200C", "1e9", "--type", "u32"), STORED),
-        (("0x200B", "1e9", "--type", "u32", "--model", "rs-04"), STORED),
-        (("0x200C", "2000", "--type", "f32"), "--type: is f32, stored canTimeout is a u32"),
-    ],
-)
-def test_a_function_code_is_what_it_is_in_the_motors_model(run, words, problem):
-    assert run("param", "set", _CHANNEL, "15", *words) == (2, "", f"error: {problem}\n")
-
-
 @pytest.mark.parametrize(
     ("motor", "value", "peak"), [("15", "5.6", "5.5 N·m for an rs-05"), ("12", "14.5", "14 N·m for an rs-00")]
 )

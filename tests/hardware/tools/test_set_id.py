@@ -4,8 +4,6 @@ import pytest
 from lone_motor import cycle_power, lone_motors
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.messages import SetDeviceId
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -69,44 +67,3 @@ def test_an_operator_confirms(run, monkeypatch, answer, problem):
         status, _, complained = run("set-id", _CHANNEL, "14")
         assert (status, *_ids(motors, 3)) == ((2, 127) if problem else (0, 14))
     assert complained == (f"error: {problem}\n" if problem else "")
-
-
-@pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])
-def test_a_lost_frame_is_sent_again(run, monkeypatch, lost, expected):
-    send, renames = RobstrideLink.send, []
-
-    def send_not_always(self, commands):
-        if isinstance(next(iter(commands.values()))[0], SetDeviceId):
-            renames.append(1)
-            if len(renames) <= lost:
-                return
-        send(self, commands)
-
-    monkeypatch.setattr(RobstrideLink, "send", send_not_always)
-    with lone_motors(_CHANNEL) as motors:
-        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
-        assert _ids(motors, 3) == [14 if expected == 0 else 127]
-    assert status == expected
-    if expected:
-        assert complained.startswith("error: motor 127 did not become 14: now answers 127 (unique id ")
-
-
-def test_what_saving_keeps_besides_is_told(run):
-    with lone_motors(_CHANNEL):
-        assert run("param", "set", _CHANNEL, "127", "canTimeout", "2000")[0] == 0
-        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
-    assert status == 0
-    assert complained == (
-        "warning: saving keeps canTimeout 2000 (100 ms) too (factory: 0 (off)); to avoid it, switch the motor off and "
-        "on first\n"
-    )
-
-
-def test_status_3_and_advice_where_nobody_answers(run):
-    status, _, complained = run("set-id", "virtual:nobody", "14", "--yes")
-    assert status == 3
-    assert complained.splitlines() == [
-        "check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
-        "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
-        "error: no motor answers on virtual:nobody",
-    ]

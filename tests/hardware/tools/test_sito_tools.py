@@ -85,15 +85,3 @@ def test_calibrate_enables_them_limp_for_the_sweep(motors, told, run, tmp_path):
     assert status == 0, printed + complained
     assert abs(load_calibration(path, ROBOT).entries["left_wrist_roll"].homing_offset) < 0.1
     assert told == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
-
-
-def test_identify_has_a_guardian_where_the_channel_can_be_shared(run):
-    channel, told = "udp_multicast:239.74.166.21", []
-    with punctual_threads(behind=10):
-        shared = VirtualMotors(ROBOT, [channel], told=lambda _, text: told.append(text))
-    with shared:
-        words = ("identify", channel, "right_wrist_roll", *ON, "--angle", "0.1", "--yes", "--allow-no-timeout")
-        status, printed, complained = run(*words)
-    assert status == 0, printed + complained
-    assert "warning: guardian: right_wrist_roll execute their last command for ever" in complained
-    assert told == ["right_wrist_roll: enabled", "right_wrist_roll: disabled"]
