@@ -44,10 +44,3 @@ def test_sample_policies_go_by_name_and_files_by_path(tmp_path, monkeypatch):
     assert policy_path("lite_tracking").name == "lite_tracking.onnx"
     (tmp_path / "lite_piano").touch()
     assert policy_path("lite_piano") == Path("lite_piano")
-
-
-def test_sample_contracts_are_policies_only_where_that_is_asked_for():
-    assert policy_path("lite_piano_task", contracts=True).name == "lite_piano_task.contract.yaml"
-    assert policy_path("lite_biped_velocity", contracts=True).name == "lite_biped_velocity.onnx"
-    with pytest.raises(InputError, match="unknown policy 'lite_piano_task' "):
-        policy_path("lite_piano_task")

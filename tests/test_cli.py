@@ -44,34 +44,6 @@ def test_what_ends_a_program_is_one_line_and_a_status(error, status, line, capsy
     assert capsys.readouterr() == ("", f"{line}\n")
 
 
-def test_a_bug_keeps_its_traceback():
-    with pytest.raises(ZeroDivisionError):
-        failing(ZeroDivisionError())
-
-
-def test_a_program_gets_its_arguments_and_gives_its_status():
-    seen = []
-
-    def program(arguments):
-        seen.append(arguments)
-        return 7
-
-    assert run_program(program, ["--x"]) == 7
-    assert run_program(program) == 7
-    assert seen == [["--x"], None]
-
-
-def test_a_reader_that_leaves_makes_no_noise():
-    code = "from humanoid_sim.cli import run_program\ndef p(a):\n while True: print('x' * 1000)\nrun_program(p)"
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        process.stdout.readline()
-        process.stdout.close()
-        assert process.stderr.read() == ""
-        assert process.wait() == 0
-
-
 def test_the_list_of_verbs(capsys):
     for word in ("-h", "--help"):
         assert main([word]) == 0
@@ -104,11 +76,6 @@ def test_the_start_page(capsys):
         assert [path for path in files if path.name.partition(".")[0] not in text] == []
 
 
-def test_an_unknown_verb(capsys):
-    assert main(["dance"]) == 2
-    assert capsys.readouterr() == ("", f"error: unknown verb 'dance'; known: {', '.join(VERBS)}\n")
-
-
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(verb, capsys):
     assert importlib.util.find_spec(f"humanoid_sim.{verb}") is not None  # for `python -m`
@@ -131,57 +98,8 @@ def test_help_loads_nothing_heavy():
     assert run.stdout.splitlines()[-1] == ""
 
 
-def test_the_console_script_is_the_same_program():
-    script = os.path.join(os.path.dirname(sys.executable), "humanoid-sim")
-    run = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
-    assert run.stdout == f"{__version__}\n"
-
-
-def shell(redirect, code, unbuffered=""):
-    program = f"import sys; from humanoid_sim.cli import run_program; sys.exit(run_program({code}))"
-    return subprocess.run(
-        ["bash", "-c", f'"$0" -c "$1" {redirect}', sys.executable, program],
-        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_output_is_one_line(unbuffered):
-    run = shell(">/dev/full", "lambda _: print('x') or 0", unbuffered)
-    assert (run.returncode, run.stderr) == (2, "error: No space left on device\n")
-
-
-@pytest.mark.parametrize("words", [[], ["-h"], ["--help"], ["--version"]])
-def test_a_page_of_the_package_itself_is_no_exception(words, monkeypatch, capsys):
-    with open("/dev/full", "w", encoding="utf-8") as full:
-        monkeypatch.setattr(sys, "stdout", full)
-        assert main(words) == 2
-        sys.stdout.close()  # which is muted by now
-    assert capsys.readouterr().err == "error: No space left on device\n"
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1:strict", "ascii:surrogateescape"])
-def test_characters_that_the_output_lacks_are_question_marks(encoding):
-    code = "from humanoid_sim.cli import run_program; run_program(lambda _: print('A → B ≤ 5 K_d 中 \\udc80') or 0)"
-    environment = {**os.environ, "PYTHONIOENCODING": encoding}
-    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout, run.stderr) == (0, "A ? B ? 5 K_d ? ?\n", "")
-
-
 LATE = "raise ImportError('initialization failed') from KeyboardInterrupt()"
 """What a library written in C makes of Ctrl-C while it loads."""
-
-
-def test_ctrl_c_while_a_library_loads_is_one_line_and_status_130(capsys):
-    error = ImportError("initialization failed")
-    error.__cause__ = KeyboardInterrupt()
-    assert failing(error) == 130
-    assert capsys.readouterr() == ("", "interrupted\n")
-    with pytest.raises(ImportError):
-        failing(ImportError("no module"))
 
 
 @pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", LATE])

@@ -1,6 +1,5 @@
 """The client as others use it: one file, in any Python that has NumPy."""
 
-import ast
 import shutil
 import subprocess
 import sys
@@ -39,20 +38,3 @@ def test_the_one_file_works_by_itself_in_an_isolated_python(local, tmp_path):
         assert program.communicate("\n")[0] == "True\n"
     assert record.input.intents == (Intent.LOAD_A,)
     assert record.input.state.extern["velocity_command"].value.tolist() == [0.25, 0.0, 0.0]
-
-
-def test_it_is_written_for_python_3_9():
-    tree = ast.parse(FILE.read_text(encoding="utf-8"), feature_version=(3, 9))
-    imported = {
-        name.split(".")[0]
-        for node in ast.walk(tree)
-        if isinstance(node, (ast.Import, ast.ImportFrom))
-        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names])
-    }
-    assert imported <= {*sys.stdlib_module_names, "numpy"}
-    assert "numpy" in imported
-    # What came after 3.9 and no parser refuses.
-    text = FILE.read_text(encoding="utf-8")
-    assert "slots=True" not in text
-    assert "kw_only" not in text
-    assert "strict=" not in text

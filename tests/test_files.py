@@ -22,15 +22,6 @@ def refusal(path):
     return str(caught.value)
 
 
-def test_a_file_and_a_link_to_it_are_taken(tmp_path):
-    file, link = tmp_path / "file", tmp_path / "link"
-    file.touch()
-    link.symlink_to(file)
-    assert regular_file(str(file), "a file") == file
-    assert regular_file(link, "a file") == link
-    assert is_file(link)
-
-
 def test_what_is_no_file_is_named(tmp_path):
     pipe, loop = tmp_path / "pipe", tmp_path / "loop"
     os.mkfifo(pipe)
@@ -58,28 +49,6 @@ def test_a_file_that_its_user_may_not_read_is_one_line():
             assert refusal(path) == f"{path}: cannot be read: Permission denied"
         finally:
             os.seteuid(user)
-
-
-def test_a_name_of_full_length_can_be_written(tmp_path):
-    path = tmp_path / ("é" * 127)  # 254 bytes of 255
-    with whole_file(path) as file:
-        file.write(b"whole")
-    assert path.read_bytes() == b"whole"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_name_that_is_too_long_is_one_line(tmp_path):
-    with pytest.raises(InputError, match=r"cannot be written: File name too long$"), whole_file(tmp_path / ("x" * 300)):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_two_at_once_do_not_meet(tmp_path):
-    names = [f"{'x' * 100}{end}" for end in "ab"]
-    with whole_file(tmp_path / names[0]) as first, whole_file(tmp_path / names[1]) as second:
-        first.write(b"a")
-        second.write(b"b")
-    assert [(tmp_path / name).read_bytes() for name in names] == [b"a", b"b"]
 
 
 def test_a_block_that_raises_leaves_what_was_there(tmp_path):
@@ -133,12 +102,6 @@ def test_one_that_is_killed_leaves_the_old_file_or_the_new_one(name, tmp_path):
         assert _READERS[name](path)
 
 
-def test_a_good_output_is_returned_and_nothing_is_left(tmp_path):
-    assert output_file(str(tmp_path / "run.MP4"), "video", ".mp4") == tmp_path / "run.MP4"
-    assert output_file(tmp_path / "run", "video") == tmp_path / "run"
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -158,14 +121,6 @@ def test_a_bad_output_is_refused(tmp_path, name, message):
     with pytest.raises(InputError, match=message):
         output_file(tmp_path / name, "video", ".mp4", ".mov", overwrite=False)
     assert output_file(tmp_path / "there.mp4", "video") == tmp_path / "there.mp4"
-
-
-def test_a_folder_that_takes_no_files_is_refused(tmp_path):
-    target = Path("/proc/self") if os.geteuid() == 0 else tmp_path
-    if os.geteuid() != 0:
-        tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match=r"'.*run\.mp4' cannot be written: \w+"):
-        output_file(target / "run.mp4", "video", ".mp4")
 
 
 def test_a_file_that_somebody_writes_is_left_alone(tmp_path):

@@ -76,12 +76,6 @@ def test_a_damp_is_granted_although_others_are_refused_with_it(local, capsys):
     assert "LOAD_A refused: DAMP came in the same tick" in capsys.readouterr().out
 
 
-def test_what_is_refused_is_status_1(local):
-    status = []
-    assert serve(local, lambda: status.append(run("load_a"))) == [Intent.LOAD_A]
-    assert status == [1]
-
-
 def test_damp_goes_to_all_sessions_even_if_one_hangs_and_everything_else_to_one(local, other, monkeypatch, capsys):
     status = []
     with monkeypatch.context() as patch:
@@ -116,28 +110,3 @@ def test_damp_goes_to_all_sessions_even_if_one_hangs_and_everything_else_to_one(
     assert out.count(": DAMPING (damping_controller): DAMP requested\n") == 2
     assert serve(local, lambda: status.append(run("load_a", "--session", str(os.getpid())))) == [Intent.LOAD_A]
     assert status == [1, 0, 0]
-
-
-def test_a_stale_session_never_blocks_it(local, capsys):
-    for process in (1, os.getppid()):
-        local.registration.path.with_name(f"{process}.session").write_text(local.registration.path.read_text())
-    status = []
-    assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
-    assert status == [0]
-
-
-def test_it_needs_a_session(capsys, runtime):
-    assert run("damp") == 2
-    assert capsys.readouterr().err == "error: no session is running; start one with play\n"
-    assert run("damp", "--session", "1") == 2
-    assert capsys.readouterr().err == "error: --session: 1 is not a running session; running: none\n"
-    assert run("jump") == 2
-    assert capsys.readouterr().err.startswith(
-        "error: invalid choice 'jump' for argument 'intent'. Expected one of ('damp', "
-    )
-
-
-def test_it_loads_nothing_heavy():
-    code = "import sys, humanoid_sim.mode; print(*{'numpy', 'tyro', 'mujoco', 'msgspec', 'rich'} & set(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert out == "\n"

@@ -21,11 +21,6 @@ def test_what_numpy_wrote_is_read(tmp_path):
     assert arrays["names"].tolist() == ["a", "bc"]
 
 
-def test_a_single_array_is_no_archive(tmp_path):
-    np.save(tmp_path / "a.npy", np.zeros(3))
-    assert refusal(tmp_path / "a.npy") == "holds a single array (.npy), expected an .npz file of several"
-
-
 def test_arrays_that_need_code_are_refused(tmp_path):
     np.savez(tmp_path / "a.npz", x=np.array([{}], dtype=object))
     assert refusal(tmp_path / "a.npz").startswith("is not a complete .npz file of plain arrays: Object arrays")

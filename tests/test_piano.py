@@ -47,13 +47,6 @@ def test_a_run_is_scored_against_its_song(tmp_path, capsys):
     assert (result["note_count"], result["hit_count"], result["false_count"]) == (2, 2, 1)
 
 
-def test_another_song_takes_the_place_of_its_own(tmp_path, capsys):
-    path = recorded(tmp_path / "run.mcap", SONG, None)
-    (tmp_path / "song.mcap").write_bytes(motion_bytes(song()))
-    assert piano.main([str(path), str(tmp_path / "song.mcap")]) == 0
-    assert "2 of 2 notes were struck in time; 0 wrong strokes" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("motion", "width", "message"),
     [

@@ -1,22 +1,17 @@
 """What the programs do, as functions of `humanoid_sim`."""
 
-import gc
 import json
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import humanoid_sim
-from humanoid_sim import Policy, Recording, Simulation, open_recording, python_api, simulate
+from humanoid_sim import Policy, Simulation, python_api, simulate
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.policy_tools import main as policy_program
-from humanoid_sim.record import main as record_program
 
 ORDERS = (
     "import humanoid_sim.play, humanoid_sim.regress, humanoid_sim.policy; from humanoid_sim import {names}",
@@ -68,41 +63,6 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
     assert np.isnan(arrays["action"][~drives]).all()
 
 
-def test_a_frame_is_the_table_that_record_export_writes(run: Simulation, tmp_path: Path) -> None:
-    file = tmp_path / "run.csv"
-    assert record_program(["export", str(run.recording.path), "--csv", str(file)]) == 0
-    pd.testing.assert_frame_equal(run.frame(), pd.read_csv(file), check_dtype=False, rtol=1e-12)
-
-
-def test_a_figure_shows_the_joints_that_are_named(run: Simulation) -> None:
-    drawn = run.figure("left_elbow_pitch", "right_elbow_pitch")
-    top, bottom = drawn.axes
-    assert "left_elbow_pitch" in top.get_ylabel()
-    command, position = bottom.lines
-    joint = run.recording.header.joint_names.index("right_elbow_pitch")
-    np.testing.assert_array_equal(position.get_ydata(), run.arrays()["position"][:, joint])
-    assert np.isnan(command.get_ydata()[0]), "nothing holds the robot in ZERO_TORQUE"
-    assert drawn._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(InputError, match=r"unknown joint 'elbow'"):
-        run.figure("elbow")
-
-
-def test_a_recording_that_was_named_stays(tmp_path: Path) -> None:
-    file = tmp_path / "kept.mcap"
-    made = simulate("placeholder", record=file, script="damp; hold 0.1; damp")
-    assert made.recording.path == file
-    assert open_recording(file).arrays()["time"].shape == made.arrays()["time"].shape
-
-
-def test_a_recording_that_was_not_named_goes_with_its_last_reader() -> None:
-    recording = simulate("placeholder", script="damp; hold 0.1; damp").recording
-    folder = recording.path.parent
-    assert len(recording.arrays()["time"]) > 10
-    del recording
-    gc.collect()
-    assert not folder.exists()
-
-
 @pytest.mark.parametrize(
     ("options", "line"),
     [
@@ -123,19 +83,6 @@ def test_a_wrong_option_is_one_line(options: dict[str, object], line: str) -> No
     with pytest.raises(InputError, match=line) as raised:
         simulate(**options)  # type: ignore[arg-type]
     assert "\n" not in str(raised.value)
-
-
-def test_it_is_called_from_the_main_thread_which_gets_ctrl_c() -> None:
-    with ThreadPoolExecutor(1) as pool, pytest.raises(InputError, match=r"from the thread .*, expected the main one"):
-        pool.submit(simulate, "placeholder").result()
-
-
-def test_a_run_without_ticks_has_empty_arrays_and_a_figure(run: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
-    nothing = Recording(run.recording.path, run.recording.header)
-    monkeypatch.setattr(nothing, "ticks", lambda: iter(()))
-    assert nothing.arrays()["position"].shape == (0, 14)
-    assert nothing.arrays()["action"].shape == (0, 14)
-    assert len(nothing.figure("left_elbow_pitch").axes) == 1
 
 
 def test_a_policy_is_what_policy_show_prints(

@@ -7,7 +7,6 @@ import sys
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -37,14 +36,6 @@ def test_a_table_has_a_row_for_each_tick(recording, tmp_path, capsys):
         assert row["policy_frame"] == ("" if step is None else str(step.frame))
         if step is not None and "action/left_elbow_pitch" in row:
             assert float(row["action/left_elbow_pitch"]) == step.action[3]
-
-
-@pytest.mark.parametrize("options", [[], ["--robot", "lite"]], ids=["recorded", "named"])
-def test_the_body_is_the_recorded_one_or_that_of_a_robot(options, tmp_path):
-    assert record(["export", str(SIMULATED), "--urdf", str(tmp_path / "robot.urdf"), *options]) == 0
-    root = ElementTree.parse(tmp_path / "robot.urdf").getroot()
-    assert root.attrib["name"] == "lite"
-    assert root.find("joint[@name='left_elbow_pitch']") is not None
 
 
 @pytest.mark.peers

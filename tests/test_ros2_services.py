@@ -1,9 +1,7 @@
 """What the ROS 2 services do without ROS 2; with it they are tested in `tests/ros2_live`."""
 
 import ast
-import os
 import shutil
-import socket
 import subprocess
 import sys
 import threading
@@ -12,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim import client, ros2_services
-from humanoid_sim.ros2.dds import domain
 from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
 
 FILE = Path(ros2_services.__file__)
@@ -29,19 +26,6 @@ utilities = sys.modules["rclpy.utilities"] = types.ModuleType("rclpy.utilities")
 utilities.get_rmw_implementation_identifier = lambda: sys.argv[1]
 from humanoid_sim.ros2_services import main
 sys.exit(main([]))
-"""
-
-BOUND = """
-import socket, sys
-from humanoid_sim.client import network_on
-before = socket.socket()
-with network_on(sys.argv[1]):
-    ends = [socket.socket(family, kind) for family in (socket.AF_INET, socket.AF_INET6)
-            for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM)]
-    local = socket.socketpair()
-for end in (before, *ends, *local):
-    print(end.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(b"\\0").decode(), end=" ")
-    end.close()
 """
 
 
@@ -77,12 +61,6 @@ def test_the_answer_is_that_of_the_fsm(local):
     assert granted
     assert text.startswith("STANDBY (standby_controller_b)")
     assert told(local, "damp", client.find_session().process)[0]
-
-
-def test_without_a_session_every_service_says_so(runtime):
-    for word in SERVICES.values():
-        assert answer(word, None) == (False, "no session is running; start one with play")
-    assert ros2_services.main(["--session", "1"]) == 2
 
 
 def test_a_damp_of_several_succeeds_if_all_are_damped(local, monkeypatch):
@@ -124,19 +102,6 @@ def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2():
     )
 
 
-@pytest.mark.parametrize("number", ["233", "abc", "-1"])
-def test_a_domain_that_is_none_is_one_line_and_status_2(number):
-    program = [sys.executable, "-c", HAS_ROS, "rmw_fastrtps_cpp"]
-    environment = {**os.environ, "ROS_DOMAIN_ID": number}
-    run = subprocess.run(program, capture_output=True, text=True, env=environment, check=False)
-    assert run.returncode == 2
-    assert run.stderr == f"error: ROS_DOMAIN_ID: is '{number}', expected a whole number from 0 to 232\n"
-
-
-def test_one_rule_says_which_domains_there_are():
-    assert ros2_services.LARGEST_DOMAIN == domain._LARGEST_DOMAIN == 232
-
-
 def test_the_two_files_work_without_the_package(tmp_path):
     for file in (FILE, Path(client.__file__)):
         shutil.copy(file, tmp_path)
@@ -148,11 +113,3 @@ def test_the_two_files_work_without_the_package(tmp_path):
         "error: the services need ROS 2's Python (No module named 'rclpy'): source /opt/ros/<distribution>/setup.bash "
         "and run them there\n"
     )
-
-
-@pytest.mark.skipif(not hasattr(socket, "SO_BINDTODEVICE"), reason="binds to devices on Linux alone")
-def test_network_sockets_that_a_library_opens_are_bound_to_the_device():
-    run = subprocess.run([sys.executable, "-c", BOUND, "lo"], capture_output=True, text=True, check=True)
-    assert run.stdout == " lo lo lo lo   "
-    run = subprocess.run([sys.executable, "-c", BOUND, "lo77"], capture_output=True, text=True, check=False)
-    assert run.stderr.splitlines()[-1] == "OSError: [Errno 19] No such device"

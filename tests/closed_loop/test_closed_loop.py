@@ -1,6 +1,5 @@
 """Whole stacks on simulated robots: each mode does to the robot what it is for."""
 
-import mujoco
 import numpy as np
 import pytest
 from drive import Drive
@@ -108,14 +107,6 @@ def test_a_walk_that_is_interrupted_begins_again_from_where_the_arms_are():
     assert first.position.tolist() == start.tolist()
     assert not first.stiffness.any()
     assert np.abs(np.diff(drive.applied(entered + 1), axis=0)).max() < 0.5
-
-
-def energy(drive):
-    """J, potential and kinetic."""
-    model, data = drive.robot.model, drive.robot.data
-    mujoco.mj_energyPos(model, data)
-    mujoco.mj_energyVel(model, data)
-    return float(data.energy.sum())
 
 
 def test_arms_that_are_let_go_sink_slowly():

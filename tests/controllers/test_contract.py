@@ -1,6 +1,5 @@
 """The policy contract: its fields, checked against each other."""
 
-import pickle
 from dataclasses import fields
 
 import numpy as np
@@ -10,26 +9,6 @@ from rig import contract
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.contract_json import encode
-
-
-def test_arrays_are_read_only_and_scalars_spread():
-    made = contract(joint_stiffness=50, action_scale=0.5)
-    assert made.joint_stiffness.tolist() == [50.0, 50.0, 50.0]
-    assert made.action_scale.tolist() == [0.5, 0.5]
-    assert made.action_count == 2
-    for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
-        assert not getattr(made, name).flags.writeable
-
-
-def test_a_pickled_contract_is_the_same_and_read_only():
-    made = contract(
-        joint_stiffness=50, observation=("joint_pos", Term("actions", history=3)), provenance={"policy_dt": "x"}
-    )
-    copy = pickle.loads(pickle.dumps(made))
-    assert encode(copy) == encode(made)
-    assert dict(copy.provenance) == {"policy_dt": "x"}
-    assert not copy.joint_stiffness.flags.writeable
 
 
 @pytest.mark.parametrize(

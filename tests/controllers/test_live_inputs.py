@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from rig import JOINTS, KNOWN, contract, state
 
-from humanoid_sim.controllers.contract import LiveTopic, live_topic
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
@@ -89,38 +88,6 @@ def test_widths_that_are_refused(name, width, problem):
     assert str(caught.value) == f"observation term '{name}': {problem}"
 
 
-def test_terms_may_share_a_live_input_of_one_width():
-    left, right = Term("left", "foot", width=2), Term("right", "foot", width=2, scale=-1.0)
-    assert dict(live_contract(left, right).live_inputs) == {"foot": 2}
-    for other in (Term("right", "foot", width=3), Term("right", "foot")):
-        with pytest.raises(
-            FieldError, match=r"observation: live input 'foot' has widths \[2, (3|None)\], expected one"
-        ):
-            live_contract(left, other)
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        ({"width": None, "topic": "/feet"}, "topic is '/feet', but no width declares a live input: {name: foot"),
-        ({"width": None, "timeout": 1.0}, "timeout is 1.0, but no width declares a live input: {name: foot, width: 2}"),
-        ({"topic": "feet"}, "topic is 'feet', expected a ROS 2 name such as '/foot_contact'"),
-        ({"topic": "/feet/"}, "topic is '/feet/', expected a ROS 2 name"),
-        ({"topic": "/1st"}, "topic is '/1st', expected a ROS 2 name"),
-        ({"topic": ""}, "topic is '', expected a ROS 2 name"),
-        ({"timeout": -0.1}, "timeout is -0.1, expected seconds > 0, or .inf"),
-        ({"timeout": 0}, "timeout is 0, expected seconds > 0, or .inf"),
-        ({"timeout": np.nan}, "timeout is nan, expected seconds > 0, or .inf"),
-    ],
-)
-def test_topics_and_timeouts_that_are_refused(options, problem):
-    with pytest.raises(FieldError) as caught:
-        Term("foot", **{"width": 2, **options})
-    assert str(caught.value).startswith(f"observation term 'foot': {problem}")
-    with pytest.raises(FieldError, match=r"'dof_pos': timeout is 1.0, expected none: only a live input has one$"):
-        Term("dof_pos", timeout=1.0)
-
-
 def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise():
     fed = live_contract(
         FOOT,
@@ -138,37 +105,3 @@ def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise(
     assert decode(encode(fed), "here").live_topics == fed.live_topics
     observed = PolicyWiring(JOINTS, fed, no_reference(), fed.sent_inputs).layout
     assert [term.width for term in observed.terms] == [2, 1, 12, 187, 3]
-
-
-def test_what_no_other_program_publishes_has_no_topic():
-    assert live_topic(None, "left_hand_pressure") is None
-    assert live_topic(None, "joint_pos") is None
-    assert live_topic(None, "height_scan") == LiveTopic("/height_scan")
-    assert live_topic(live_contract(FOOT), "foot_contact") == LiveTopic("/foot_contact")
-
-
-def test_two_live_inputs_have_two_topics_and_one_has_one():
-    with pytest.raises(FieldError, match="live inputs 'foot_contact' and 'other' have the topic /foot_contact, expec"):
-        live_contract(FOOT, Term("other", width=1, topic="/foot_contact"))
-    left, right = (Term(name, "foot", width=2, timeout=1.0) for name in ("left", "right"))
-    assert dict(live_contract(left, right).live_topics) == {"foot": ("/foot", 1.0)}
-    with pytest.raises(FieldError, match=r"live input 'foot' has timeouts \[1.0, 2.0\], expected one"):
-        live_contract(left, Term("right", "foot", width=2, timeout=2.0))
-
-
-@pytest.mark.parametrize(
-    ("declared", "sources", "problem"),
-    [
-        (live_contract(), {"foot": abs}, "live: unknown live input 'foot'; known: foot_contact"),
-        (contract(), {"foot": abs}, "live['foot']: is given, but no observation term declares a live input"),
-        (
-            live_contract(),
-            {"foot_contact": [1.0, 2.0]},
-            "live['foot_contact']: is a list, expected a callable that makes shape (..., 2) of an MITState",
-        ),
-    ],
-)
-def test_sources_that_are_refused(declared, sources, problem):
-    with pytest.raises(FieldError) as caught:
-        LiveInputs(declared, sources)
-    assert str(caught.value) == problem

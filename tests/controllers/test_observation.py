@@ -6,9 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rig import JOINTS, contract, reference, state
 
-from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.observation import pack, resolve_observation
-from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.term_values import ObservationContext
@@ -120,12 +118,6 @@ def test_a_term_without_a_source_is_refused(names, source, message):
         resolve_observation(contract(observation=names), JOINTS, source, {})
 
 
-def test_joint_indices():
-    assert joint_indices(("c", "a"), ("a", "b", "c"), "x").tolist() == [2, 0]
-    with pytest.raises(FieldError, match=r"^unknown joint 'd'; known: a, b \(joint_names of x\)$"):
-        joint_indices(("a", "d"), ("a", "b"), "joint_names of x")
-
-
 BATCH_ARRAYS = (
     "joint_position", "joint_velocity", "joint_effort", "joint_age", "imu_quaternion", "imu_angular_velocity",
     "imu_linear_acceleration",
@@ -162,15 +154,6 @@ def test_a_batch_is_its_robots_bit_for_bit(data):
     assert together.tobytes() == np.stack(one_by_one).tobytes()
 
 
-def test_live_terms_of_a_batch_may_differ_between_robots():
-    batch = MITState(
-        0.0, *(np.zeros((2, 4 if name == "imu_quaternion" else 3)) for name in BATCH_ARRAYS),
-        {"velocity": Extern([[1.0, 2.0], [3.0, 4.0]], 0.0)},
-    )  # fmt: skip
-    packed = pack(layout("velocity"), ObservationContext(batch, np.zeros((2, 2), np.float32), reference(), 0))
-    assert packed.tolist() == [[1.0, 2.0], [3.0, 4.0]]
-
-
 ROBOT_STATE = {
     "joint_velocity": [1.0, 2.0, 3.0],
     "imu_quaternion": [0.8, 0.0, 0.0, 0.6],
@@ -205,14 +188,6 @@ def test_conventions_of_a_term(term, values):
     np.testing.assert_allclose(packed, values, rtol=1e-6, atol=1e-7)
     clipped = resolve_observation(contract(observation=("actions",), action_clip=0.4), JOINTS, reference(), {})
     assert pack(clipped, context(state(1.0))).tolist() == np.array([0.4, -0.4], np.float32).tolist()
-
-
-def test_no_phase_has_neither_sine_nor_cosine():
-    made = contract(observation=("sin_phase", "cos_phase", "gait_phase"), phase=PhaseRule(1.0))
-    resolved = resolve_observation(made, JOINTS, reference(), {})
-    for phase, values in (([0.0, np.pi / 2], [0, 1, 1, 0, 0, 1, 1, 0]), ([np.nan, np.nan], [0] * 8)):
-        shown = ObservationContext(state(1.0), np.zeros(2, np.float32), reference(), 0, phase=np.array(phase))
-        np.testing.assert_allclose(pack(resolved, shown), values, atol=1e-7)
 
 
 def test_axes_turn_a_vector_and_mirror_none():

@@ -148,21 +148,6 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     assert controller.action_limit == 500.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "takes"),
-    [
-        ({}, True),
-        ({"observation": ("joint_pos",), "phase": None}, False),
-        ({"observation": ("joint_pos",)}, True),  # the clock stands while the robot is told to stand
-        ({"observation": ("joint_pos", "command_ang_vel"), "phase": None}, True),
-        ({"observation": ("command",), "command_names": ("twist",), "phase": None}, True),
-        ({"observation": ("command",), "command_names": ("motion",), "phase": None}, False),
-    ],
-)
-def test_whether_the_velocity_command_is_observed(changes, takes):
-    assert wiring_of(contract(**changes)).takes_velocity_command is takes
-
-
 def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
@@ -253,34 +238,3 @@ def test_the_pace_of_a_clock_may_follow_the_command():
     np.testing.assert_allclose(phases(whole, [np.array([1.0, 2.0, 2.0])]), [[1.5 * step]])
     constant = PhaseRule(offsets=[0.0], frequency=[[0.0, 1.25]])
     assert phases(constant, [WALK] * 3) == phases(PhaseRule(0.8, [0.0]), [WALK] * 3)
-
-
-def test_clocks_of_another_pace_each_have_the_bits_of_one_alone():
-    rule = PhaseRule(frequency=[[0.1, 1.1], [0.4, 1.3], [1.3, 1.9]], standing_threshold=0.1)
-    rng = np.random.default_rng(4)
-    commands, walked = rng.uniform(-1.0, 1.0, (200, 3)), rng.uniform(0.0, 9.0, 200)
-    moved, shown = policy_step.advance_phase(rule, walked, commands, 0.02)
-    for i in range(200):
-        one_moved, one_shown = policy_step.advance_phase(rule, walked[i], commands[i], 0.02)
-        assert moved[i].tobytes() == np.asarray(one_moved).tobytes()
-        assert shown[i].tobytes() == one_shown.tobytes()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"period": 0.0}, "period: is 0.0, expected a finite number > 0"),
-        ({"offsets": []}, r"offsets: is \[\], expected one finite angle per foot"),
-        ({"offsets": [np.nan]}, r"offsets: is \[nan\], expected one finite angle per foot"),
-        ({"standing_threshold": -1.0}, "standing_threshold: is -1.0"),
-        ({"standing_value": np.inf}, "standing_value: is inf"),
-        ({"period": None}, "period: neither is given, expected a period, or a frequency for each speed"),
-        ({"frequency": [[0.0, 1.0]]}, "period: both are given"),
-        ({"period": None, "frequency": [[1.0, 1.0], [0.5, 2.0]]}, r"frequency: is \[\[1.0, 1.0\], \[0.5"),
-        ({"period": None, "frequency": [[0.0, 0.0]]}, r"frequency: is \[\[0.0, 0.0\]\], expected \[speed, Hz\]"),
-        ({"speed": "backward"}, "speed: is 'backward', expected one of command, planar, forward"),
-    ],
-)
-def test_what_is_wrong_with_a_phase_rule_is_named(changes, message):
-    with pytest.raises(FieldError, match=f"^PhaseRule.{message}"):
-        PhaseRule(**{"period": 1.0, **changes})

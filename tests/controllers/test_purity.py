@@ -6,7 +6,6 @@ import sys
 from dataclasses import is_dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +14,6 @@ from rig import PATHS, Run, supervisor
 import humanoid_sim.controllers
 from humanoid_sim.testing import any_tick_inputs, fingerprint
 
-ROOT = Path(__file__).parents[2]
 PACKAGE = Path(humanoid_sim.controllers.__file__).parent
 PURE = [*sorted(PACKAGE.glob("**/*.py")), PACKAGE.parent / "mit.py"]
 """The functional core; a new file in `controllers/` belongs to it without being named here."""
@@ -119,14 +117,6 @@ def test_importing_the_controllers_pulls_in_nothing_of_the_shell(tmp_path):
     assert not loaded & set(shell)
 
 
-@pytest.mark.parametrize("name", ["controllers", "envs", "hardware", "assets"])
-def test_a_linked_package_refuses_its_bare_name(name):
-    """Twice imported there would be two `Mode` enums, and each unequal to the other."""
-    done = run_python(f"import sys; sys.path.insert(0, '.'); import {name}", ROOT)
-    assert done.returncode == 1
-    assert done.stderr.rstrip().endswith(f"ImportError: import this package as 'humanoid_sim.{name}', not as '{name}'")
-
-
 @given(st.sampled_from(sorted(PATHS)), any_tick_inputs(3, 20.0))
 def test_two_stacks_agree_bit_for_bit(name, given_tick):
     """On anything, in every mode; and neither the input nor the memory is written."""
@@ -141,12 +131,3 @@ def test_two_stacks_agree_bit_for_bit(name, given_tick):
         outputs.append((fingerprint(after), fingerprint(output)))
     assert fingerprint(given_tick) == before
     assert outputs[0] == outputs[1]
-
-
-def test_a_fingerprint_sees_every_bit():
-    """Otherwise the comparisons above could not fail."""
-    assert fingerprint(np.array([0.0])) != fingerprint(np.array([-0.0]))
-    assert fingerprint(np.array([np.nan])) == fingerprint(np.array([np.nan]))
-    assert fingerprint(np.array([1.0])) != fingerprint(np.array([np.nextafter(1.0, 2.0)]))
-    assert fingerprint(0.0) != fingerprint(-0.0)
-    assert fingerprint((1.0,)) != fingerprint((1,))

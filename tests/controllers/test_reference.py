@@ -32,35 +32,6 @@ def test_progress_of_a_single_frame_is_one():
     assert no_reference().progress(np.array([0, 5])).tolist() == [1.0, 1.0]
 
 
-def test_tables_are_read_only_copies():
-    rows = np.zeros((2, 3), dtype=np.float32)
-    terms = {"x": rows}
-    motion = MotionReference(2, terms)
-    rows[:] = 1.0
-    terms["y"] = rows
-    assert list(motion.terms) == ["x"]
-    assert motion.term("x", 0).tolist() == [0.0, 0.0, 0.0]
-    with pytest.raises(ValueError, match="read-only"):
-        motion.terms["x"][0] = 1.0
-    with pytest.raises(TypeError):
-        motion.terms["z"] = rows
-
-
-@pytest.mark.parametrize(
-    ("count", "terms", "message"),
-    [
-        (0, {}, r"frame_count: is 0, expected at least 1"),
-        (-1, {}, r"frame_count: is -1, expected at least 1"),
-        (2, {"x": np.zeros((3, 1))}, r"terms\['x'\]: has shape \(3, 1\), expected \(2, width\)"),
-        (2, {"x": np.zeros(2)}, r"terms\['x'\]: has shape \(2,\), expected \(2, width\)"),
-        (2, {"x": [[0.0], [np.nan]]}, r"terms\['x'\]: frame 1 is not finite"),
-    ],
-)
-def test_malformed_tables_are_named(count, terms, message):
-    with pytest.raises(FieldError, match=rf"^MotionReference\.{message}"):
-        MotionReference(count, terms)
-
-
 def test_a_tracking_motion_is_cut_into_positions_and_orientations():
     two = contract(body_names=("left_hand", "right_hand"))
     motion = build_reference(two, np.arange(36.0).reshape(2, 18))
@@ -118,12 +89,3 @@ def test_motions_one_after_the_other_are_each_held_at_their_end():
         assert motions.progress(np.arange(8)).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 1 / 3, 2 / 3, 1.0]
         assert motions.progress(3) == 1.0
         assert motions.term("motion_body_pos_b", 5).tolist() == [1.0, 1.25, 1.5]
-
-
-def test_one_motion_is_itself_and_others_must_be_like_it():
-    one = reference(3)
-    assert MotionReference.joined([one]) is one
-    with pytest.raises(FieldError, match="motions: have other terms"):
-        MotionReference.joined([one, no_reference()])
-    with pytest.raises(FieldError, match=r"lengths: are \(1, 1\), expected numbers >= 1 whose sum is 3"):
-        MotionReference(3, one.terms, (1, 1))

@@ -72,14 +72,6 @@ def test_finished_is_exactly_the_pose_and_the_gains(seconds):
     assert (report.current_segment, report.total_segments, report.progress, report.is_finished) == (1, 2, 1.0, True)
 
 
-def test_finished_depends_on_the_command_not_on_the_joints():
-    """The joints never move here, and under gravity they sag below the pose for ever."""
-    reports = [report for _, report in run(standby(), [0.02 * i for i in range(200)])]
-    finished = [report.is_finished for report in reports]
-    assert not any(finished[:150])
-    assert all(finished[152:])
-
-
 @pytest.mark.parametrize("start", [START, (3.0, 3.0, -3.0), (0.0, 0.0, 0.0)])
 def test_torque_starts_at_zero_from_anywhere(start):
     command, _ = run(standby(), [7.0], position=start)[0]
@@ -107,11 +99,6 @@ def test_a_stall_of_the_host_does_not_make_the_arms_jump():
     for time, progress in ((100.0, 0.25), (0.3, 0.15)):
         _, (_, report) = run(standby(max_time_step=0.5), [0.0, time])
         assert report.progress == pytest.approx(progress)
-
-
-def test_a_clock_that_runs_backwards_pauses_the_walk():
-    reports = [r.progress for _, r in run(standby(), [10.0, 10.04, 3.0, 3.04, 3.04, 3.08])]
-    assert reports == pytest.approx([0.0, 0.02, 0.02, 0.04, 0.04, 0.06])
 
 
 @given(st.lists(clock_jumps(), max_size=60), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
@@ -186,12 +173,3 @@ def test_time_and_every_joint_must_be_known(bad, message):
 def test_invalid_parameters_are_named(parameters, message):
     with pytest.raises(FieldError, match=rf"^StandbyController\.{message}"):
         standby(**parameters)
-
-
-def test_parameters_are_read_only_copies():
-    poses = np.zeros((2, 3))
-    controller = standby(pose_segments=poses)
-    poses[:] = 9.0
-    assert controller.pose_segments.tolist() == [[0.0] * 3] * 2
-    for name in PARAMETERS:
-        assert not getattr(controller, name).flags.writeable

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from rig import JOINTS, contract, state
 
-from humanoid_sim.controllers.contract import LiveTopic
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.terms import HeightScan, Term
@@ -94,11 +93,3 @@ def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing
             "observation height_scan[0] is nan, expected a finite number: "
             "no height scan has come, or the last one is too old"
         )
-
-
-@pytest.mark.parametrize("name", ["height_scan", "height_scanner"])
-def test_one_that_declares_its_width_is_a_live_input_like_any_other(name):
-    made = contract(task_type="locomotion", body_names=(), observation=(Term(name, width=4),))
-    assert made.height_scan is None
-    assert dict(made.live_inputs) == dict(made.sent_inputs) == {name: 4}
-    assert dict(made.live_topics) == {name: LiveTopic(f"/{name}")}

@@ -1,11 +1,9 @@
 """The guards of the control stack in the environments: one robot or many, the same end in the same step."""
 
 import numpy as np
-import pytest
 
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.robots.description import load_robot
 
 ARMS = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
 ROLL = "left_wrist_roll"
@@ -41,13 +39,6 @@ def test_a_joint_that_is_pressed_into_its_stop_ends_the_episode():
     assert info["terms"] == {}
 
 
-def test_without_guards_it_goes_on():
-    env = PolicyEnv(**ARMS, **STILL, guards=False)
-    steps, info = run(env, 40)
-    assert steps == 40
-    assert "fault" not in info
-
-
 def test_many_robots_end_as_each_by_itself():
     """The second of three is pressed; the others stay, and it is watched afresh in its next episode."""
     one = PolicyEnv(**ARMS, **STILL)
@@ -63,11 +54,3 @@ def test_many_robots_end_as_each_by_itself():
         if ends:
             assert infos["fault"][1] == info["fault"]
             assert reward[1] == 0.0
-
-
-@pytest.mark.parametrize("robot", ["lite", "lite_biped"])
-def test_the_guards_are_those_of_the_description(robot):
-    contract = {"lite": "lite_tracking", "lite_biped": "lite_biped_velocity"}[robot]
-    motion = "wave" if robot == "lite" else None
-    env = PolicyEnv(contract, robot, motion)
-    assert env.scenario.guards.joints == load_robot(robot).joint_names

@@ -10,7 +10,6 @@ from gymnasium.utils.env_checker import check_env
 
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.envs.lerobot import hub_entry
-from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "lerobot_hub" / "env.py"
@@ -71,8 +70,3 @@ def test_gymnasium_finds_nothing_wrong_with_one():
     (envs,) = example().make_env()["humanoid_sim/LiteTracking-v0"].values()
     check_env(envs.envs[0], skip_render_check=True)
     envs.close()
-
-
-def test_no_environments_are_refused():
-    with pytest.raises(InputError, match="n_envs: is 0, expected a whole number >= 1"):
-        example().make_env(n_envs=0)

@@ -1,6 +1,5 @@
 """Environments whose policy observes what only Python code knows."""
 
-import copy
 import json
 
 import gymnasium
@@ -10,7 +9,7 @@ from alike import hasty
 
 from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.robots.description import load_robot
 
@@ -74,24 +73,6 @@ def test_single_and_vector_environments_observe_the_same_bits(contract):
     np.testing.assert_array_equal(rest[[0, 2]], alone[[0, 2]])
 
 
-def test_a_copy_goes_on_with_the_same_live_input(contract):
-    env = single(contract, live={"tilt": tilt})
-    env.reset(seed=1)
-    env.step(np.full(env.action_space.shape, 0.5, dtype=np.float32))
-    other = copy.deepcopy(env)
-    action = np.full(env.action_space.shape, -0.5, dtype=np.float32)
-    np.testing.assert_array_equal(env.step(action)[0], other.step(action)[0])
-
-
-def test_dm_env_takes_it_too(contract):
-    pytest.importorskip("dm_control")
-    from humanoid_sim.envs.dm import load  # noqa: PLC0415 - optional
-
-    env = load("policy", contract=str(contract), robot=LITE, live={"tilt": tilt}, seed=2, flat_observation=True)
-    shown = env.reset().observation["observations"]
-    np.testing.assert_array_equal(shown, single(contract, live={"tilt": tilt}).reset(seed=2)[0])
-
-
 @pytest.mark.parametrize("make", [single, lambda contract, **options: ModesEnv(LITE, str(contract), **options)])
 def test_nothing_that_feeds_it_is_one_line(make, contract):
     with pytest.raises(InputError) as caught:
@@ -113,12 +94,6 @@ def test_a_value_that_is_not_finite_ends_the_episode(contract):
     _, reward, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     assert (reward, terminated, truncated) == (0.0, True, False)
     assert info["fault"] == "observation tilt[1] of history step 1 is nan, beyond any robot's"
-
-
-def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract):
-    env = single(contract, live={"tilt": lambda _: np.zeros(3)})
-    with pytest.raises(FieldError, match=r"MITState.extern\['tilt'\]: has shape \(3,\), expected \(2,\)"):
-        env.reset(seed=0)
 
 
 def standing(contract, live):
@@ -158,8 +133,3 @@ def test_the_whole_stack_falls_back_on_a_bad_value(contract, value, told):
     assert Mode(shown["mode"]) is Mode.DAMPING
     assert len(info["faults"]) == 1
     assert told in info["faults"][0]
-
-
-def test_the_whole_stack_refuses_what_nobody_observes():
-    with pytest.raises(InputError, match=r"^live\['tilt'\]: is given, but there is no policy that observes it$"):
-        ModesEnv(LITE, live={"tilt": tilt})

@@ -1,14 +1,10 @@
-import gymnasium
-import msgspec
 import numpy as np
 import pytest
 from alike import hasty
 
 from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
-from humanoid_sim.robots.schema import GuardSettings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 
@@ -139,24 +135,6 @@ def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it():
     assert operator.info["refusals"] == ("remote command has shape (0,), expected (5, 14)",)
 
 
-def test_joints_that_swing_into_their_stops_stay_within_the_space():
-    """Full effort along each joint's velocity, undamped: what no other command drives further; `ask` checks it."""
-    unguarded = GuardSettings(following=None, limit=None, speed=None)
-    env = ModesEnv(msgspec.structs.replace(hasty(), guards=unguarded), remote=True)
-    operator = Operator(env)
-    operator.ask(Intent.DAMP, 100)
-    operator.ask(Intent.LOAD_A, 100)
-    limp = np.zeros((5, 14))
-    assert operator.ask(Intent.START_REMOTE, command=limp) is Mode.REMOTE
-    description, furthest = env.robot.description, 0.0
-    for _ in range(300):
-        effort = np.copysign(description.effort_limit, operator.observation["joint_velocity"])
-        assert operator.ask(command=np.stack([*limp[:2], effort, *limp[3:]])) is Mode.REMOTE
-        q = operator.observation["joint_position"]
-        furthest = max(furthest, float(np.maximum(description.lower - q, q - description.upper).max()))
-    assert furthest > 1.0  # or the bound is not tried
-
-
 def test_free_standing_legs_are_held_until_a_policy_takes_over():
     operator = Operator(ModesEnv(hasty("lite_biped"), remote=True))
     assert operator.env.robot.supported
@@ -169,15 +147,6 @@ def test_free_standing_legs_are_held_until_a_policy_takes_over():
     assert operator.env.robot.supported
 
 
-def test_an_episode_ends_with_its_time():
-    operator = Operator(ModesEnv(hasty(), **LITE, episode_seconds=0.02))
-    operator.ask(None, 3)
-    assert not operator.truncated
-    operator.ask()
-    assert operator.truncated
-    assert not operator.quit
-
-
 def test_the_same_intents_give_the_same_episode(shared):
     def rollout():
         operator, seen = Operator(shared), []
@@ -187,26 +156,3 @@ def test_the_same_intents_give_the_same_episode(shared):
         return seen
 
     assert rollout() == rollout()
-
-
-def test_what_cannot_be_taken_is_one_line(shared):
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        ModesEnv("lite").step(0)
-    shared.reset()
-    for action in (7, -1, 1.5, "damp"):
-        with pytest.raises(InputError, match=r"action: intent is .*, expected a whole number from 0 to 6"):
-            shared.step(action)
-    remote = ModesEnv("lite", remote=True)
-    remote.reset()
-    with pytest.raises(InputError, match="action: is 1, expected a mapping with intent, send and command"):
-        remote.step(1)
-    with pytest.raises(InputError, match="reset: unknown option 'mode'; known: command"):
-        shared.reset(options={"mode": 1})
-    with pytest.raises(InputError, match="unknown robot 'atlas'"):
-        ModesEnv("atlas")
-    with pytest.raises(InputError, match="render_mode: is 'ansi'"):
-        ModesEnv("lite", render_mode="ansi")
-    for name in ("control_frequency", "episode_seconds"):
-        for value in (0.0, -1.0, np.nan, np.inf):
-            with pytest.raises(InputError, match=f"^{name}: is {value}, expected a finite number > 0$"):
-                ModesEnv("lite", **{name: value})

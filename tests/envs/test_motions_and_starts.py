@@ -8,7 +8,6 @@ import pytest
 from alike import both, following, walk_along
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.envs.reference_states import reference_states
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
@@ -102,19 +101,6 @@ def test_feet_in_the_floor_are_lifted_onto_it():
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
     height = float(gymnasium.make(POLICY, contract=contract, robot=BIPED, motion=motion).unwrapped.robot.qpos[2])
     assert height - 0.1 < states.base_pose[0, 2] <= height + 0.01
-
-
-def test_a_heading_turns_place_orientation_and_velocity():
-    contract, motion = squat()
-    scenario = make_scenario(contract, BIPED, motion)
-    states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    found = states.base_at(np.array(4), np.array(0.5 * np.pi))
-    assert found is not None
-    pose, velocity = found
-    np.testing.assert_allclose(pose[:3], [0.0, 1.04, 0.884], rtol=0, atol=1e-6)
-    quarter = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-    np.testing.assert_allclose(pose[3:], multiply(quarter, np.array([1.0, 0.0, 0.0, 0.0])), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(velocity, [0.0, 0.5, -0.2, 0.0, 0.0, 0.0], rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize(

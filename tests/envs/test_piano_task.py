@@ -93,21 +93,6 @@ def test_the_nearer_a_finger_the_better():
     assert rewards[1] > 0.1  # of 0.25: the arm sags below it, by the key's spring
 
 
-def test_it_ends_with_the_song():
-    env = make(motion=song((30, 5, 8), frames=12))
-    env.reset(seed=0)
-    ends = [env.step(np.zeros(14, dtype=np.float32))[2:4] for _ in range(11)]
-    assert ends == [(False, False)] * 10 + [(False, True)]
-    assert env.spec.max_episode_steps == 11
-
-
-def test_songs_by_name_and_several():
-    tune = make(motion="twinkle").unwrapped
-    assert tune.scenario.task.episode_steps > 400
-    both = make(motion=["twinkle", song((30, 5, 8), frames=12)]).unwrapped
-    assert both.scenario.wiring.reference.lengths[1] == 12
-
-
 @pytest.mark.parametrize(
     ("options", "problem"),
     [

@@ -1,17 +1,12 @@
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.observation import stack
-from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import mit_torque
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
@@ -69,18 +64,6 @@ def test_a_seed_decides_the_episode(arms):
     assert rollout(4) != first
 
 
-def test_a_command_of_the_user_holds_for_the_episode(legs):
-    drawn, _ = legs.reset(seed=2)
-    commanded, _ = legs.reset(seed=2, options={"command": (0.3, -0.1, 0.5)})
-    np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
-    assert (drawn[6:9] != commanded[6:9]).all()
-    np.testing.assert_array_equal(
-        np.delete(drawn, [6, 7, 8]), np.delete(commanded, [6, 7, 8])
-    )  # the rest is the seed's
-    commanded, *_ = legs.step(np.zeros(14))
-    np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
-
-
 def test_standing_legs_stand_until_the_time_is_up(legs):
     legs.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
     for step in range(1, 51):
@@ -131,47 +114,6 @@ def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms):
     assert arms.observation_space.contains(observation)
     assert "fault" not in arms.reset(seed=0)[1]
     assert "fault" not in arms.step(np.zeros(14))[4]
-
-
-def test_an_observation_beyond_any_robot_s_is_a_fault(arms):
-    arms.reset(seed=0)
-    qpos = arms.robot.qpos.copy()
-    qpos[0] += 5.0
-    observation, _ = arms.reset(options={"state": PlantState(qpos, np.zeros(14))})
-    assert arms.observation_space.contains(observation)
-    observation, _, terminated, _, info = arms.step(np.zeros(14))
-    assert terminated
-    assert info["fault"].startswith("observation joint_pos[0] is ")
-    assert arms.observation_space.contains(observation)
-
-
-def test_actions_beyond_their_bounds_command_no_more(arms):
-    wiring, robot = arms.scenario.wiring, arms.scenario.description
-    state, _ = arms.robot.read()
-    for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
-        _, command = wiring.act(wiring.activate(state), bound)
-        at_rest = np.zeros(14)
-        torque = mit_torque(command, stop, at_rest, robot.effort_limit)
-        np.testing.assert_allclose(torque, sign * robot.effort_limit)
-        at_this_stop = robot.lower if sign < 0 else robot.upper
-        torque = mit_torque(command, at_this_stop, at_rest, np.inf)
-        np.testing.assert_allclose(torque, sign * robot.effort_limit, rtol=1e-4)
-
-
-def test_observation_bounds_follow_scale_and_history():
-    contract = placeholder_checkpoint(load_robot("lite")).contract
-    terms = [
-        term if term.name != "joint_vel" else type(term)("joint_vel", scale=-0.5, history=2) for term in contract.terms
-    ]
-    env = PolicyEnv(replace(contract, observation=terms), "lite")
-    low, high = env.observation_space.low, env.observation_space.high
-    assert low.shape == (14 + 28 + 14,)
-    np.testing.assert_allclose(high[14:42], 50.0, rtol=0.01)
-    np.testing.assert_array_equal(low[14:42], -high[14:42])
-    np.testing.assert_allclose(high[42:], 100.0, rtol=0.01)
-    observation, _ = env.reset(seed=0)
-    step = env.scenario.wiring.layout.step_width
-    assert stack(env.scenario.wiring.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
 
 
 def test_delays_are_between_robot_and_policy_and_not_in_the_reward():
@@ -265,25 +207,6 @@ def test_what_does_not_fit_is_one_line(options, message):
     assert "\n" not in str(refused.value)
 
 
-def test_reset_and_step_refuse_what_they_cannot_take(arms):
-    with pytest.raises(InputError, match="reset: unknown option 'speed'; known: command, state, memory"):
-        arms.reset(options={"speed": 1})
-    for command in ((0.1, 0.2), (0.1, 0.2, np.nan), "fast"):
-        with pytest.raises(InputError, match=r"reset: command is .*, expected vx, vy and yaw rate"):
-            arms.reset(options={"command": command})
-    with pytest.raises(InputError, match="reset: memory is a dict, expected an RLPolicyMemory"):
-        arms.reset(options={"memory": {}})
-    with pytest.raises(InputError, match="reset: state is a list, expected a PlantState"):
-        arms.reset(options={"state": [0.0] * 14})
-    with pytest.raises(InputError, match=r"state: qpos and qvel have the shapes \(3,\) and \(14,\), expected \(14,\)"):
-        arms.reset(options={"state": PlantState(np.zeros(3), np.zeros(14))})
-    arms.reset(seed=0)
-    with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
-        arms.step(np.zeros(3))
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        PolicyEnv(**ARMS).step(np.zeros(14))
-
-
 def test_pictures_need_opengl(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "off")
     env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)
@@ -293,14 +216,6 @@ def test_pictures_need_opengl(monkeypatch):
     env.close()
     env.close()
     assert env.metadata["render_fps"] == 50
-
-
-def test_a_window_needs_a_display(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    env = PolicyEnv(**ARMS, render_mode="human")
-    with pytest.raises(InputError, match=r"^render_mode: human cannot be shown here: no display .*; use rgb_array"):
-        env.reset()
 
 
 @pytest.mark.soak

@@ -5,13 +5,10 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
-from alike import EVERYTHING, PUSHED
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
-from humanoid_sim.envs.registration import ENVIRONMENTS, register_environments
-from humanoid_sim.policy.checkpoint import placeholder_checkpoint
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.envs.registration import ENVIRONMENTS
 
 
 def printed(*lines):
@@ -30,12 +27,6 @@ def test_importing_the_environments_registers_them_and_the_package_imports_nothi
     assert printed("import sys, humanoid_sim", "print('gymnasium' in sys.modules, 'numpy' in sys.modules)") == [
         "False False"
     ]
-
-
-def test_registering_twice_changes_nothing():
-    before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
-    register_environments()
-    assert all(gymnasium.registry[name] is spec for name, spec in before.items())
 
 
 @pytest.mark.parametrize(
@@ -57,13 +48,6 @@ def test_specs_are_pickled_and_written_as_json(name, options):
         expected, found = (one.reset(seed=3)[0] for one in (env, again))
         for key in expected if isinstance(expected, dict) else [...]:
             np.testing.assert_array_equal(found[key], expected[key])
-
-
-def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled():
-    contract = placeholder_checkpoint(load_robot("lite")).contract
-    env = gymnasium.make("humanoid_sim/Policy-v0", contract=contract, robot="lite")
-    again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
-    np.testing.assert_array_equal(again.reset(seed=1)[0], env.reset(seed=1)[0])
 
 
 @pytest.mark.parametrize(
@@ -95,18 +79,3 @@ def test_gymnasium_s_own_check_passes_without_a_display(name, monkeypatch):
     check_env(env, skip_render_check=True)
     monkeypatch.setenv("DISPLAY", ":99")
     assert gymnasium.make(f"humanoid_sim/{name}").unwrapped.metadata["render_modes"] == ["human", "rgb_array"]
-
-
-@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space", "ignore:.*For Box action spaces")
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("LiteTracking-v0", {"motion": ["wave", "circle"], "actuation": "implicit"}),
-        ("LiteTracking-v0", {"randomisation": EVERYTHING, "actuation": "implicit"}),
-        ("BipedVelocity-v0", {"randomisation": PUSHED, "actuation": "implicit"}),
-        ("LitePiano-v0", {}),
-        ("LiteModes-v0", {"remote": True}),
-    ],
-)
-def test_gymnasium_s_own_check_passes_with_options(name, options):
-    check_env(gymnasium.make(f"humanoid_sim/{name}", **options).unwrapped, skip_render_check=True)

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.tasks.task import Task, checked_terms, require_finite
+from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.errors import InputError
 
 ID = "humanoid_sim/LiteTracking-v0"
@@ -48,28 +48,6 @@ def test_terms_that_are_none_are_refused_at_once(rewards, message):
         gymnasium.make(ID, rewards=rewards)
 
 
-def test_terms_are_kept_as_they_are():
-    assert checked_terms(None) == {}
-    assert checked_terms({"knees": (np.float32(0.5), elbow)}) == {"knees": (0.5, elbow)}
-
-
-@pytest.mark.parametrize("number", [None, 3])
-def test_a_number_is_that_of_every_robot_alone_and_in_a_batch(number):
-    np.testing.assert_allclose(stepped(number, lambda _: 1.0)["own"], np.full(() if number is None else 3, 2.0 * 0.02))
-    np.testing.assert_allclose(stepped(number, lambda _: 3)["own"], np.full(() if number is None else 3, 6.0 * 0.02))
-
-
-def test_a_sum_over_all_robots_is_no_number_for_each():
-    with pytest.raises(InputError, match=r"rewards: own has shape \(\), expected \(3,\): one value for each robot"):
-        stepped(3, lambda sample: sample.state.joint_position.sum())
-
-
-@pytest.mark.parametrize("number", [None, 3])
-def test_what_is_no_number_is_refused_alone_and_in_a_batch(number):
-    with pytest.raises(InputError, match=r"^rewards: own gives a str, expected numbers$"):
-        stepped(number, lambda _: "good")
-
-
 def spoilt(value, i):
     """A term that is `value` for one robot of a batch, from its third step on."""
 
@@ -88,12 +66,6 @@ def test_a_reward_that_is_not_finite_names_term_and_environment(value, what):
     assert stepped(3, spoilt(value, 1), steps=2)["own"] == pytest.approx([0.04] * 3)
     with pytest.raises(InputError, match=f"^rewards: own is {what} in environment 1$"):
         stepped(3, spoilt(value, 1), steps=3)
-
-
-def test_robots_that_do_not_count_may_have_any_terms():
-    require_finite(np.array([1.0, 0.0]), {"own": np.array([1.0, np.nan])})
-    with pytest.raises(InputError, match=r"^rewards: their sum is infinite in environment 1$"):
-        require_finite(np.array([1.0, np.inf]), {"own": np.array([1.0, 1e308]), "other": np.array([0.0, 1.7e308])})
 
 
 def test_a_fault_is_no_error_whatever_the_terms_are_then():

@@ -59,13 +59,6 @@ def test_episodes_of_a_set_length_can_be_put_out_of_step():
     ours.close()
 
 
-def test_other_autoreset_modes_are_refused():
-    envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
-    with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep' for rsl_rl"):
-        adapter(envs)
-    envs.close()
-
-
 def test_ppo_learns_on_it(tmp_path):
     """Holding the arms up costs effort; in 12 288 steps the policy finds that they may hang lower."""
     from rsl_rl.runners import OnPolicyRunner  # noqa: PLC0415 - not without it

@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
 
 pytest.importorskip("torch")
@@ -48,41 +47,6 @@ def test_steps_are_those_of_the_vector_environment():
         assert ("fault" in infos[1]) == (step == 2)
     ours.close()
     plain.close()
-
-
-def test_attributes_and_options():
-    ours = adapted(3)
-    assert ours.get_attr("num_envs") == [3, 3, 3]
-    assert ours.get_attr("num_envs", 1) == [3]
-    assert ours.env_is_wrapped(gymnasium.Wrapper, [0, 2]) == [False, False]
-    assert ours.has_attr("simulation")
-    assert not ours.has_attr("nonsense")
-    ours.set_attr("fault_count", 7)
-    assert ours.envs.unwrapped.fault_count == 7
-    with pytest.raises(InputError, match="expected a value for all of them"):
-        ours.set_attr("fault_count", 7, [0])
-    ours.set_options({"command": (0.0, 0.0, 0.0)})
-    ours.reset()
-    ours.set_options([{"command": (0.0, 0.0, 0.0)}, {}, {}])
-    with pytest.raises(InputError, match="options: differ between environments"):
-        ours.reset()
-    ours.close()
-
-
-def test_an_attribute_reaches_the_environment_below_its_wrappers():
-    envs = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep")
-    ours = StableBaselinesVecEnv(gymnasium.wrappers.vector.RecordEpisodeStatistics(envs))
-    ours.set_attr("fault_count", 7)
-    assert envs.unwrapped.fault_count == 7
-    assert ours.get_attr("fault_count") == [7, 7]
-    ours.close()
-
-
-def test_other_autoreset_modes_are_refused():
-    envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
-    with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep'"):
-        StableBaselinesVecEnv(envs)
-    envs.close()
 
 
 def test_ppo_learns_on_it():

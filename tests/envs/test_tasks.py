@@ -137,11 +137,6 @@ def test_orientation_error_is_the_angle_for_either_sign_of_the_quaternion(tracki
     np.testing.assert_allclose(errors, [angle, angle], rtol=1e-6, atol=1e-7)
 
 
-def test_a_motion_is_over_with_its_last_frame(tracking):
-    over = [bool(tracking.judge(sample(tracking, frame=frame)).truncated) for frame in (1, 2, 3, 4)]
-    assert over == [False, False, True, True]
-
-
 def test_effort_action_rate_and_joint_stops_cost(tracking, lite):
     torque = np.zeros(14)
     torque[0], torque[4] = lite.effort_limit[0], -0.5 * lite.effort_limit[4]
@@ -179,20 +174,6 @@ def test_starts_are_around_the_default_pose_in_the_robot_s_order(tracking, lite)
     assert start.commands.shape == (500, 1, 3)
 
 
-def test_velocity_commands_hold_for_five_seconds(velocity):
-    numbers = np.random.default_rng(1).random((2000, velocity.draws))
-    commands = velocity.start(numbers).commands
-    assert commands.shape == (2000, 3, 3)  # 12 s
-    standing = (commands == 0.0).all(axis=-1).mean()
-    assert 0.08 < standing < 0.12
-    np.testing.assert_allclose(np.abs(commands).max(axis=(0, 1)), [1.0, 0.5, 1.0], rtol=0.01)
-    for step, i in ((0, 0), (249, 0), (250, 1), (500, 2), (10_000, 2)):
-        np.testing.assert_array_equal(velocity.command(commands[0], step), commands[0, i])
-    steps = np.arange(2000) % 600
-    batch = velocity.command(commands, steps)
-    np.testing.assert_array_equal(batch, commands[np.arange(2000), steps // 250])
-
-
 def test_a_user_s_terms_are_added_or_replace_the_task_s(lite):
     def height(sample):
         return sample.state.joint_position[..., 3]
@@ -211,19 +192,6 @@ def test_a_user_s_terms_are_added_or_replace_the_task_s(lite):
     assert terms["effort"] < -0.02
     for name in ("elbow", "effort", "body_position"):
         assert batch[name][1] == pytest.approx(float(terms[name]), abs=1e-9)
-
-
-def test_a_term_of_a_wrong_shape_is_refused(lite):
-    env = gymnasium.make(
-        "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (1.0, lambda sample: sample.torque)}
-    )
-    env.reset(seed=0)
-    with pytest.raises(InputError, match=r"rewards: joints has shape \(14,\), expected \(\): one value for each robot"):
-        env.step(np.zeros(14, dtype=np.float32))
-    with pytest.raises(InputError, match="weights: joints is inf"):
-        gymnasium.make(
-            "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (np.inf, lambda sample: sample.torque)}
-        )
 
 
 def test_walking_at_the_command_earns_the_weights_per_second(velocity):
@@ -269,12 +237,6 @@ def test_following_a_whole_body_motion(biped):
     assert not task.judge(at(0, [0, 0, 1, np.cos(0.7), 0, 0, np.sin(0.7)])).terminated  # the heading alone
     assert task.judge(at(0, [0, 0, 1, np.cos(0.7), np.sin(0.7), 0, 0])).terminated
     assert [bool(task.judge(at(frame, [0, 0, 1, 1, 0, 0, 0])).truncated) for frame in (1, 2)] == [False, True]
-
-
-def test_balancing_costs_speed(lite):
-    task = BalanceTask(lite, contract_of(lite, "locomotion"), no_reference(), episode_seconds=1.0)
-    assert task.judge(sample(task)).reward == pytest.approx(DT)
-    assert [bool(task.judge(sample(task, step=step)).truncated) for step in (49, 50)] == [False, True]
 
 
 @pytest.mark.parametrize("name", ["tracking", "velocity"])

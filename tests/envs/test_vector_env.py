@@ -1,6 +1,5 @@
 """The native vector environment against Gymnasium's own, which steps `PolicyEnv`s one by one."""
 
-import pickle
 from collections.abc import Mapping
 
 import gymnasium
@@ -147,24 +146,6 @@ def test_every_step_is_that_of_single_environments(both):
     assert native.fault_count == sum(env.unwrapped.fault_count for env in sync.envs) >= 1
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("both", [(LITE, {"joint_noise": 0.0})], indirect=True)
-def test_a_whole_motion_ends_as_in_single_environments(both):
-    native, sync = both
-    native.reset(seed=0)
-    sync.reset(seed=0)
-    frames = native.scenario.wiring.reference.frame_count
-    rest = np.zeros(native.action_space.shape, dtype=np.float32)
-    for _ in range(frames + 1):
-        ours, theirs = native.step(rest), sync.step(rest)
-        for one, other in zip(ours[1:4], theirs[1:4], strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-        if (ours[2] | ours[3]).any():
-            break
-    assert (ours[2] | ours[3]).all()
-    assert_states(native, sync)
-
-
 def test_seeds_make_starts():
     native = make(BIPED)
     first, _ = native.reset(seed=7)
@@ -177,12 +158,6 @@ def test_seeds_make_starts():
     mixed, _ = native.reset(seed=[7, None, 9])
     np.testing.assert_array_equal(mixed[[0, 2]], first[[0, 2]])
     assert np.abs(mixed[1] - first[1]).max() > 1e-3
-
-
-def test_starts_without_a_seed_differ():
-    one, other = make(LITE), make(LITE)
-    starts = np.concatenate([one.reset()[0], other.reset()[0]])
-    assert len(np.unique(starts, axis=0)) == 2 * COUNT
 
 
 def test_the_number_of_environments_and_threads_does_not_matter():
@@ -280,26 +255,6 @@ def test_randomised_environments_differ_and_are_seeded():
     assert [native.simulation.model(i).body_mass.sum() for i in range(3)] == following[1:]
 
 
-def test_rewards_are_of_the_true_state():
-    noisy = make(LITE, randomisation={"joint_position_noise": 0.3, "joint_velocity_noise": 1.0})
-    quiet = make(LITE)
-    noisy.reset(seed=0)
-    quiet.reset(seed=0)
-    action = np.zeros(quiet.action_space.shape, dtype=np.float32)
-    ours, truth = noisy.step(action), quiet.step(action)
-    np.testing.assert_array_equal(ours[1], truth[1])
-    assert np.abs(ours[0] - truth[0]).max() > 0.1
-
-
-def test_what_is_returned_belongs_to_the_caller():
-    native = make(LITE)
-    observation, _ = native.reset(seed=0)
-    kept = observation.copy()
-    action = np.full(native.action_space.shape, np.nan, dtype=np.float32)
-    observation[:] = 7.0
-    np.testing.assert_array_equal(native.step(action)[0], kept)
-
-
 def test_a_wrench_pushes_as_long_as_it_is_set():
     env = PolicyVectorEnv(2, "lite_biped_velocity", "lite_biped", actuation="implicit")
     env.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
@@ -314,15 +269,6 @@ def test_a_wrench_pushes_as_long_as_it_is_set():
     env.wrench = None
     env.step(still)
     assert env.simulation.qvel[1, 1] < left[1]
-
-
-def test_specs_are_picklable():
-    native = gymnasium.make_vec(LITE, num_envs=2, threads=1)
-    spec = pickle.loads(pickle.dumps(native.unwrapped.spec))
-    again = gymnasium.make_vec(spec)
-    assert isinstance(again, PolicyVectorEnv)
-    assert again.num_envs == 2
-    assert again.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from local_session import HEADER
 from waiting import until
 
 from humanoid_sim.cli import FRONT_ENDS, FrontEnd
-from humanoid_sim.client import Feed
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import Wanted, launcher, require_packages
 from humanoid_sim.frontends.launcher import FrontEnds
@@ -17,7 +16,6 @@ from humanoid_sim.frontends.launcher import FrontEnds
 pytestmark = pytest.mark.soak
 
 POPEN = subprocess.Popen
-WAIT = FrontEnds._wait_until_ready
 STAYS = "import time; print('up', flush=True); time.sleep(60)"
 
 
@@ -51,34 +49,6 @@ def launch(local, monkeypatch, tmp_path):
     return start
 
 
-def test_what_they_say_is_shown_and_their_end_recorded(launch, local):
-    front_ends = launch("print('http://127.0.0.1:1/?token=x'); raise SystemExit(3)", STAYS)
-    until(lambda: len(local.told) == 3)
-    assert sorted(local.told) == [
-        "fake_0: http://127.0.0.1:1/?token=x",
-        "fake_1: up",
-        "recorded: front end fake_0 ended with status 3",
-    ]
-    assert list(front_ends.running) == ["fake_1"]
-    with Feed(local.info) as feed:
-        until(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
-
-
-def test_the_status_names_them_before_they_speak(launch, local, monkeypatch):
-    seen = []
-
-    class Watching(list[str]):
-        def append(self, text):
-            seen.append(feed.status().get("front_ends"))
-            super().append(text)
-
-    with Feed(local.info) as feed:
-        monkeypatch.setattr(local, "told", Watching())
-        front_ends = launch(STAYS, STAYS)
-        assert seen == [dict(front_ends.running)] * 2
-        assert list(seen[0]) == ["fake_0", "fake_1"]
-
-
 def test_they_end_with_the_session_however_stubborn(launch, local, monkeypatch):
     monkeypatch.setattr(launcher, "_GRACE", 0.2)
     stubborn = (
@@ -91,20 +61,6 @@ def test_they_end_with_the_session_however_stubborn(launch, local, monkeypatch):
     front_ends.close()
     with pytest.raises(ProcessLookupError):
         os.kill(process, 0)
-
-
-def test_a_terminals_signals_do_not_reach_them(launch, local):
-    front_ends = launch(STAYS)
-    until(lambda: local.told)
-    (process,) = front_ends.running.values()
-    assert os.getsid(process) == process != os.getsid(0)
-    assert os.sched_getscheduler(process) == os.SCHED_OTHER
-
-
-def test_one_that_floods_its_output_is_read_in_bounded_pieces(launch, local):
-    launch("while True: print('x' * 100)")
-    time.sleep(0.5)
-    assert 0 < len(local.told) < 41 * 6
 
 
 def test_one_that_was_killed_is_recorded(launch, local):
@@ -139,34 +95,6 @@ def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launc
         launch(STAYS, "import sys; print('error: no display', file=sys.stderr); sys.exit(2)")
     with pytest.raises(InputError, match="front end fake_0: ended before it was ready: status 3"):
         launch("raise SystemExit(3)")
-
-
-def test_one_that_says_nothing_is_waited_for_no_longer_than_that(launch, local, monkeypatch):
-    monkeypatch.setattr(launcher, "_READY", 0.2)
-    front_ends = launch("import time; time.sleep(60)", "import time; time.sleep(60)")
-    assert local.told == ["recorded: not ready after 0.2 s: fake_0, fake_1"]
-    assert list(front_ends.running) == ["fake_0", "fake_1"]
-
-
-def test_an_operator_reads_at_once_what_is_waited_for(launch, local, monkeypatch):
-    shown = []
-
-    def note(front_ends):
-        monkeypatch.setattr(front_ends, "_show", shown.append)
-        WAIT(front_ends)
-
-    monkeypatch.setattr(FrontEnds, "_wait_until_ready", note)
-    launch(STAYS, STAYS)
-    assert shown[0] == "waiting for fake_0, fake_1 ..."
-    shown.clear()
-    launch()
-    assert shown == []
-
-
-def test_what_cannot_be_started_is_one_line_and_leaves_nothing(launch, monkeypatch):
-    monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    with pytest.raises(InputError, match="--fake_0: cannot be started: No such file"):
-        launch("pass")
 
 
 def test_packages_that_are_missing_are_named_with_their_extra(monkeypatch):

@@ -12,7 +12,6 @@ from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
-from humanoid_sim.frontends.attach import behind
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.front_ends import wanted_front_ends
@@ -29,21 +28,6 @@ RECORD = TickRecord(
 )
 
 
-@pytest.mark.parametrize(
-    ("age", "period", "text"),
-    [
-        (0.0, 0.005, ""),
-        (0.19, 0.005, ""),
-        (0.21, 0.005, "BEHIND: this was 0.2 s ago"),
-        (0.21, 0.1, ""),
-        (0.31, 0.1, "BEHIND: this was 0.3 s ago"),
-        (61.0, 0.02, "BEHIND: this was 61.0 s ago"),
-    ],
-)
-def test_a_tick_that_is_not_the_present_is_called_the_past(age, period, text):
-    assert behind(age, period) == text
-
-
 def test_a_window_says_what_it_shows():
     def texts(record, late=""):
         return [(left, right) for _, _, left, right in window_texts(record, late, "12:00:00")]
@@ -53,11 +37,6 @@ def test_a_window_says_what_it_shows():
     assert texts(RECORD, "BEHIND") == [present, ("BEHIND", "")]
     assert texts(replace(RECORD, qpos=None)) == [present, ("pose unknown", "")]
     assert texts(None) == [("clock", "12:00:00"), ("no tick yet", "")]
-
-
-def test_robot_and_session_exclude_each_other():
-    with pytest.raises(InputError, match=r"^--robot and --session: a window shows one of them, expected one option$"):
-        main(["--robot", "lite", "--session", str(os.getpid())])
 
 
 def test_without_a_display_it_says_so(monkeypatch):

@@ -173,16 +173,6 @@ def test_gravity_compensation_as_remote_until_its_process_is_killed(run, quick):
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_delays_and_sampling_make_the_state_older(run, quick):
-    result = run(
-        *("--robot", quick, "--duration", "0.5", "--command-delay", "0.002", "--state-delay", "0.003"),
-        *("--state-sampling", "on_command", *PLACEHOLDER),
-    )
-    assert result.status == 0
-    # Seen at t = k · 5 ms: a command written 5 ms before, that arrived 2 ms after, answered 3 ms ago.
-    assert {round(float(age), 6) for tick in result.ticks[3:] for age in tick.input.state.joint_age} == {0.003}
-
-
 def test_a_control_rate_that_the_policy_does_not_divide_moves_and_says_so(run, quick):
     options = ("--robot", quick, "--duration", "0.3", *PLACEHOLDER)
     result = run(*options, "--control-frequency", "240")
@@ -210,29 +200,6 @@ def test_files_that_exist_are_replaced_only_when_asked(run, quick, folder):
     assert sorted(path.name for path in folder.iterdir()) == ["kept.json", "kept.mcap"]
 
 
-def test_recordings_get_names_of_their_own(run, quick, folder):
-    for _ in range(2):
-        assert run("--robot", quick, "--duration", "0.1", *PLACEHOLDER, record=False).status == 0
-    names = sorted(path.name for path in (folder / "runs").iterdir())
-    assert len(names) == 2
-    assert all(name.startswith("play-") and name.endswith(".mcap") for name in names)
-
-
-def test_no_file_is_left_where_none_is_wanted(run, quick, folder):
-    options = ("--robot", quick, "--duration", "0.1", "--record", "none", *PLACEHOLDER)
-    assert run(*options, record=False).status == 0
-    assert list(folder.iterdir()) == []
-
-
-def test_a_page_that_exists_is_not_replaced(run, folder):
-    (folder / "p.html").touch()
-    result = run("--html", "p.html", "--record", "none", record=False)
-    assert (result.status, result.err) == (
-        2,
-        "error: --html: 'p.html' exists; choose another name, or add --overwrite\n",
-    )
-
-
 def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, folder, monkeypatch):
     def full(*_):
         raise InputError("s.json: cannot be written: No space left on device")
@@ -258,15 +225,6 @@ def test_a_simulation_that_becomes_unstable_is_no_success(run, make_robot):
     assert result.modes[-1] == "DAMPING"  # whatever the readings are: some are absurd, but finite
     assert "simulation unstable" in result.reasons[-1]
     assert "simulation unstable" in result.summary["safety"][0]["message"]
-
-
-def test_names_with_brackets_are_printed_as_they_are(run, quick, folder):
-    options = ("--robot", quick, "--duration", "0.1", *PLACEHOLDER)
-    result = run(*options, "--record", "a[bold]b.mcap", "--summary", "[red].json", record=False)
-    assert result.status == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["[red].json", "a[bold]b.mcap"]
-    assert "recording  a[bold]b.mcap" in result.out
-    assert "summary    [red].json" in result.out
 
 
 def test_an_action_beyond_the_limit_leaves_dampings_command_in_that_very_tick(run, quick):

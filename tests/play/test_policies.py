@@ -7,15 +7,12 @@ import models
 import numpy as np
 import pytest
 
-from humanoid_sim.assets import SAMPLE_POLICY, motion_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import choose_policy
-from humanoid_sim.policy.motion import Motion, motion_bytes, read_motion
+from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
 
 LITE = load_robot("lite")
@@ -33,11 +30,6 @@ def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(po
     choice = choose_policy(PlayConfig(policy=policy), load_robot(robot))
     assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
     assert (choice.motion_file and choice.motion_file.stem) == followed
-
-
-def test_a_policys_path_does_not_make_it_the_sample():
-    with pytest.raises(InputError, match=r"^--motion: is missing; "):
-        choose_policy(PlayConfig(policy=str(SAMPLE_POLICY)), LITE)
 
 
 def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves():
@@ -92,16 +84,6 @@ def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path, quick):
     assert "PLACEHOLDER POLICY: onnxruntime cannot be imported, so lite_tracking.onnx does NOT run" in run.stdout
     assert "STANDBY → LOCOMOTION" in run.stdout
     assert "Tracking" in run.stdout
-
-
-def test_the_motion_of_a_recording_is_read_as_its_own_file_is(tmp_path):
-    own = motion_path("drum")
-    recorder = McapRecorder(tmp_path / "run.mcap")
-    recorder.start(SessionHeader("lite", ("a",), 0.02, 0, {}, {"motion.mcap": own.read_bytes()}))
-    recorder.close()
-    carried = read_motion(tmp_path / "run.mcap")
-    assert carried.frames.tobytes() == read_motion(own).frames.tobytes()
-    assert (carried.body_names, carried.policy_dt) == (read_motion(own).body_names, read_motion(own).policy_dt)
 
 
 def test_the_walking_policy_is_the_default_of_simulated_legs():

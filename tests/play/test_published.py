@@ -41,45 +41,6 @@ def test_the_holosoma_policy_walks(run, tmp_path):
     assert result.summary["base"]["velocity"][0] == pytest.approx(0.393, abs=0.04)
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("step", ["0.001", "0.005"])
-@pytest.mark.parametrize(
-    ("command", "speed", "height"),
-    [
-        ("0.5,0,0", 0.427, (0.775, 0.79)),
-        # The README's robot starts exactly in its default pose (height 0.773 at least). Here it comes off the support
-        # with legs that have hung, at full command: it dips by another centimetre in its first step.
-        ("1,0,0", 0.959, (0.757, 0.788)),
-        ("-0.5,0,0", -0.414, (0.776, 0.787)),
-    ],
-)
-def test_twenty_seconds_of_the_unitree_policy(run, step, command, speed, height):
-    # From the floor, as its README measured it; landing dips half a millimetre below the lowest height there.
-    result = walk(run, UNITREE, f"--command={command}", "--drop", "0", seconds=20, step=step)
-    assert result.status == 0
-    base = result.summary["base"]
-    assert base["fall"] is None
-    assert base["velocity"][0] == pytest.approx(speed, abs=0.015)
-    assert height[0] <= base["height"][0] <= base["height"][2] <= height[1]
-
-
-@pytest.mark.soak
-def test_the_whole_waltz(run):
-    anchor = walk(run, WALTZ, "--yaw", "2", seconds=0).summary["anchor"]
-    assert anchor["samples"] == 945
-    assert anchor["joint_error"][0] <= 0.07
-    assert anchor["anchor_position"][0] <= 0.13
-    assert anchor["anchor_position"][1] <= 0.30
-
-
-@pytest.mark.soak
-def test_twenty_seconds_of_the_holosoma_policy(run, tmp_path):
-    options = ("--contract", str(contract_beside("holosoma", tmp_path)), "--command", "0.5,0,0")
-    base = walk(run, HOLOSOMA, *options, seconds=20).summary["base"]
-    assert base["fall"] is None
-    assert base["velocity"][0] == pytest.approx(0.393, abs=0.02)
-
-
 def test_a_robot_that_falls_is_a_failure(run, tmp_path):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("override:\n  terms:\n    projected_gravity: {scale: -1.0}\n", encoding="utf-8")

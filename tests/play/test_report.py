@@ -5,7 +5,6 @@ import pytest
 from rich.console import Console
 
 from humanoid_sim.evaluation.joint_use import JointUse
-from humanoid_sim.play import report
 from humanoid_sim.play.report import loop_figures, loop_table, write_summary
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
@@ -82,10 +81,3 @@ def test_a_summary_is_json_as_the_standard_has_it(tmp_path):
 
     summary = json.loads(path.read_text(), parse_constant=refuse)
     assert summary == {"a": None, "b": [1.5, [None, 2]], "c": {"d": None, "e": True, "f": "nan"}}
-
-
-def test_the_title_says_over_which_policy_steps_the_motion_was_tracked():
-    figures = {"position_rms": 0.01, "position_max": 0.02, "orientation_rms": 0.1, "orientation_max": 0.2}
-    hand = {"name": "left_hand", **figures}
-    table = report._tracking({"samples": 401, "peak_speed": 0.68, "bodies": [hand], "hands": {**hand, "name": "hands"}})
-    assert table.title == "Tracking, 401 policy steps while the motion ran, hands up to 0.68 m/s"

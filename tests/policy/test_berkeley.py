@@ -70,25 +70,6 @@ def test_the_terms_come_with_the_dialect(tmp_path):
     assert longer.history_layout == "per_step"
 
 
-def test_one_number_for_all_and_no_names(tmp_path):
-    made = contract(tmp_path, ("a", "b", "c"), joints=..., joint_kp=20, effort_limits=7.5)
-    assert made.joint_names == ("a", "b", "c")
-    assert made.action_joint_names == ("b", "c")
-    assert made.joint_stiffness.tolist() == [20.0, 20.0, 20.0]
-    assert made.effort_limit.tolist() == [7.5, 7.5, 7.5]
-    with pytest.raises(InputError, match="no robot is known"):
-        contract(tmp_path, None, joints=...)
-
-
-@pytest.mark.parametrize("place", ["checkpoints/legs.yaml", "configs/legs.yaml", "configs/other.yaml"])
-def test_where_the_file_lies(tmp_path, place):
-    model = tmp_path / "checkpoints" / "legs.onnx"
-    assert find_berkeley(model) is None
-    path = written(tmp_path / place)
-    assert find_berkeley(model) == path
-    assert find_berkeley(model.with_name("arms.onnx")) is None
-
-
 def test_a_file_of_another_kind_is_not_taken_for_one(tmp_path):
     (tmp_path / "legs.yaml").write_text("joint_kp: 3\n", encoding="utf-8")
     assert find_berkeley(tmp_path / "legs.onnx") is None

@@ -1,7 +1,6 @@
 """Joints and bodies that the robot lacks, and which were meant; values that look like a slip, and those that do not."""
 
-import pytest
-from findings import found, lite_contract
+from findings import found
 from trainer import JOINTS, contract
 
 from humanoid_sim.controllers.terms import Term
@@ -60,12 +59,6 @@ def test_damping_of_the_model_beside_the_contracts():
     assert tuple(checks.model_damping_findings(wiring, {"tail": 1.0})) == ()
 
 
-def test_damping_of_the_model_alone_is_no_warning():
-    wiring = contract(joint_damping=[0.0, 1.5, 3.0, 3.0])
-    message = found(checks.model_damping_findings(wiring, {"left_hip": 0.5}), "info", "model_joint_damping").message
-    assert "0 + 0.5 for left_hip;" in message
-
-
 def test_a_point_that_the_robot_lacks():
     terms = [Term("base_lin_vel", at="torso-imu"), Term("v", kind="base_lin_vel", at="imu"), Term("joint_pos", at="x")]
     wiring = contract(observation=terms)
@@ -89,33 +82,6 @@ def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot():
     assert found(checks.live_findings(wiring), "info", "observation term height_scan").message == (
         "a simulation scans 6 points; on a robot a program sends them, or it does not start"
     )
-
-
-SUSPICIOUS = {
-    "kp 1": ({"joint_stiffness": 1.0, "joint_damping": 0.1}, "warning", "joint_stiffness", "placeholder"),
-    "all equal": ({"joint_stiffness": 30.0}, "info", "joint_stiffness", "for all 4 joints"),
-    "swapped": (
-        {"joint_stiffness": [1.5, 1.6, 2.0, 2.1], "joint_damping": [40.0, 41.0, 50.0, 51.0]},
-        "error",
-        "joint_damping",
-        "swapped",
-    ),
-    "slow": ({"policy_dt": 0.2}, "warning", "policy_dt", "unusual"),
-    "rounded rate": ({"policy_dt": 0.017}, "warning", "policy_dt", "58.82"),
-    "scale 1": ({"action_scale": 1.0}, "warning", "action_scale", "forgotten"),
-    "zero pose": ({"default_joint_pos": 0.0}, "warning", "default_joint_pos", "0 for every joint"),
-    "assumed": ({"provenance": {"policy_dt": "assumed (mjlab)"}}, "warning", "policy_dt", "assumed (mjlab)"),
-}
-
-
-@pytest.mark.parametrize("name", SUSPICIOUS)
-def test_suspicious_values(name):
-    changes, severity, field, text = SUSPICIOUS[name]
-    assert text in found(suspicious_findings(contract(**changes)), severity, field).message
-
-
-def test_the_sound_contract_is_not_suspicious():
-    assert tuple(suspicious_findings(contract())) == ()
 
 
 def test_suspicious_joints():
@@ -155,25 +121,6 @@ def test_suspicious_terms():
     assert found(findings, "warning", "observation term base_lin_vel").message == "has a negative scale"
     assert "does not hold 0" in found(findings, "warning", "observation term joint_pos").message
     assert "10000" in found(findings, "warning", "observation term joint_vel").message
-
-
-def test_three_decimals_of_an_exporter():
-    rounded = {"joint_stiffness": [40.179, 99.098, 14.251, 28.501], "joint_damping": [0.051, 0.907, 1.8, 2.5]}
-    sources = {"joint_stiffness": "mjlab metadata", "joint_damping": "mjlab metadata"}
-    findings = tuple(suspicious_findings(contract(**rounded, provenance=sources)))
-    assert "0.0035 % for left_knee" in found(findings, "info", "joint_stiffness").message
-    assert "0.98 % for left_hip" in found(findings, "warning", "joint_damping").message
-    by_hand = dict.fromkeys(sources, "contract.yaml")
-    fields = [
-        finding.field for finding in suspicious_findings(contract(**rounded, provenance=by_hand)) if not finding.joint
-    ]
-    assert fields == []
-
-
-def test_the_robots_own_gains_are_not_suspicious(lite):
-    findings = suspicious_findings(lite_contract(lite), lite)
-    assert [finding for finding in findings if finding.field.startswith("joint_")] == []
-    assert found(suspicious_findings(lite_contract(lite)), "info", "joint_stiffness").value == 50.0
 
 
 def test_a_joint_that_the_model_brakes():

@@ -62,13 +62,6 @@ def test_an_unknown_field_is_answered_with_the_known_ones(tmp_path, text, place,
     assert some in message.partition("; known: ")[2].split(", ")
 
 
-def test_an_empty_file_says_nothing(tmp_path):
-    path = tmp_path / "contract.yaml"
-    path.write_text("# nothing yet\n")
-    (partial,) = read_contract_file(path)
-    assert partial.fields == {}
-
-
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
     path = tmp_path / "contract.yaml"
     path.write_text("policy_dt: 2e-2\naction_clip: 1E2\ndefault_joint_pos: [1e-3, -2.5e+1, .5]\n")
@@ -90,20 +83,6 @@ def test_the_file_of_a_checkpoint_is_found(tmp_path):
     assert find_contract(model) == tmp_path / "contract.yaml"
     (tmp_path / "walk.contract.yaml").touch()
     assert find_contract(model) == tmp_path / "walk.contract.yaml"
-
-
-def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path):
-    path = tmp_path / "contract.yaml"
-    path.write_text("observation: [{name: a, scale: [1, 2]}, b]\nterms: {b: {clip: [-1, 1], joints: [x]}}\n")
-    (partial,) = read_contract_file(path)
-    assert partial.fields["observation"].value == ("a", "b")
-    assert np.array_equal(partial.terms["a"]["scale"].value, [1.0, 2.0])
-    assert {name: given.value for name, given in partial.terms["b"].items()} == {"clip": (-1.0, 1.0), "joints": ("x",)}
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.yaml: no such file, expected a YAML file"):
-        read_contract_file(tmp_path / "gone.yaml")
 
 
 def test_limits_by_joint_and_in_words():

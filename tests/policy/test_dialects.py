@@ -14,7 +14,6 @@ from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.term_values import ObservationContext
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.contract_json import STAMP_KEY, decode, encode
-from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.sources import assemble_contract, metadata_contract
@@ -79,17 +78,6 @@ def test_holosoma_metadata_with_the_rest_in_a_contract_yaml(folder, contract):
     assert dialects.said(again) == dialects.said(contract)
     assert again.provenance["joint_stiffness"] == "holosoma metadata"
     assert again.provenance["default_joint_pos"] == "rest.yaml"
-
-
-@given(dialects.walkers())
-def test_several_dialects_of_one_policy_agree(contract):
-    """Their names for the same terms differ, and the thirteen keys cannot say all that the others do."""
-    names = {"joint_pos_rel": "joint_pos", "joint_vel_rel": "joint_vel", "last_action": "actions"}
-    mjlab = replace(contract, observation=[replace(t, name=names.get(t.name, t.name), kind="") for t in contract.terms])
-    partials = [*metadata_contract(write_metadata(mjlab), "here"), *metadata_contract(dialects.as_mjlab(contract), "x")]
-    assert merge(partials, "here").observation_names == mjlab.observation_names
-    scales = {term.kind: np.asarray(term.scale).tolist() for term in contract.terms}
-    assert {term.kind: np.asarray(term.scale).tolist() for term in merge(partials, "here").terms} == scales
 
 
 @given(dialects.walkers(), st.randoms(use_true_random=False))

@@ -7,14 +7,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.policy.checkpoint import load_checkpoint, zero_policy
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, motion_bytes, read_motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 JOINTS = models.JOINTS
 BODIES = ("pelvis", "torso")
@@ -88,25 +85,6 @@ def test_the_reference_shows_the_anchor_body(tmp_path):
     assert np.array_equal(reference.term("reference_joint_vel", 2), motion["joint_vel"][2])
 
 
-def test_a_pause_is_not_the_end(tmp_path):
-    motion = {name: np.repeat(table, [1, 130, 1, 1, 60, 1, 5], axis=0) for name, table in tables().items()}
-    read = load_checkpoint(saved(tmp_path / "t.onnx", motion)).motion
-    assert len(read.frames) == 195  # the last pose is shown five times, and held anyway
-
-
-def test_one_frame_is_a_motion(tmp_path):
-    read = load_checkpoint(saved(tmp_path / "t.onnx", tables(frames=1))).motion
-    assert len(read.frames) == 1
-
-
-def test_quaternions_the_other_way_round(tmp_path):
-    motion = tables()
-    turned = {**motion, "body_quat_w": motion["body_quat_w"][..., [1, 2, 3, 0]]}
-    path = saved(tmp_path / "t.onnx", turned, contract(reference_quaternion="xyzw"))
-    read = load_checkpoint(path).motion
-    assert np.array_equal(read.frames[:, 12:].reshape(7, 2, 4), motion["body_quat_w"])
-
-
 def test_a_model_that_gives_the_anchor_alone(tmp_path):
     """holosoma's trackers: the orientation of one body, x y z w as the output's name says."""
     motion = tables()
@@ -142,25 +120,6 @@ def test_outputs_that_do_not_fit_are_named(tmp_path, changes, message):
         load_checkpoint(path)
 
 
-def test_a_motion_that_is_not_finite_is_refused(tmp_path):
-    motion = tables()
-    motion["joint_pos"][2, 1] = np.nan
-    with pytest.raises(InputError, match=r"motion in its graph: Motion\.frames: value 1 of frame 2 is nan"):
-        load_checkpoint(saved(tmp_path / "t.onnx", motion))
-
-
-def test_a_graph_that_fails_beyond_its_end_ends_there(tmp_path):
-    read = load_checkpoint(saved(tmp_path / "t.onnx", tables(), clamps=False)).motion
-    assert len(read.frames) == 7
-
-
-def test_time_step_selects_the_frame(tmp_path):
-    motion = tables()
-    policy = OnnxPolicy(saved(tmp_path / "t.onnx", motion))
-    (row,) = policy.run(["joint_pos"], np.zeros(15, dtype=np.float32), 4)
-    assert np.array_equal(row[0], motion["joint_pos"][4])
-
-
 FILE = {
     "frames": np.arange(2.0 * 20).reshape(2, 20),
     "body_names": BODIES,
@@ -193,20 +152,6 @@ def test_a_motion_file_with_joints_and_world_poses(tmp_path):
 def test_a_motion_of_another_form_is_refused(changes, message):
     with pytest.raises(FieldError, match=message):
         Motion(**{**FILE, **changes})
-
-
-def test_a_motion_without_what_the_policy_needs_is_refused():
-    policy = contract(joint_names=("a", "b", "d"), action_joint_names=("a", "b"))
-    with pytest.raises(InputError, match=r"unknown joint 'd'; known: a, b, c \(joints of the motion\)"):
-        load_policy(policy, zero_policy(2), Motion(**FILE))
-    with pytest.raises(InputError, match="'motion_anchor_ori_b' needs a motion with the poses of the anchor body"):
-        load_policy(contract(anchor_body="head"), zero_policy(2), Motion(**FILE))
-
-
-def test_a_robot_without_an_estimator_is_told_so():
-    loaded = load_policy(contract(), zero_policy(2), Motion(**FILE))
-    with pytest.raises(FieldError, match="'motion_anchor_ori_b' needs the robot's anchor pose"):
-        PolicyWiring(loaded.contract.joint_names, loaded.contract, loaded.reference, {VELOCITY_COMMAND: 3})
 
 
 def test_named_tensors_are_used(tmp_path):

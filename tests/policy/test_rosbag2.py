@@ -47,12 +47,6 @@ def test_the_topic_is_named_where_there_are_others(tmp_path):
         read_motion(bag, "/rosout")
 
 
-def test_the_file_of_a_bag_is_a_motion_too(tmp_path):
-    bag = write_bag(tmp_path / "bag", ("/other", "/motion"))
-    (file,) = bag.glob("*.mcap")
-    assert read_motion(file, "/other").frames.tobytes() == ROWS.tobytes()
-
-
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -70,8 +64,3 @@ def test_a_damaged_bag_is_one_line(tmp_path, change, why):
     metadata.write_text(text.replace(*change))
     with pytest.raises(InputError, match=why):
         read_motion(bag)
-
-
-def test_a_folder_that_is_not_a_bag_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r": is a directory, expected a motion file \(.mcap\) or a folder of rosbag2$"):
-        read_motion(tmp_path)

@@ -1,8 +1,5 @@
 """Published policies on the states of a published run: each observation, term by term, and each action."""
 
-from dataclasses import replace
-from itertools import islice
-
 import mujoco
 import numpy as np
 import pytest
@@ -114,26 +111,6 @@ def test_observations_term_by_term_and_actions(name, model, robot, checkpoint):
         np.testing.assert_allclose(step.action, trace["action"][index], rtol=1e-4, atol=1e-4)
         count += 1
     assert count == len(trace["obs"]) >= 60
-
-
-@pytest.mark.parametrize("override", ["align_reference: false", "reference_quaternion: xyzw"])
-def test_another_reference_shows(override, model, robot, checkpoint):
-    """Golden vectors keep the reference itself, so that they cannot; the trace starts where its reference does."""
-    check, trace = checkpoint("waltz", f"override: {{{override}}}\n"), recorded("waltz")
-    ticks = [turned(tick) if "align" in override else tick for tick in states(model, trace, check.contract)]
-    seen = [step.observation for step in islice(steps(loaded_policy(check), robot, iter(ticks)), 50)]
-    assert np.abs(np.stack(seen) - trace["obs"][: len(seen)]).max() > 0.01
-
-
-def turned(tick):
-    """The anchor turned about the vertical by 2 rad, as if the robot stood elsewhere."""
-    pose = tick.state.extern[ANCHOR_POSE].value
-    half = np.array([np.cos(1.0), 0.0, 0.0, np.sin(1.0)])
-    quaternion = np.empty(4)
-    mujoco.mju_mulQuat(quaternion, half, pose[3:])
-    extern = dict(tick.state.extern)
-    extern[ANCHOR_POSE] = Extern(np.concatenate([pose[:3], quaternion]), tick.state.time)
-    return replace(tick, state=replace(tick.state, extern=extern))
 
 
 @pytest.mark.parametrize("name", TRACES)

@@ -6,7 +6,6 @@ import yaml
 
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers.complete import UnnamedJointsError, UnnamedRobot
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.sources import assumptions
@@ -83,24 +82,6 @@ def test_a_gait_phase_implies_that_its_clock_shows_nothing_while_the_robot_stand
     )
 
 
-def test_what_is_stated_of_the_clock_comes_before_what_a_gait_phase_implies(tmp_path):
-    stated = parse_contract({"phase": {"standing_threshold": 0.0}}, "contract.yaml", "contract.yaml")
-    made = merge([read_deploy(written(tmp_path / "deploy.yaml")), *stated], "policy.onnx", ROBOT)
-    assert (made.phase.period, made.phase.standing_threshold) == (0.6, 0.0)
-    assert made.provenance["phase.standing_threshold"] == "contract.yaml"
-
-
-def test_a_clock_without_a_period_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"the contract lacks phase\.period; "):
-        contract(tmp_path, observations=observations(gait_phase={"params": {}}))
-
-
-def test_without_a_clock_nothing_is_assumed_of_one(tmp_path):
-    made = contract(tmp_path, observations={"joint_pos_rel": None})
-    assert made.phase is None
-    assert not [name for name in made.provenance if name.startswith("phase.")]
-
-
 def test_commands(tmp_path):
     made = contract(tmp_path)
     assert made.command_names == ("base_velocity",)
@@ -127,12 +108,6 @@ def test_a_subset_of_the_joints_is_driven(tmp_path, ids, names, driven):
     assert made.action_scale.tolist() == [0.5] * n
 
 
-def test_a_term_shows_a_subset_of_the_joints(tmp_path):
-    asset = {"asset_cfg": {"name": "robot", "joint_ids": [3, 0]}}
-    made = contract(tmp_path, observations=observations(joint_pos_rel={"params": asset, "scale": [1.0, 1.0]}))
-    assert made.terms[1].joints == ("b", "c")
-
-
 SLICE = """
 observations:
   joint_vel_rel:
@@ -153,52 +128,10 @@ def test_a_python_slice_is_read_without_calling_python(tmp_path, bounds, joints)
     assert merge([read_deploy(path)], "policy.onnx", ROBOT).terms[0].joints == joints
 
 
-@pytest.mark.parametrize("bounds", ["1, 2", "null, x, null", "1.5, null, null", "true, null, null"])
-def test_another_slice_is_refused(tmp_path, bounds):
-    path = tmp_path / "deploy.yaml"
-    path.write_text(SLICE % bounds)
-    message = r"line 6, column \d+: not valid YAML: a slice is \[start, stop, step\], each an integer or null"
-    with pytest.raises(InputError, match=message):
-        read_deploy(path)
-
-
-@pytest.mark.parametrize("tag", ["python/object/apply:os.system", "python/tuple", "python/name:os.system", "mine"])
-def test_any_other_tag_is_refused(tmp_path, tag):
-    path = tmp_path / "deploy.yaml"
-    path.write_text(f"joint_ids_map: !!{tag} [1]\n")
-    with pytest.raises(InputError, match=rf"could not determine a constructor for the tag .*{tag}"):
-        read_deploy(path)
-
-
 def test_history_by_steps(tmp_path):
     terms = {name: {**term, "history_length": 3} for name, term in GOOD["observations"].items()}
     assert contract(tmp_path, observations={"use_gym_history": True, **terms}).history_layout == "per_step"
     assert contract(tmp_path, observations=terms).history_layout == "per_term"
-
-
-def test_scaling_first_moves_the_clip(tmp_path):
-    terms = {"scale_first": True, "joint_vel_rel": {"clip": [-1.0, 2.0], "scale": [0.05] * 4}}
-    assert contract(tmp_path, observations=terms).terms[0].clip == pytest.approx((-20.0, 40.0))
-
-
-def test_a_group_of_terms_is_unwrapped(tmp_path):
-    made = contract(tmp_path, observations={"obs": {"use_gym_history": False, **GOOD["observations"]}})
-    assert made.observation_names == tuple(GOOD["observations"])
-
-
-def test_positions_are_clipped(tmp_path):
-    limits = [[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]]
-    assert contract(tmp_path, actions=action(clip=limits)).position_clip.tolist() == limits
-    assert contract(tmp_path, actions=action(clip=[-1, 1])).position_clip.tolist() == [[-1.0, 1.0]] * 4
-
-
-def test_a_robot_that_lacks_joints_of_the_full_one(tmp_path):
-    """Places count the joints of the full robot; gains come for all of those, or for the joints that are there."""
-    places = [0, 6, 2, 4]
-    for stiffness in ([10.0, 0.0, 11.0, 0.0, 12.0, 0.0, 13.0], [10.0, 11.0, 12.0, 13.0]):
-        made = contract(tmp_path, joint_ids_map=places, stiffness=stiffness)
-        assert made.joint_names == ("a", "d", "b", "c")
-        assert made.joint_stiffness.tolist() == [10.0, 13.0, 11.0, 12.0]
 
 
 @pytest.mark.parametrize(
@@ -276,16 +209,6 @@ def test_names_that_the_robot_lacks_show_that_it_is_another_one(tmp_path):
     named = parse_contract({"joint_names": list("abcd")}, "contract.yaml", "contract.yaml")
     read = read_deploy(written(tmp_path / "deploy.yaml", observations=terms))
     assert merge([read, *named], "policy.onnx", ROBOT).joint_names == ("a", "b", "c", "d")
-
-
-def test_without_a_robot_joints_are_called_by_their_places(tmp_path):
-    read = read_deploy(written(tmp_path / "deploy.yaml", actions=action(joint_names=["left_.*"])))
-    with pytest.raises(UnnamedJointsError) as caught:
-        merge([read], "policy.onnx")
-    assert caught.value.count == 4
-    made = merge([read], "policy.onnx", UnnamedRobot.with_joints(4))
-    assert made.joint_names[:2] == ("joint 2 of the robot", "joint 0 of the robot")
-    assert made.action_count == 4
 
 
 def test_a_height_scan_is_isaac_labs(tmp_path):

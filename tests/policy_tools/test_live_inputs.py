@@ -27,13 +27,6 @@ def test_check_accepts_it_and_names_it(cli, live, robot):
     assert "a policy with live inputs has none" in out
 
 
-def test_show_shows_it(cli, live):
-    status, out, error = cli("show", live)
-    assert status == 0, error
-    (line,) = [line for line in out.splitlines() if "foot_contact" in line and "live input" in line]
-    assert "2" in line
-
-
 def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live, tmp_path):
     file = tmp_path / "live.yaml"
     for options, told in (
@@ -94,19 +87,6 @@ def test_stamp_writes_the_contract_without_samples(cli, live, tmp_path):
     assert STAMP_KEY in metadata
     assert GOLDEN_KEY not in metadata
     assert dict(load_checkpoint(output).contract.live_inputs) == {"foot_contact": 2}
-
-
-def test_a_trace_is_refused(cli, live, trace, tmp_path):
-    output = tmp_path / "stamped.onnx"
-    status, out, error = cli("stamp", live, "-o", output, "--trace", trace)
-    assert (status, out, output.exists()) == (2, "", False)
-    assert error == f"error: --trace: is '{trace}', but {live} observes the live input 'foot_contact': no samples\n"
-
-
-def test_doctor_refuses_it(cli, live, robot):
-    status, out, error = cli("doctor", live, "--robot", robot.mjcf_path)
-    assert (status, out) == (2, "")
-    assert error == f"error: {live}: needs the live input 'foot_contact' of width 2, and doctor has none\n"
 
 
 def test_play_says_who_must_feed_it_and_refuses_to_start_where_nobody_does(live, robot, capsys):

@@ -2,20 +2,14 @@
 
 import json
 import re
-import sys
-from types import SimpleNamespace
 
-import numpy as np
 import onnx
 import pytest
 from published import G1, POLICIES, TRACES, contract_beside, needs_policies
-from trainer import JOINTS, contract, save_checkpoint, terms
+from trainer import JOINTS, contract, terms
 
-from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.describe import field_lines, term_lines
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy_tools.stamp import add_metadata
 
 
 @pytest.fixture
@@ -46,12 +40,6 @@ def test_tables(cli, stamped):
     assert "vx -1 to 1, vy -0.5 to 0.5" in out
 
 
-def test_a_policy_that_ships_goes_by_its_name(cli):
-    status, out, error = cli("show", "lite_biped_velocity")
-    assert (status, error) == (0, "")
-    assert "lite_biped_velocity.onnx" in out
-
-
 def test_json_is_complete(cli, stamped):
     status, out, _ = cli("show", stamped, "--json")
     assert status == 0
@@ -69,19 +57,6 @@ def test_json_is_complete(cli, stamped):
     assert document["model"]["inputs"] == [{"name": "obs", "type": "tensor(float)", "shape": [1, 32]}]
 
 
-def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped):
-    wrong = stamped.with_name("wrong.onnx")
-    wiring = contract(observation=terms(projected_gravity={"scale": -1.0}))
-    wrong.write_bytes(add_metadata(stamped, {STAMP_KEY: encode(wiring)}))
-    status, out, _ = cli("show", wrong)
-    assert status == 1
-    assert "REFUSED" in out
-    assert "projected_gravity[0]" in out
-    status, out, _ = cli("show", wrong, "--json")
-    assert status == 1
-    assert "projected_gravity[0]" in json.loads(out)["golden"]["problem"]
-
-
 def test_conventions_that_differ_are_named():
     wiring = contract(
         observation=terms(
@@ -97,14 +72,6 @@ def test_conventions_that_differ_are_named():
     assert lines["joint_pos_rel"].width == 6
     assert lines["last_action"].conventions == "form scaled"
     assert lines["projected_gravity"].conventions == ""
-
-
-def test_steps_that_lie_together_start_within_the_first():
-    names = [term.name for term in terms()]
-    wiring = contract(history_layout="per_step", observation=terms(**{name: {"history": 2} for name in names}))
-    lines = term_lines(wiring, contract_layout(wiring))
-    assert [line.start for line in lines] == [0, 3, 6, 9, 13, 17, 20, 22]
-    assert sum(line.width for line in lines) == 48
 
 
 def test_sources_and_assumptions():
@@ -137,14 +104,6 @@ def test_published_policies(cli, tmp_path):
             assert text in out
 
 
-@needs_policies
-def test_joints_by_place_are_shown_by_their_places_without_the_robot(cli):
-    status, out, error = cli("show", POLICIES / TRACES["unitree"][0])
-    assert (status, error) == (0, "")
-    assert out.startswith("no source names the joints, so they are shown by their places on the robot; --robot gives")
-    assert "joint 28 of the robot" in out
-
-
 def test_bad_input_is_one_line(cli, tmp_path, bare):
     text = tmp_path / "text.onnx"
     text.write_text("no model")
@@ -164,39 +123,6 @@ joint_damping: 1.25
 observation: [base_ang_vel, {name: projected_gravity, scale: -1.0}]
 action_clip: .inf
 """
-
-
-def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path, bare):
-    (tmp_path / "contract.yaml").write_text(PARTLY)
-    status, out, error = cli("show", bare)
-    assert (status, error) == (1, "")
-    assert "missing: default_joint_pos, action_scale, policy_dt; write them into " in out
-    assert f"into {tmp_path / 'contract.yaml'}, which --skeleton FILE begins (docs/contract.md)" in out
-    for row in (
-        ["1", "left_knee", "41.5", "1.25"],
-        ["observation.projected_gravity.scale", "-1", "contract.yaml"],
-        ["action_joint_names", "all joints", "follows from joint_names"],
-        ["inputs", "obs [1, 32]"],
-    ):
-        assert row in rows(out)
-
-    status, out, _ = cli("show", bare, "--json")
-    assert status == 1
-    document = json.loads(out, parse_constant=pytest.fail)
-    assert document["missing"] == ["default_joint_pos", "action_scale", "policy_dt"]
-    assert document["known"]["joint_stiffness"] == {"value": [40.5, 41.5], "source": "contract.yaml"}
-    assert document["known"]["action_clip"]["value"] is None
-    assert document["model"]["inputs"][0]["shape"] == [1, 32]
-
-
-def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(cli, bare):
-    status, out, error = cli("show", bare)
-    assert (status, error) == (1, "")
-    assert ["inputs", "obs [1, 32]"] in rows(out)
-    assert "missing: joint_names, " in out
-    assert "known so far" not in out
-    status, out, _ = cli("show", bare, "--json")
-    assert (status, json.loads(out)["known"]) == (1, {})
 
 
 def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker, bare):
@@ -230,53 +156,3 @@ def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker, 
     (tmp_path / "contract.yaml").unlink()
     _, _, error = cli("show", walker, "--skeleton", file)
     assert error == f"error: --skeleton: nothing is missing from the contract of {walker}\n"
-
-
-def test_keys_of_a_piano_policy_follow_from_the_models_input():
-    wiring = contract(
-        task_type="piano",
-        observation=("joint_pos", "target_keys", "target_keys_future", "key_pressed"),
-        lookahead_steps=(1, 2, 5),
-        phase=None,
-    )
-    assert contract_layout(wiring, 4 + 88 * 5).width == 4 + 88 * 5
-    assert contract_layout(wiring).width == 4 + 5
-    assert contract_layout(wiring, 17).width == 9  # no whole number of keys: the check of widths says so
-
-
-def test_help_and_unknown_options(cli):
-    status, out, _ = cli("--help")
-    assert status == 0
-    for verb in ("show", "check", "stamp", "doctor"):
-        assert verb in out
-    assert cli("show", "x.onnx", "--colour")[0] == 2
-    assert cli("look", "x.onnx")[0] == 2
-
-
-def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_path):
-    """What the keys say is read alike with and without the stamp."""
-    plain = contract(observation=("joint_pos", "joint_vel", "actions", "twist"), phase=None, command_ranges=None)
-    outputs = []
-    for complete in (False, True):
-        path = save_checkpoint(tmp_path / f"{complete}.onnx", plain, complete=complete)
-        status, out, error = cli("show", path, "--json")
-        assert status == 0, error
-        wiring = json.loads(out)["contract"]
-        del wiring["provenance"], wiring["assumed"]
-        outputs.append(wiring)
-    assert outputs[0] == outputs[1]
-    np.testing.assert_array_equal(outputs[0]["joint_damping"], plain.joint_damping)
-
-
-def test_the_doctor_is_reached(cli, tmp_path, monkeypatch):
-    heard = []
-
-    def doctor(config):
-        heard.append(config)
-        return 3
-
-    monkeypatch.setitem(sys.modules, "humanoid_sim.doctor.run", SimpleNamespace(doctor=doctor))
-    path = tmp_path / "x.onnx"
-    path.write_bytes(b"a model")
-    assert cli("doctor", path, "--robot", "lite", "--top", "3")[0] == 3
-    assert heard == [DoctorConfig(path, "lite", top=3)]

@@ -80,24 +80,6 @@ def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped):
     assert (samples.name, len(samples), "target" in samples.arrays) == ("trace.npz", 8, True)
 
 
-def test_keeps_other_metadata(cli, walker, tmp_path):
-    model = onnx.load(str(walker))
-    entry = model.metadata_props.add()
-    entry.key, entry.value = "run_path", "team/walk/17"
-    onnx.save(model, str(walker))
-    output = tmp_path / "out.onnx"
-    assert cli("stamp", walker, "-o", output)[0] == 0
-    assert read_header(output)[0]["run_path"] == "team/walk/17"
-
-
-def test_without_a_trace_there_are_no_golden_vectors(cli, walker, tmp_path):
-    output = tmp_path / "out.onnx"
-    status, out, _ = cli("stamp", walker, "-o", output)
-    assert status == 0
-    assert "golden vectors: none" in out
-    assert load_checkpoint(output).golden == ""
-
-
 def outside(model, folder):
     """A copy whose tensors lie in a file beside it, and that file."""
     folder.mkdir()
@@ -117,23 +99,6 @@ def test_external_tensors_move_into_the_copy(cli, walker, tmp_path):
     np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
 
 
-def test_external_tensors_of_another_model_answer_otherwise(stamped, tmp_path):
-    model, data = outside(stamped, tmp_path / "outside")
-    assert load_checkpoint(model).golden == "8 samples of the trainer's run (trace.npz)"
-    data.write_bytes(data.read_bytes()[::-1])
-    with pytest.raises(InputError, match=r"golden vectors: .*action of"):
-        load_checkpoint(model)
-
-
-def test_missing_external_tensors_are_one_line(cli, walker, tmp_path):
-    model, data = outside(walker, tmp_path / "external")
-    data.unlink()
-    status, _, error = cli("stamp", model, "-o", tmp_path / "out.onnx")
-    assert status == 2
-    assert error.startswith(f"error: {model}: ")
-    assert error.count("\n") == 1
-
-
 def test_refuses_to_overwrite(cli, walker, tmp_path):
     output = tmp_path / "out.onnx"
     output.write_text("mine")
@@ -142,16 +107,6 @@ def test_refuses_to_overwrite(cli, walker, tmp_path):
     assert output.read_text() == "mine"
     assert cli("stamp", walker, "-o", output, "--overwrite")[0] == 0
     assert load_checkpoint(output).contract.joint_names == contract().joint_names
-
-
-@pytest.mark.parametrize("where", ["itself", "folder", "nowhere"])
-def test_refuses_an_output_that_is_no_new_file(cli, walker, tmp_path, where):
-    output = {"itself": walker, "folder": tmp_path, "nowhere": tmp_path / "no" / "out.onnx"}[where]
-    before = walker.read_bytes()
-    status, _, error = cli("stamp", walker, "-o", output, "--overwrite")
-    assert status == 2
-    assert str(output.parent if where == "nowhere" else output) in error
-    assert walker.read_bytes() == before
 
 
 def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path):
@@ -164,12 +119,6 @@ def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path):
     assert "the trainer's is" in error
     assert not output.exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.npz", "wrong.onnx"]
-
-
-def test_says_that_targets_are_not_proved(cli, walker, tmp_path):
-    trace = save_trace(tmp_path / "bare.npz", Run(), target=None)
-    _, out, _ = cli("stamp", walker, "-o", tmp_path / "out.onnx", "--trace", trace)
-    assert "scale and offset are not proved" in out
 
 
 def test_a_key_changed_after_stamping_is_refused(stamped):

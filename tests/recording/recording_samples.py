@@ -94,14 +94,6 @@ def chunks(path) -> list[tuple[int, int]]:
     return [(c.chunk_start_offset + 60, c.chunk_start_offset + c.chunk_length) for c in summary.chunk_indexes]
 
 
-def spoil(path, *indices: int) -> None:
-    """Change one byte in the middle of some chunks."""
-    data, places = bytearray(path.read_bytes()), chunks(path)
-    for index in indices:
-        data[sum(places[index]) // 2] ^= 0xFF
-    path.write_bytes(data)
-
-
 any_float = st.binary(min_size=8, max_size=8).map(lambda data: struct.unpack("<d", data)[0])
 """Every bit pattern: NaNs with payloads, infinities, subnormals, both zeros."""
 

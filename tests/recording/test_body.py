@@ -9,9 +9,9 @@ from recording_samples import make_tick, write_recording
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.controllers.rotation import matrix
-from humanoid_sim.messages import SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import TickInput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.recording.body import BodyError, RecordedBody
+from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.stack import run_header
@@ -110,43 +110,3 @@ def test_without_a_simulation_the_imu_turns_the_base():
     assert imu.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
     assert np.abs(pose[3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
     assert not body.knows_base(record)
-
-
-def test_a_silent_joint_stays_where_it_was():
-    lite = load_robot("lite")
-    body = RecordedBody.of(run_header(lite, 0.02, None, settings={}))
-    heard = np.linspace(0.1, 1.4, 14)
-    assert sorted(body.joint_values(tick_of(lite, 0, heard, None))) == heard.tolist()
-    silent = heard.copy()
-    silent[3] = np.nan
-    assert sorted(body.joint_values(tick_of(lite, 1, silent, None))) == heard.tolist()
-
-
-@pytest.mark.parametrize(
-    ("documents", "problem"),
-    [
-        ({"urdf": "<robot>"}, "the URDF cannot be read: "),
-        ({"urdf": "<robot/>", "qpos_addresses": "{"}, "'qpos_addresses' are no JSON: "),
-        ({"urdf": "<robot/>", "qpos_addresses": '{"a": -1}'}, "no JSON object of whole numbers"),
-        (
-            {"urdf": '<robot><joint name="a" type="revolute"/></robot>', "qpos_addresses": "{}"},
-            "the URDF cannot be read: joint 'a' lacks a link",
-        ),
-        (
-            {
-                "urdf": '<robot><joint name="a" type="fixed"><parent link="w"/><child link="b"/>'
-                '<origin xyz="0 nan 0"/></joint></robot>'
-            },
-            "the URDF's joint 'a' is not finite",
-        ),
-    ],
-)
-def test_a_damaged_body_is_refused(documents, problem):
-    header = SessionHeader("lite", ("a",), 0.02, 0, documents=documents)
-    with pytest.raises(BodyError) as refused:
-        RecordedBody.of(header)
-    assert problem in str(refused.value)
-
-
-def test_a_header_of_another_program_has_no_body():
-    assert RecordedBody.of(SessionHeader("lite", ("a",), 0.02, 0)) is None

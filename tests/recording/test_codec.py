@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from recording_samples import any_float, any_text, bits, make_tick, tick_records
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from humanoid_sim.messages import Event, EventKind, PolicyStep
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.messages import Event, EventKind
 from humanoid_sim.recording.codec import INTENT_CODES, TickEncoder, decode_event, decode_tick, encode_event
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import TICK, schema_text
@@ -25,13 +24,6 @@ def typestore():
 def test_round_trip(record):
     encoder = TickEncoder(record.input.state.joint_count)
     assert bits(decode_tick(encoder.encode(record))) == bits(record)
-
-
-@given(st.lists(tick_records(joints=2), max_size=2))
-def test_one_encoder_for_many_ticks(records):
-    encoder = TickEncoder(2)
-    messages = [encoder.encode(record) for record in (*records, *records)]
-    assert [bits(decode_tick(message)) for message in messages] == [bits(record) for record in (*records, *records)]
 
 
 @given(tick_records())
@@ -77,13 +69,6 @@ def test_a_generic_reader_agrees(typestore, record):
     )
 
 
-def test_a_shorter_message_is_refused():
-    message = TickEncoder(3).encode(make_tick(40))
-    for length in range(len(message)):
-        with pytest.raises(CdrError):
-            decode_tick(message[:length])
-
-
 @given(st.binary(max_size=40), st.integers(0, 700), tick_records(joints=2))
 def test_garbage_is_refused_or_a_whole_tick(garbage, position, record):
     message = TickEncoder(2).encode(record)
@@ -95,30 +80,9 @@ def test_garbage_is_refused_or_a_whole_tick(garbage, position, record):
     assert bits(decode_tick(again)) == bits(decoded)
 
 
-def test_another_robots_tick_is_refused():
-    with pytest.raises(ValueError, match=r"tick 1: joint arrays of shape \(3,\) and \(3,\), expected \(2,\)"):
-        TickEncoder(2).encode(make_tick(1))
-    with pytest.raises(ValueError, match=r"tick 1: joint arrays of shape \(3,\) and \(2,\)"):
-        TickEncoder(3).encode(make_tick(1, command=MITCommand.zeros(2)))
-
-
-def test_an_action_of_the_wrong_shape_keeps_it():
-    step = PolicyStep(0, np.zeros(5, np.float32), np.zeros((1, 2), np.float32))
-    decoded = decode_tick(TickEncoder(3).encode(make_tick(40, policy_step=step)))
-    assert decoded.output.policy_step.action.shape == (1, 2)
-
-
 @given(any_float, any_text, st.sampled_from(EventKind))
 def test_an_event_comes_back(time, text, kind):
     assert bits(decode_event(encode_event(Event(time, text, kind)))) == bits(Event(time, text, kind))
-
-
-def test_an_event_of_a_later_version_is_refused():
-    message = encode_event(Event(1.0, "news", EventKind.ENDING))
-    with pytest.raises(CdrError, match="event of kind 99, expected one below 9"):
-        decode_event(message[:-1] + b"c")
-    with pytest.raises(CdrError):
-        decode_event(message[:-1])
 
 
 def test_the_fields_that_came_with_the_second_format_stay_where_they_are():

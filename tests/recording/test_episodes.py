@@ -54,11 +54,6 @@ def test_one_episode_for_each_stretch(record):
     assert set(remote.motion_frame) == {-1}
 
 
-def test_only_the_modes_that_are_asked_for(record):
-    recording = record(wobbled()[1])
-    assert [episode.mode for episode in episodes(recording, frozenset((Mode.REMOTE,)))] == [Mode.REMOTE]
-
-
 def test_another_rate(record):
     ticks = list(wobbled()[1])
     recording = record(ticks)
@@ -82,13 +77,6 @@ def test_a_gap_ends_an_episode(record, gap):
     assert len(before) + len(after) == len(in_mode(made, Mode.REMOTE))
 
 
-def test_an_uneven_clock_is_no_gap(record):
-    ticks = list(wobbled()[1])
-    rng = np.random.default_rng(0)
-    made = [shifted(tick, float(rng.uniform(-0.2, 0.2)) * PERIOD) for tick in ticks]
-    assert len(episodes(record(made))) == 2
-
-
 def test_a_joint_that_was_never_heard(record):
     ticks = list(wobbled()[1])
     silent = in_mode(ticks, Mode.REMOTE)[10]
@@ -98,9 +86,3 @@ def test_a_joint_that_was_never_heard(record):
     ticks[silent.index] = replace(silent, input=replace(silent.input, state=state))
     with pytest.raises(InputError, match="joint 'left_elbow_pitch' was not heard until"):
         episodes(record(ticks))
-
-
-def test_a_stretch_of_one_frame_is_no_episode(record):
-    ticks = list(wobbled()[1])
-    first = in_mode(ticks, Mode.REMOTE)[0].index
-    assert [episode.mode for episode in episodes(record(ticks[: first + 1]))] == [Mode.LOCOMOTION]

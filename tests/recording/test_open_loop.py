@@ -1,6 +1,5 @@
 """`replay --policy`: what another policy would have commanded on the recorded states."""
 
-import csv
 import json
 from dataclasses import replace
 from functools import partial
@@ -99,16 +98,6 @@ def test_a_policy_that_answers_nan_is_reported(recorded, tmp_path, capsys):
     assert replay([recorded[0], "--policy", other]) == 1
     out = capsys.readouterr().out
     assert f"it would have failed at 4.200 s: action of {LITE.joint_names[JOINT]} is nan" in out
-
-
-def test_a_table_of_every_tick_and_joint(recorded, tmp_path, capsys):
-    assert replay([recorded[0], "--policy", recorded[1], "--csv", str(tmp_path / "x.csv")]) == 0
-    with (tmp_path / "x.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 320 * 14
-    assert rows[JOINT]["joint"] == LITE.joint_names[JOINT]
-    for what in ("position", "torque", "action"):
-        assert rows[JOINT][f"recorded_{what}"] == rows[JOINT][f"other_{what}"] != ""
 
 
 def test_what_the_recording_lacks_is_one_line(recorded, tmp_path, capsys):

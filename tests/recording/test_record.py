@@ -9,7 +9,6 @@ from recorded_run import COUNT, PERIOD, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.record import main as record_main
 
 record = partial(run_program, record_main)
@@ -106,46 +105,11 @@ def test_info_shows_what_a_run_took_of_each_joint(path, sample, capsys, monkeypa
     assert [name for name in header.joint_names if name not in narrow] == []
 
 
-def test_joints_of_an_unknown_robot_are_one_line(tmp_path, sample, capsys):
-    header, ticks = sample
-    documents = {name: text for name, text in header.documents.items() if name != "robot"}
-    file = tmp_path / "r.mcap"
-    write_recording(file, ticks[:5], replace(header, documents=documents))
-    assert record(["info", str(file), "--joints"]) == 2
-    line = f"{file}: --joints: its header does not describe the robot and its limits"
-    assert line in capsys.readouterr().err
-    assert record(["info", str(file)]) == 0
-
-
-def test_info_says_whether_figures_meant_what_they_mean_today(tmp_path, sample, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "140")
-    header, ticks = sample
-    today = dict(DEFINITIONS)
-    for definitions, shown in (
-        (today, "today's, of fall, loss, errors"),
-        ({**today, "fall": "the base is low"}, "others than today's: fall"),
-        ({}, "others than today's: fall, loss, errors"),
-        (None, "not recorded"),
-    ):
-        settings = {} if definitions is None else {"definitions": definitions}
-        documents = {**header.documents, "settings": json.dumps(settings)}
-        write_recording(tmp_path / "r.mcap", ticks[:20], replace(header, documents=documents))
-        assert record(["info", str(tmp_path / "r.mcap")]) == 0
-        assert shown in capsys.readouterr().out
-
-
 def test_a_cut_file_says_so(path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "140")
     path.write_bytes(path.read_bytes()[:-60])
     assert record(["info", str(path)]) == 0
     assert "not complete: cut" in capsys.readouterr().out
-
-
-def test_missing_ticks_are_shown(tmp_path, sample, capsys):
-    header, ticks = sample
-    write_recording(tmp_path / "gap.mcap", ticks[:100] + ticks[150:], header)
-    assert record(["info", str(tmp_path / "gap.mcap")]) == 0
-    assert "50 ticks are not in the recording" in capsys.readouterr().out
 
 
 def test_bad_input_is_one_line_and_status_2(tmp_path, capsys):
@@ -156,9 +120,3 @@ def test_bad_input_is_one_line_and_status_2(tmp_path, capsys):
         assert error.startswith("error: ")
         assert reason in error
         assert error.count("\n") == 1
-
-
-def test_unknown_options_are_status_2(capsys):
-    for words in (["info"], ["inspect", "x"], ["info", "x", "--colour"]):
-        assert record(words) == 2
-        assert capsys.readouterr().err.count("\n") == 1

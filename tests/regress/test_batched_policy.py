@@ -67,41 +67,6 @@ def test_published_policies_all_declare_a_batch_of_one_and_run_in_batches(path):
 
 
 MATMUL = [("MatMul", ["obs", "w"], ["actions"], {})]
-SHAPED = [
-    ("Reshape", ["obs", "two_by_three"], ["pairs"], {}),
-    ("Transpose", ["pairs"], ["turned"], {"perm": [1, 0]}),
-    ("Gather", ["turned", "last_two"], ["chosen"], {"axis": 0}),
-    ("Slice", ["obs", "one", "three", "axis_one"], ["part"], {}),
-    ("Reshape", ["chosen", "row"], ["flat"], {}),
-    ("Concat", ["flat", "part"], ["all"], {"axis": 1}),
-    ("Gemm", ["all", "w", "bias"], ["gemm"], {"alpha": 0.5}),
-    ("Tanh", ["gemm"], ["tanh"], {}),
-    ("Mul", ["tanh", "scale"], ["actions"], {}),
-]
-SHAPED_CONSTANTS = [
-    ("two_by_three", np.array([2, 3])),
-    ("last_two", np.array([2, 1])),
-    ("one", np.array([1])),
-    ("three", np.array([3])),
-    ("axis_one", np.array([-1])),
-    ("row", np.array([1, 4])),
-    ("bias", np.arange(4, dtype=np.float32)),
-    ("scale", np.array([[1.0, 2.0, 3.0, 4.0]], dtype=np.float32)),
-]
-
-
-@pytest.mark.parametrize("rows", [1, "batch"])
-def test_a_plain_network(tmp_path, rows):
-    check(network(tmp_path, MATMUL, rows=rows))
-
-
-def test_row_by_row_where_a_constant_shape_fixes_the_batch(tmp_path):
-    check(network(tmp_path, SHAPED, SHAPED_CONSTANTS), "row by row: the model runs on no batch")
-
-
-def test_a_frame_takes_part(tmp_path):
-    nodes = [("MatMul", ["obs", "w"], ["product"], {}), ("Add", ["product", "time_step"], ["actions"], {})]
-    check(network(tmp_path, nodes, time_step=True))
 
 
 def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp_path):
@@ -109,21 +74,6 @@ def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp
     nodes = [*MATMUL, ("Reshape", ["time_step", "row"], ["motion"], {})]
     motion = helper.make_tensor_value_info("motion", TensorProto.FLOAT, [1])
     check(network(tmp_path, nodes, [("row", np.array([1]))], time_step=True, outputs=[motion]))
-
-
-def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path):
-    nodes = [("Gather", ["obs", "order"], ["chosen"], {"axis": 1}), ("Mul", ["chosen", "scale"], ["actions"], {})]
-    constants = [("order", np.array([5, 0, 1, 3])), ("scale", np.full((1, 4), 0.3, dtype=np.float32))]
-    path = network(tmp_path, nodes, constants).model.path
-    model = onnx.load(str(path))
-    model.graph.input.append(helper.make_tensor_value_info("scale", TensorProto.FLOAT, [1, 4]))
-    onnx.save(model, str(path))
-    check(OnnxPolicy(path))
-
-
-def test_softmax_keeps_to_its_row(tmp_path):
-    nodes = [("Softmax", ["obs"], ["soft"], {"axis": -1}), ("MatMul", ["soft", "w"], ["actions"], {})]
-    check(network(tmp_path, nodes))
 
 
 def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path):

@@ -1,7 +1,5 @@
 """Verdicts: what is worse is called worse, and what is not is not."""
 
-import math
-
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -11,8 +9,6 @@ from humanoid_sim.regress.compare import (
     compare_runs,
     judge,
     mean_interval,
-    mean_of_cases,
-    student_quantile,
 )
 from humanoid_sim.regress.results import FAILING, Candidate, describe_change
 from humanoid_sim.regress.suite import Case, Tolerance
@@ -62,14 +58,6 @@ def test_verdicts(factor, spread, verdict):
     assert comparison.verdict == verdict
 
 
-def test_higher_is_better_where_it_is():
-    suite = tiny_suite(survival=Tolerance(absolute=0.05))
-    full = values("survival", lambda *_: 1.0, CASES, range(5))
-    half = values("survival", lambda _, seed: 0.5 if seed % 2 else 0.7, CASES, range(5))
-    assert compare(suite, full, half).verdict == "worse beyond tolerance"
-    assert compare(suite, half, full).verdict == "better"
-
-
 def test_pairs_see_what_the_spread_of_the_seeds_hides():
     """Seeds differ by far more than the policies, but in the same way for both."""
 
@@ -88,13 +76,6 @@ def test_pairs_see_what_the_spread_of_the_seeds_hides():
     unpaired = compare(suite, values("joint_error", baseline, CASES, range(10)), later)
     assert (unpaired.paired, unpaired.verdict) == (False, "unclear")
     assert unpaired.change == pytest.approx(paired.change, rel=1e-12)
-
-
-def test_a_run_of_some_of_the_seeds_is_still_paired():
-    baseline, candidate = measured(1.0), measured(1.0, seeds=range(3))
-    some = run(e for e in baseline.episodes if e.seed < 3)
-    assert compare(tiny_suite(), baseline, some).change == 0.0
-    assert compare(tiny_suite(), baseline, candidate).episodes == 6
 
 
 def test_failed_episodes_are_left_out_of_errors_on_both_sides():
@@ -134,18 +115,6 @@ def test_failures_are_judged_whether_a_suite_names_them_or_not():
     assert verdicts == {"joint_error": "lost", "losses": "no difference seen", "faults": "worse beyond tolerance"}
 
 
-def width(comparison):
-    return comparison.high - comparison.low
-
-
-def test_more_metrics_do_not_mean_more_false_alarms():
-    """Each interval is wider where more of them are to hold together."""
-    suite = tiny_suite()
-    alone = compare(suite, measured(1.0), measured(1.0, seed=3))
-    among_many = compare_runs(suite, [*suite.metrics] * 8, measured(1.0), measured(1.0, seed=3))[0]
-    assert width(among_many) > 1.2 * width(alone)
-
-
 def test_no_false_alarm_with_other_seeds():
     """20 tries of the same policy with other seeds, at the tolerance of the shipped suites."""
     suite = tiny_suite()
@@ -157,35 +126,6 @@ def test_no_false_alarm_with_other_seeds():
     assert verdicts.count("worse beyond tolerance") == 0
 
 
-def test_cases_weigh_equally():
-    cases = [np.array([1.0, 3.0]), np.array([10.0, 10.0, 10.0, 10.0])]
-    assert mean_of_cases(cases) == 6.0
-    assert math.isnan(mean_of_cases([]))
-
-
-def test_no_spread_no_interval():
-    interval = mean_interval([np.full(5, 2.0), np.full(3, 4.0)], [], 0.95, 1000)
-    assert (interval.mean, interval.low, interval.high) == (3.0, 3.0, 3.0)
-
-
-def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution():
-    values = np.random.default_rng(1).normal(loc=5.0, scale=2.0, size=400)
-    interval = mean_interval([values], [], 0.95, 5000)
-    half = 1.96 * values.std(ddof=1) / 20.0
-    assert interval.mean == values.mean()
-    assert interval.low == pytest.approx(values.mean() - half, abs=0.01)
-    assert interval.high == pytest.approx(values.mean() + half, abs=0.01)
-
-
-def test_samples_that_are_not_paired_add_their_variances():
-    generator = np.random.default_rng(2)
-    plus, minus = generator.normal(3.0, 2.0, 300), generator.normal(1.0, 1.5, 200)
-    interval = mean_interval([plus], [minus], 0.95, 5000)
-    half = 1.96 * math.sqrt(plus.var(ddof=1) / 300 + minus.var(ddof=1) / 200)
-    assert interval.mean == pytest.approx(plus.mean() - minus.mean(), abs=1e-12)
-    assert interval.high - interval.low == pytest.approx(2.0 * half, rel=0.03)
-
-
 def test_intervals_cover_the_truth_as_often_as_they_say():
     """300 experiments of three cases with ten seeds: 95 % of the intervals hold the mean, give or take chance."""
     generator = np.random.default_rng(3)
@@ -195,29 +135,6 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
         interval = mean_interval(cases, [], 0.95, 500)
         covered += interval.low <= 3.0 <= interval.high
     assert 0.91 <= covered / 300 <= 0.98
-
-
-def test_student_quantiles_of_the_tables():
-    for freedom, probability, expected in (
-        (1, 0.975, 12.706),
-        (2, 0.995, 9.925),
-        (5, 0.975, 2.571),
-        (30, 0.975, 2.042),
-    ):
-        assert student_quantile(probability, [1.0], [freedom]) == pytest.approx(expected, abs=1e-3)
-    assert student_quantile(0.975, [1.0] * 4, [11] * 4) == pytest.approx(2.0154, abs=1e-3)  # 44 degrees of freedom
-    assert student_quantile(0.975, [1.0, 0.0], [3, 50]) == pytest.approx(3.182, abs=1e-3)
-    assert student_quantile(0.975, [], []) == pytest.approx(1.95996, abs=1e-4)
-
-
-def test_few_seeds_are_not_trusted_more_than_they_deserve():
-    """400 experiments with three seeds: an interval that took the measured spread for the true one would hold 75 %."""
-    generator = np.random.default_rng(4)
-    covered = 0
-    for _ in range(400):
-        interval = mean_interval([generator.normal(size=3)], [], 0.95, 300)
-        covered += interval.low <= 0.0 <= interval.high
-    assert covered / 400 >= 0.90
 
 
 def flags(metric, failing, name="policy", seeds=range(12)):
@@ -283,46 +200,6 @@ def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone():
     assert [metric.name for metric in aside.metrics] == ["tilt", "falls", "faults"]
 
 
-def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics():
-    suite = tiny_suite("abcd", 12, faults=Tolerance(absolute=0.01))
-    old = flags("faults", {("a", 1), ("a", 2)})
-    for failing, verdict in (
-        ({("a", 3), ("a", 4)}, "unclear"),
-        ({("a", 1), ("a", 2)}, "no difference seen"),
-        ({("a", 1), ("b", 2)}, "worse beyond tolerance"),  # b never failed
-        (set(), "no difference seen"),
-    ):
-        candidate = judge(suite, old, flags("faults", failing))
-        assert {c.metric: c.verdict for c in candidate.comparisons}["faults"] == verdict
-        assert candidate.passed is (verdict != "worse beyond tolerance")
-
-
-def test_new_failures_are_found_with_other_seeds_too():
-    suite = tiny_suite("abcd", 12)
-    candidate = judge(suite, flags("losses", set()), flags("losses", {("c", 105)}, seeds=range(100, 112)))
-    assert candidate.worse == ("losses",)
-    errors = candidate.comparisons[0]
-    assert (errors.paired, errors.left_out) == (False, 1)
-    assert describe_change(suite.metrics[0], errors).endswith("; without 1 episodes that failed")
-
-
-def test_unclear_fails_where_it_is_asked_to():
-    suite = tiny_suite("abcd", 12)
-    old, new = flags("faults", {("a", 1), ("a", 2)}), flags("faults", {("a", 3), ("a", 4)})
-    assert judge(suite, old, new).unclear == ("faults",)
-    assert judge(suite, old, new).passed
-    assert not judge(suite, old, new, strict=True).passed
-    assert judge(suite, old, old, strict=True).passed
-
-
-def test_worse_by_more_or_less_than_tolerated_is_open():
-    """It passes, as nothing is shown to be beyond the tolerance, and fails where verdicts have to be clear."""
-    old, new = measured(1.0, seed=1), measured(1.05, seed=2)
-    candidate = judge(tiny_suite(), old, new)
-    assert (candidate.passed, candidate.worse, candidate.unclear) == (True, (), ("joint_error",))
-    assert not judge(tiny_suite(), old, new, strict=True).passed
-
-
 def test_few_seeds_leave_it_undecided_where_they_cannot_judge():
     """Nobody may take a run that could not see a fall for one that saw none."""
     old = values("joint_error", lambda _, s: 1.0 + 0.1 * s, "ab", [0, 1])
@@ -360,17 +237,3 @@ def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not():
     assert comparison.cases[0].change / comparison.cases[0].baseline == pytest.approx(0.17, abs=0.01)
     assert comparison.reasons.startswith("in a by +1")
     assert compare(suite, one_motion(1.0), one_motion(1.08, seed=1)).verdict != "worse beyond tolerance"
-
-
-def test_a_worsening_that_is_tolerated_is_said():
-    suite = tiny_suite("abcd", 12, joint_error=Tolerance(relative=0.2))
-    old = one_motion(1.0)
-    assert compare(suite, old, one_motion(1.17, seed=1)).verdict == "worse within tolerance"
-    assert compare(suite, old, one_motion(1.0, seed=1)).verdict == "no difference seen"
-    assert judge(suite, old, one_motion(1.17, seed=1), strict=True).passed
-
-
-def test_a_single_value_has_no_spread():
-    suite = tiny_suite("a", 2)
-    old = values("joint_error", lambda *_: 1.0, "a", [0])
-    assert compare(suite, old, values("joint_error", lambda *_: 2.0, "a", [0])).verdict == "unclear"

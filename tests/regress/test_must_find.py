@@ -5,7 +5,7 @@ from time import perf_counter
 
 import pytest
 from msgspec.structs import replace
-from policies import G1_SCENE, G1_WALKER, SAMPLE, WALKER, noisy_copy, swapped_copy
+from policies import G1_SCENE, G1_WALKER, SAMPLE, WALKER, noisy_copy
 from published import needs_policies
 
 from humanoid_sim.regress.compare import judge
@@ -88,13 +88,6 @@ def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field, tmp_p
     assert set(candidate.worse) <= TRACKING
 
 
-@pytest.mark.parametrize(("first", "second"), [(0, 1), (5, 12)])
-def test_two_joints_in_each_others_place_are_found(field, tmp_path, first, second):
-    candidate = field.judge(swapped_copy(SAMPLE, tmp_path / "swapped.onnx", first, second))
-    assert not candidate.passed
-    assert set(candidate.worse) >= TRACKING
-
-
 @pytest.mark.timeout(3600)
 def test_no_false_alarm_in_many_tries_with_other_seeds(field, request):
     """One run over 240 seeds of each case is 20 sets of 12 that the baseline was not run with; 6 by default."""
@@ -109,17 +102,6 @@ def table_row(policy, name, candidate, metric, seconds):
     unit = METRICS["velocity"][metric].info.unit
     change, low, high = (found.share(value, unit) for value in (found.change, found.low, found.high))
     return policy, name, found.verdict, metric, f"{change}; {found.reasons}", f"{low} to {high}", f"{seconds:.0f}"
-
-
-def test_nine_tenths_of_the_command_are_found(tmp_path):
-    """A sample of the campaign below: it passed as not worse where velocity errors alone were judged."""
-    field = Field("velocity", WALKER.path, "lite_biped")
-    cases = tuple(case for case in field.suite.cases if case.name in ("forward", "backward", "curve"))
-    field.suite = replace(field.suite, cases=cases, seeds=10)
-    candidate = field.judge(WALKER.slowed(tmp_path / "slow.onnx", 0.9))
-    assert "vx_reached" in candidate.worse
-    assert -0.11 < change(candidate, "vx_reached") < -0.06
-    assert not candidate.passed
 
 
 @needs_policies

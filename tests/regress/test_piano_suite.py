@@ -68,13 +68,6 @@ def test_a_key_that_is_touched_too_hard_is_counted(short):
     assert episode.metrics["hard_touches"] == 1.0
 
 
-def test_an_episode_of_a_song_is_the_same_in_any_company(short):
-    disturbed = Disturbance(Randomisation(mass=(0.9, 1.1)))
-    together = run_episodes(short, [0, 1, 2], disturbed, threads=2)
-    assert run_episodes(short, [1], disturbed, threads=1)[0] == together[1]
-    assert together[0].metrics["effort"] != together[1].metrics["effort"]
-
-
 def test_a_digest_knows_the_song_and_not_its_name(tmp_path):
     (tmp_path / "mine.mid").write_bytes(asset_path("songs", "twinkle.mid").read_bytes())
     digests = [

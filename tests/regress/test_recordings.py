@@ -3,18 +3,16 @@
 import json
 
 import numpy as np
-import pytest
 from msgspec.structs import replace
 from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import episode, standing_policy, yaml_suite
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.repeat import repeat_run
 from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
+from humanoid_sim.regress.recordings import choose_failures, record_episode
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 from humanoid_sim.replay import main as replay
 from humanoid_sim.stack import rebuild_supervisor
@@ -91,28 +89,8 @@ def test_a_robot_that_falls(tmp_path):
     assert np.isclose(header.control_period, 0.02)
 
 
-def test_an_episode_that_does_not_repeat_is_not_recorded(tmp_path):
-    case = make(tmp_path, SAMPLE, Case(name="wave", motion="wave", duration=0.1))
-    other = episode("wave", 0, {"joint_error": 1.0}, "fell")
-    with pytest.raises(InputError, match="wave, seed 0 goes otherwise on this machine, '' instead of 'fell'"):
-        record_episode(tmp_path / "x.mcap", case, other, case.suite.disturbance)
-    assert not (tmp_path / "x.mcap").exists()
-
-
-def test_a_folder_that_is_not_there(tmp_path):
-    policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
-    case = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.1))
-    (failed,) = run_episodes(case, [0], case.suite.disturbance)
-    with pytest.raises(InputError, match="cannot be written: No such file"):
-        record_episode(tmp_path / "no" / "x.mcap", case, failed, case.suite.disturbance)
-
-
 def test_the_first_failure_of_each_case_comes_first():
     failures = [("a", 0), ("a", 1), ("a", 2), ("b", 5), ("c", 7), ("c", 8)]
     episodes = [episode("a", 9, {}), *(episode(case, seed, {}, "fell") for case, seed in failures)]
     chosen = [(e.case, e.seed) for e in choose_failures(episodes, 4)]
     assert chosen == [("a", 0), ("b", 5), ("c", 7), ("a", 1)]
-
-
-def test_names_that_any_file_system_takes():
-    assert recording_name("run 3/policy", episode("walk: fast", 4, {}, "fell")) == "run_3_policy-walk_fast-4.mcap"

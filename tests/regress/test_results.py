@@ -1,32 +1,8 @@
 """Numbers of the results as a person reads them."""
 
-import math
-
 import msgspec
-import pytest
 
 from humanoid_sim.regress import results
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (0.0123, "m", "12.3 mm"),
-        (math.pi / 2, "rad", "90°"),
-        (math.pi, "rad/s", "180 °/s"),
-        (0.25, "share", "25 %"),
-        (1.5, "×", "1.5×"),
-        (12.0, "N·m", "12 N·m"),
-        (None, "m", "-"),
-        (math.nan, "m", "-"),
-    ],
-)
-def test_quantities(value, unit, text):
-    assert results.quantity(value, unit) == text
-
-
-def test_changes_have_a_sign():
-    assert results.quantity(0.001, "m", signed=True) == "+1 mm"
 
 
 def test_what_makes_a_metric_worse_whatever_its_mean():

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import msgspec
@@ -14,7 +13,6 @@ from humanoid_sim.assets import WALKING_POLICY, asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress import main
-from humanoid_sim.regress.preparation import distinct_names
 from humanoid_sim.regress.results import Results
 from humanoid_sim.replay import main as replay
 
@@ -102,18 +100,6 @@ def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(suite, tmp_path, 
     assert unclear.startswith("  unclear: body_position_error ")
 
 
-def test_few_seeds_are_warned_of(suite, tmp_path, capsys):
-    out = tmp_path / "out.json"
-    arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), "--json", str(out), "--quiet"]
-    assert main([*arguments, "--seeds", "5"]) == 0
-    warning = "5 seeds of each case are few, expected 6 or more: their intervals are wide and uncertain"
-    assert capsys.readouterr().err.splitlines() == [f"warning: {warning}"]
-    assert results(out).warnings == (warning,)
-    assert main([*arguments, "--seeds", "6", "--overwrite"]) == 0
-    assert capsys.readouterr().err == ""
-    assert results(out).warnings == ()
-
-
 def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(suite, tmp_path, capsys):
     folder = tmp_path / "one"
     assert (
@@ -123,48 +109,6 @@ def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(suite, tmp_path
     assert path.name == "lite_tracking-wave-7.mcap"
     assert capsys.readouterr().out == f"recorded {path}\n"
     assert replay([str(path)]) == 0
-
-
-def test_two_policies_of_the_same_name_are_told_apart(suite, tmp_path):
-    for name in ("first", "second"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "policy.onnx").write_bytes(SAMPLE.read_bytes())
-    out = tmp_path / "out.json"
-    paths = [str(tmp_path / name / "policy.onnx") for name in ("first", "second")]
-    main([*paths, "--suite", suite, "--json", str(out), "--quiet"])
-    assert [candidate.run.name for candidate in results(out).candidates] == ["first", "second"]
-
-
-def test_the_report_is_made_of_the_results(suite, tmp_path):
-    page = tmp_path / "report.html"
-    assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
-    assert "<h2>lite_tracking</h2>" in page.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("paths", "names"),
-    [
-        (["runs/a.onnx", "old/b.onnx"], ["a", "b"]),
-        (["runs/a/policy.onnx", "runs/b/policy.onnx"], ["a", "b"]),
-        (["runs/a/x/policy.onnx", "runs/b/x/policy.onnx"], ["a", "b"]),
-        (["runs/a/x/1.onnx", "runs/b/x/2.onnx", "runs/b/x/1.onnx"], ["a/x/1", "b/x/2", "b/x/1"]),
-        (["runs/policy.onnx", "runs/old/policy.onnx"], ["policy", "old"]),
-        (["runs/p.onnx", "runs/p/p.onnx"], ["p", "p/p"]),
-        (["a/policy.onnx", "a/policy.onnx"], ["policy", "policy"]),
-    ],
-)
-def test_policies_are_named_by_what_differs_in_their_paths(paths, names):
-    assert distinct_names([Path(path) for path in paths]) == names
-
-
-def test_a_baseline_file_of_the_same_name_is_called_by_its_file(suite, tmp_path):
-    (tmp_path / "policy.onnx").write_bytes(SAMPLE.read_bytes())
-    policy, golden, out = str(tmp_path / "policy.onnx"), tmp_path / "golden.json", tmp_path / "out.json"
-    main([policy, "--suite", suite, "--write-baseline", str(golden), "--quiet"])
-    swapped_copy(SAMPLE, tmp_path / "policy.onnx", 0, 1)
-    main([policy, "--suite", suite, "--baseline", str(golden), "--json", str(out), "--quiet"])
-    baseline = results(out).baseline
-    assert (baseline.name, results(out).candidates[0].run.name) == ("golden", "policy")
 
 
 def complaint(capsys, *arguments):
@@ -267,12 +211,6 @@ def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(tmp_path, cap
         f"--write-baseline {old} --overwrite"
     )
     assert "made before vx_reached could" in complaint(capsys, *arguments, "--only", "forward")
-
-
-def test_a_motion_that_is_not_there(tmp_path, capsys):
-    other = yaml_suite(tmp_path, ONE.replace("motion: wave", "motion: no.mcap"))
-    line = complaint(capsys, str(SAMPLE), "--suite", str(other))
-    assert line.startswith("case 'wave': unknown motion 'no.mcap'; known: circle, drum")
 
 
 def test_a_policy_is_compared_with_itself_across_plants(suite, tmp_path):

@@ -4,7 +4,7 @@ import pytest
 from regress_runs import SHORT, yaml_suite
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.regress.metrics import ALWAYS, METRICS
+from humanoid_sim.regress.metrics import ALWAYS
 from humanoid_sim.regress.suite import load_suite
 
 
@@ -67,20 +67,3 @@ def test_a_bad_suite_is_one_line(tmp_path, before, after, message):
     assert str(error.value).startswith(f"{path}: ")
     assert message in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_no_such_suite(tmp_path):
-    with pytest.raises(InputError, match=r"--suite: unknown suite 'walking' \(did you mean 'velocity'\?\); known: "):
-        load_suite("walking")
-    with pytest.raises(InputError, match="--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking, v"):
-        load_suite("nowhere")
-    with pytest.raises(InputError, match="or a suite's YAML file that exists"):
-        load_suite(str(tmp_path))
-
-
-def test_every_metric_says_what_it_is():
-    for metrics in METRICS.values():
-        for name, metric in metrics.items():
-            assert metric.info.name == name
-            assert metric.info.unit
-            assert metric.info.summary.endswith(".")

@@ -174,8 +174,3 @@ def session(robot: Any, *, supervisor: Supervisor | None = None, **options: Any)
 def is_damping(command: MITCommand) -> bool:
     """Whether it is `damping_controller`'s of the rig: told by its gains."""
     return command.damping.tolist() == rig.DAMPING_KD and not command.stiffness.any()
-
-
-def is_zero(command: MITCommand) -> bool:
-    """Whether it is zero torque."""
-    return not any(getattr(command, name).any() for name in ("position", "velocity", "effort", "stiffness", "damping"))

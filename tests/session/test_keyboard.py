@@ -1,4 +1,3 @@
-import io
 import os
 import pty
 import sys
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 from waiting import until
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.keyboard import HELP_KEYS, KEYS, REACTIVATE_KEY, Keyboard, KeyReader, key_help, key_of
+from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import VELOCITY_KEYS, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VelocityCommand
 
 
 @dataclass
@@ -93,99 +91,6 @@ def test_the_terminal_is_given_back_as_it_was(terminal):
     assert during[3] & termios.ISIG  # Ctrl-C stays a signal
     keyboard.close()
     assert termios.tcgetattr(terminal.slave) == before
-
-
-def test_a_terminal_that_goes_away_damps(terminal, keyboard):
-    orphan = keyboard()
-    terminal.hang_up()
-    assert heard(orphan, 1) == [Intent.DAMP]
-
-
-def test_without_a_terminal_there_is_no_keyboard(monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.StringIO("d"))
-    with pytest.raises(InputError, match="--manual: standard input is not a terminal"):
-        Keyboard()
-    with open(os.devnull, encoding="utf-8") as null:
-        monkeypatch.setattr(sys, "stdin", null)
-        with pytest.raises(InputError, match="--manual: standard input is not a terminal"):
-            Keyboard()
-
-
-SEQUENCES = {
-    "F1": "\x1bOP", "F2": "\x1bOQ", "F3": "\x1bOR", "shift up": "\x1b[1;2A", "shift left": "\x1b[1;2D",
-    "alt a": "\x1ba", "alt q": "\x1bq", "delete": "\x1b[3~",
-}  # fmt: skip
-ARROWS = {"up": "\x1b[A", "down": "\x1b[B", "right": "\x1b[C", "left": "\x1b[D"}
-
-
-@pytest.mark.parametrize("name", SEQUENCES)
-def test_keys_that_send_letters_mean_nothing(name):
-    text = SEQUENCES[name]
-    assert KeyReader().keys(text) == [text]
-    assert text not in {*KEYS, *VELOCITY_KEYS, REACTIVATE_KEY, *HELP_KEYS}
-    for cut in range(1, len(text)):  # a slow line may cut it anywhere
-        reader = KeyReader()
-        assert reader.keys(text[:cut]) + reader.keys(text[cut:]) == [text]
-        assert reader.keys("a") == ["a"]  # and the next key counts again
-
-
-@pytest.mark.parametrize("name", ARROWS)
-def test_arrows_are_keys_of_their_own(name):
-    for text in (ARROWS[name], ARROWS[name].replace("[", "O")):  # an application's mode of the terminal
-        assert KeyReader().keys(text + text) == [name, name]
-        for cut in range(1, len(text)):
-            reader = KeyReader()
-            assert reader.keys(text[:cut]) + reader.keys(text[cut:]) == [name]
-
-
-def test_damp_is_heard_even_beside_an_escape_sequence():
-    assert KeyReader().keys("\x1b[A ") == ["up", " "]
-    assert KeyReader().keys("d\x1b[3~") == ["d", "\x1b[3~"]
-    reader = KeyReader()
-    assert reader.keys("\x1b") == []
-    assert reader.keys(" ") == [" "]
-
-
-def test_nothing_else_is_heard_beside_an_escape_sequence():
-    for text in ("l\x1b[A", "\x1b[Al", "\x1b[Aup", "\x1b[3~b"):
-        assert not {*KEYS, REACTIVATE_KEY, *HELP_KEYS} & set(KeyReader().keys(text))
-    assert KeyReader().keys("\x1b[Aup") == ["up", "\x1bup"]
-
-
-def test_the_help_names_every_intent():
-    for intent in KEYS.values():
-        assert f"{key_of(intent)} " in key_help()
-        assert intent.name in key_help()
-    assert set(KEYS.values()) == set(Intent)
-    assert f"{REACTIVATE_KEY} reactivate" in key_help()
-    assert len({REACTIVATE_KEY, *HELP_KEYS, *KEYS, *VELOCITY_KEYS}) == 3 + len(KEYS) + len(VELOCITY_KEYS)
-
-
-def test_every_key_that_means_nothing_is_said(terminal, keyboard):
-    told = []
-    keyboard(tell=told.append)
-    for count, text in enumerate(("w", "x", "\x1b[Ayz", "e"), 1):  # nothing walks or can be reactivated here
-        terminal.type(text)
-        until(lambda count=count: len(told) == count)
-    shown = "nothing; h or ? shows those that do"
-    assert told == [
-        *(f"the key '{key}' means {shown}" for key in "wx"),
-        f"the keys 'up', '\\x1byz' mean {shown}",
-        f"the key 'e' means {shown}",
-    ]
-
-
-def test_h_and_the_question_mark_name_the_keys(terminal):
-    told = []
-    for velocity, text, lines in (
-        ((), "hH?", [key_help()] * 3),
-        ((VelocityCommand(np.zeros(3)),), "?", [key_help(), velocity_key_help()]),
-    ):
-        told.clear()
-        with closing(Keyboard(*velocity, tell=told.append)):
-            terminal.type(text)
-            until(lambda lines=lines: len(told) == len(lines))
-        assert told == lines
 
 
 def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal, keyboard):

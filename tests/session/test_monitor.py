@@ -10,7 +10,6 @@ from humanoid_sim.messages import (
     ControlMode,
     FaultReport,
     Mode,
-    PolicyStep,
     SafetyFlag,
     SafetyLevel,
     SafetyStatus,
@@ -18,7 +17,6 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.session import monitor as module
 from humanoid_sim.session.monitor import RunMonitor
 
 LIMIT = np.array([10.0, 10.0, 4.0])
@@ -102,31 +100,3 @@ def test_faults_refusals_and_safety_with_their_times():
     assert figures.refusals == [(1.0, "LOAD_A refused"), (1.0, "LOAD_B refused")]
     text = "safety WARNING INVALID_FRAME from can1"
     assert figures.safety == [(1.5, text), (3.0, text)]
-
-
-def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick():
-    seen = []
-
-    def tracker(frame, state):
-        seen.append((frame, state.joint_position.tolist()))
-
-    step = PolicyStep(7, np.zeros(2, dtype=np.float32), np.zeros(1, dtype=np.float32))
-    figures = monitored(record(0), record(1, Mode.LOCOMOTION, policy_step=step), tracker=tracker)
-    assert figures.inferences == 1
-    assert seen == [(7, list(rig.KNOWN))]
-
-
-def test_the_picture_shows_the_last_pose_of_the_farthest_mode():
-    modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION, Mode.DAMPING]
-    assert monitored(*(record(i, mode) for i, mode in enumerate(modes))).pose == 4.0
-    remote = [Mode.DAMPING, Mode.REMOTE, Mode.REMOTE, Mode.DAMPING]
-    assert monitored(*(record(i, mode) for i, mode in enumerate(remote))).pose == 2.0
-
-
-def test_memory_does_not_grow_and_spans_that_are_not_kept_lengthen_no_other(monkeypatch):
-    monkeypatch.setattr(module, "_KEPT", 3)
-    modes = [Mode.DAMPING, Mode.STANDBY] * 5
-    figures = monitored(*(record(i, mode, refusals=("no",)) for i, mode in enumerate(modes)))
-    assert [span.end for span in figures.spans] == [0.0, 0.5, 1.0]
-    assert len(figures.refusals) == 3
-    assert figures.dropped == 7 + 7

@@ -1,29 +1,19 @@
 """The feed's readers and the intake's producers as processes: slow, stopped and killed."""
 
 import os
-import signal
 import socket
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.client import DATA_HEAD, DATA_MAGIC, Feed
-from humanoid_sim.session.pace import DurationHistogram
+from humanoid_sim.client import DATA_HEAD, DATA_MAGIC
 
 HEAD = "import sys, time\nfrom humanoid_sim.client import *\nsession = find_session(int(sys.argv[1]))\n"
-READER = """
-with Feed(session) as feed:
-    print("ready", flush=True)
-    while feed.is_running():
-        for sample in feed.since(0):
-            pass
-        time.sleep({pause})
-"""
 PRODUCER = """
 names = ("shoulder", "elbow", "wrist")
 with Intake(session, "producer") as intake:
@@ -45,28 +35,6 @@ def program(text, *, niceness=0):
             yield process
         finally:
             process.kill()
-
-
-@pytest.mark.soak
-def test_readers_that_are_slow_stopped_or_killed_leave_the_feed_as_it_is(local):
-    with (
-        program(READER.format(pause=0)) as stopped,
-        program(READER.format(pause=0.2)),
-        program(READER.format(pause=0)) as killed,
-    ):
-        for i in range(300):
-            local.tick()
-            if i == 100:
-                os.kill(stopped.pid, signal.SIGSTOP)
-                killed.kill()
-                killed.wait()
-        with Feed(local.info) as feed:
-            assert [sample.number for sample in feed.since(0)] == list(range(238, 301))
-    assert local.feed.left_out == 0
-    assert local.feed.path.exists()
-    local.tick()
-    with Feed(local.info) as feed:
-        assert feed.newest() == 301
 
 
 def until(local, condition):
@@ -128,28 +96,3 @@ def test_random_datagrams_do_nothing_worse_than_being_refused(local):
     assert record.output.control_mode.controller_name == "zero_torque_controller"
     assert record.input.remote is None
     assert set(record.input.state.extern) <= {"velocity_command", "keys"}
-
-
-def _tick_times(local, seconds):
-    times = DurationHistogram()
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        begin = time.perf_counter()
-        local.tick()
-        times.add(time.perf_counter() - begin)
-        time.sleep(0.005)
-    return times
-
-
-@pytest.mark.soak
-def test_a_hundred_readers_cost_the_loop_no_more_than_as_many_processes_that_read_something_else(local):
-    readers = READER.format(pause=0.02)
-    others = 'data = bytes(400_000)\nprint("ready", flush=True)\nwhile True:\n    data[::7]\n    time.sleep(0.02)\n'
-    p99 = {}
-    for name, text in (("others", others), ("readers", readers)):
-        with ExitStack() as stack:
-            for _ in range(100):
-                stack.enter_context(program(text, niceness=19))
-            p99[name] = _tick_times(local, 8.0).percentile(99.0)
-    assert p99["readers"] <= max(2.0 * p99["others"], 0.002)
-    assert local.feed.left_out == 0

@@ -1,12 +1,9 @@
-import pytest
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.session.keyboard import REACTIVATE_KEY
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Reactivation
-from humanoid_sim.session.script import OverriddenScript, Script, parse_script
+from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import IntentQueue
 
 DONE = "reactivated: the robot is verified and enabled afresh"
@@ -34,16 +31,6 @@ def test_the_stack_begins_again_without_torque():
     assert [record.index for record in sink.records] == list(range(len(sink.records)))
 
 
-def test_what_was_planned_before_does_not_move_the_robot_after():
-    reactivation, robot = Reactivation(), FakeRobot()
-    script = Script(parse_script("damp; hold 0.2; damp; load_a; wait; start_locomotion; hold 1"))
-    sink, options = asked_at(5, reactivation, intents=[OverriddenScript(script, [FakeSource()])])
-    result = session(robot, **options).run()
-    assert result.reason == "duration of 0.4 s reached"
-    assert script.finished
-    assert {record.output.control_mode.mode for record in sink.records[6:]} == {Mode.ZERO_TORQUE}
-
-
 def test_of_what_was_asked_for_during_the_activation_only_damp_counts():
     for asked, mode in (((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)):
         reactivation, robot, queue = Reactivation(), FakeRobot(), IntentQueue()
@@ -58,16 +45,6 @@ def test_of_what_was_asked_for_during_the_activation_only_damp_counts():
         result = session(robot, **options).run()
         assert result.reason == "duration of 0.4 s reached"
         assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
-
-
-def test_what_the_operator_should_know_is_told_with_it():
-    reactivation, robot = Reactivation(lambda: ["wrist: its position jumped", "elbow: old"]), FakeRobot()
-    sink, options = asked_at(5, reactivation)
-    session(robot, **options).run()
-    assert reactivation.answer == Answer(True, sink.events[0])
-    assert sink.events[0] == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
-    assert sink.kinds[0] is EventKind.FRESH_START
-    assert f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})" == HOW_TO_REACTIVATE
 
 
 def test_in_motion_it_is_refused():
@@ -105,15 +82,3 @@ def test_a_sticky_fault_is_gone_if_the_activation_cleared_it():
     options["safety_filter"] = lambda statuses: (fault,) if robot.log.count("activate") == 1 else statuses
     session(robot, **options).run()
     assert [record.input.safety for record in sink.records[4:8]] == [(fault,), (fault,), (), ()]
-
-
-@pytest.mark.soak
-def test_activation_takes_its_time_and_misses_no_deadline(monkeypatch):
-    from time import sleep  # noqa: PLC0415
-
-    reactivation, robot = Reactivation(), FakeRobot()
-    sink, options = asked_at(3, reactivation)
-    monkeypatch.setattr(robot, "activate", lambda: sleep(0.6))
-    result = session(robot, realtime=True, **options).run()
-    assert sink.events[0] == DONE
-    assert result.skipped < 20  # of 30 periods that it took; a busy machine may miss one or two by itself

@@ -7,7 +7,6 @@ import weakref
 from pathlib import Path
 
 import pytest
-from fakes import FakeRobot, FakeSink, session
 
 from humanoid_sim.session import realtime
 from humanoid_sim.session.realtime import punctual_threads, real_time
@@ -91,23 +90,6 @@ def test_memory_is_locked_only_where_nothing_limits_it(limit, capabilities, may,
     monkeypatch.setattr(realtime, "_STATUS", status)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
     assert realtime._may_lock_everything() is may
-
-
-def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_closed():
-    """Threads that the robot starts inherit the loop's priority; those of the sinks are behind it."""
-    seen = []
-    priorities = []
-    robot, sink = FakeRobot(), FakeSink()
-    robot.activate = lambda: priorities.append(os.sched_getparam(0).sched_priority)
-    sink.start = lambda _: priorities.append(os.sched_getparam(0).sched_priority)
-    robot.on_read = lambda _: seen.append(gc.get_freeze_count())
-    result = session(robot, duration=0.1, punctual=True, sinks=[sink]).run()
-    assert min(seen) > 1000
-    assert len(result.measures) == 4
-    assert sink.events[0] == f"real-time settings: {'; '.join(result.measures)}"
-    assert gc.get_freeze_count() == 0
-    assert priorities == ([30, 50] if result.measures[2] == "SCHED_FIFO, priority 50" else [0, 0])
-    assert session(FakeRobot(), duration=0.1).run().measures == ()
 
 
 def test_a_thread_started_meanwhile_runs_as_punctually_and_threads_may_be_made_so_alone():

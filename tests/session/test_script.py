@@ -99,15 +99,6 @@ def test_hold_takes_its_time_on_the_robots_clock():
     assert starts(records)[1] == ("DAMPING", pytest.approx(0.02 + 0.3 + 0.02))
 
 
-def test_wait_and_motion_do_not_wait_for_what_was_refused():
-    _, records = play("load_a; wait; start_locomotion; motion; hold 0.1")
-    assert starts(records) == [("ZERO_TORQUE", 0.0)]
-    assert [text for record in records for text in record.output.refusals] == [
-        "LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE",
-        "START_LOCOMOTION refused: requires finished STANDBY, mode is ZERO_TORQUE",
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "mode"),
     [
@@ -124,11 +115,6 @@ def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text, 
     assert not any(record.input.intents for record in records[-20:-1])
 
 
-def test_a_fault_in_damping_drops_nothing():
-    _, records = play("damp; hold 0.5; load_a; wait", faults=(0.2,))
-    assert [name for name, _ in starts(records)] == ["DAMPING", "STANDBY", "DAMPING"]
-
-
 def test_an_operator_takes_the_scripts_place_for_good():
     script = Script(parse_script("damp; hold 0.1; load_a; wait; start_locomotion; hold 1"))
     operator = FakeSource({10: (Intent.DAMP,)})
@@ -139,15 +125,6 @@ def test_an_operator_takes_the_scripts_place_for_good():
     assert script.finished
     alone = OverriddenScript(Script(parse_script("damp; hold 0.1")), [FakeSource()])
     assert session(FakeRobot(), intents=[alone]).run().reason == "script finished", "that nobody overrides"
-
-
-def test_a_safety_status_drops_the_rest():
-    script = Script(parse_script("damp; hold 1; load_a"))
-    script.note_safety((SafetyStatus(),))
-    assert len(script._steps) == 3
-    script.note_safety((SafetyStatus(), SafetyStatus(SafetyLevel.WARNING)))
-    assert script.finished
-    assert script.poll(0.0, None) == ()
 
 
 def test_a_fault_that_moves_nothing_drops_the_rest():

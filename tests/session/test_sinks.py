@@ -1,5 +1,4 @@
 import threading
-import time
 
 import pytest
 import rig
@@ -8,7 +7,7 @@ from waiting import until
 
 from humanoid_sim.messages import Event
 from humanoid_sim.session import sinks
-from humanoid_sim.session.sinks import SinkGroup, WorkerSink
+from humanoid_sim.session.sinks import WorkerSink
 
 
 class Kept(WorkerSink):
@@ -49,32 +48,6 @@ def records(count):
     return sink.records[:count]
 
 
-def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread():
-    sink = Kept()
-    sink.start(HEADER)
-    ticks = records(3)
-    sink.tick(ticks[0])
-    sink.tick(ticks[1])
-    sink.event(Event(0.5, "half"))
-    sink.tick(ticks[2])
-    until(lambda: sink.backlog == 0)
-    sink.close()
-    assert sink.calls == ["start", 0, 1, (0.5, "half"), 2, "close"]
-    assert sink.threads == {"kept"}
-    assert sink.error is None
-
-
-def test_closing_deals_with_what_is_left():
-    sink = Kept(period=60.0)
-    sink.start(HEADER)
-    for record in records(50):
-        sink.tick(record)
-    assert sink.backlog == 50
-    sink.close()
-    assert sink.calls == ["start", *range(50), "close"]
-    assert sink.backlog == 0
-
-
 @pytest.mark.parametrize("where", ["1", "(0.5, 'half')", "pause"])
 def test_one_that_raises_keeps_the_exception_and_takes_no_more(where):
     sink = Kept(fail_at=where)
@@ -93,52 +66,6 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where):
     assert sink.calls[-1] == "close"
     assert (1.0, "late") not in sink.calls
     assert 2 not in sink.calls
-
-
-def test_one_whose_library_wants_to_exit_is_one_that_raises():
-    class Exits(Kept):
-        def handle_tick(self, record):
-            raise SystemExit(1)  # what rich does where the reader of its output has left
-
-    sink = Exits()
-    session(FakeRobot(), duration=60.0, sinks=[sink]).run()  # longer than the backlog that a run waits for
-    assert isinstance(sink.error, SystemExit)
-    assert sink.backlog == 0
-
-
-def test_an_exception_in_closing_is_kept_and_one_that_was_never_started_can_be_closed():
-    sink = Kept(fail_at="close")
-    sink.start(HEADER)
-    sink.close()
-    assert str(sink.error) == "at close"
-    sink = Kept()
-    sink.close()
-    assert sink.calls == ["close"]
-
-
-def test_the_loop_goes_on_without_a_worker_that_raises():
-    sink, other = Kept(fail_at="3"), FakeSink()
-    result = session(FakeRobot(), duration=1.0, sinks=[sink, other]).run()
-    assert str(sink.error) == "at 3"
-    assert result.failures == ()
-    assert len(other.records) == result.ticks > 50
-
-
-@pytest.mark.soak
-def test_a_slow_worker_does_not_slow_the_loop():
-    class Slow(Kept):
-        def handle_tick(self, record):
-            time.sleep(0.02)
-            super().handle_tick(record)
-
-    sink = Slow()
-    ended = []
-    robot = FakeRobot(on_write=lambda _: ended.append(time.monotonic()))
-    begin = time.monotonic()
-    result = session(robot, duration=0.4, sinks=[sink]).run()
-    assert ended[-1] - begin < 0.3  # 22 ticks of its work take 0.44 s
-    assert [call for call in sink.calls if isinstance(call, int)] == list(range(result.ticks))
-    assert sink.calls[-1] == "close"
 
 
 class Stuck(Kept):
@@ -190,25 +117,3 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck):
     stuck.close()
     assert stuck.error is None
     assert stuck.calls[-1] == "close"
-
-
-def broken(*_):
-    raise BrokenError("deliberate")
-
-
-def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well():
-    sinks = [FakeSink() for _ in range(3)]
-    for sink in sinks:
-        sink.event = broken
-    group = SinkGroup(sinks, lambda: 0.0)
-    group.event("news")
-    assert len(group.failures) == 3
-    group.event("nobody is left to hear this")
-    assert len(group.failures) == 3
-
-
-def test_the_slowest_sink_decides_how_far_they_lag():
-    quick, slow = FakeSink(), FakeSink()
-    slow.waiting = [2001, 2000]
-    group = SinkGroup([quick, slow], lambda: 0.0)
-    assert [group.lags(), group.lags()] == [True, False]

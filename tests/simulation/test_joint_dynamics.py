@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from planted_arm import PERIOD, TRUTH, arm, emulated, motion, planted
+from planted_arm import PERIOD, TRUTH, arm, motion, planted
 
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -63,21 +63,6 @@ def test_a_weaker_motor_with_higher_gains_is_the_same(robot):
     goals = 0.2 * motion(0.5)
     stronger = msgspec.structs.replace(weak, joints=joints)
     assert followed(stronger, goals) == pytest.approx(followed(robot, goals), abs=1e-9)
-
-
-def test_its_delay_is_that_of_every_command(robot):
-    late = planted(robot, (JointDynamics(delay=0.006), JointDynamics(delay=0.010)))
-    goals = motion(0.5)
-    assert followed(late, goals) == pytest.approx(followed(robot, goals, command_delay=0.008), abs=1e-12)
-
-
-def test_an_emulated_motor_reports_the_torque_that_it_means_to_give_and_reacts_late(robot):
-    truth = planted(robot, (JointDynamics(torque_scale=0.5, delay=0.025), JointDynamics()))
-    effort = emulated(truth, np.tile([-0.2, -0.2], (4, 1)))  # up, while it sinks
-    late, early = effort[2:].T  # answers to the second and to the third command
-    assert late[0] == pytest.approx(0.0, abs=1e-2)
-    assert abs(early[0]) > 0.1
-    assert late[1] < -8.6, "beyond half of the limit, 17 N·m, which is all that arrives"
 
 
 def test_a_recording_keeps_them_and_a_file_says_them_by_joint(robot, tmp_path):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
@@ -111,14 +110,6 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     assert found[:, 0].max() > 2.0
     np.testing.assert_allclose(found[:, 1], found[:, 0], atol=0.05)
     assert not found[:, 2].any()
-
-
-def test_a_robot_without_a_piano_tells_no_touches_and_has_no_keys():
-    batch = BatchSimulation(load_robot("lite"), 1, threads=1)
-    with pytest.raises(RobotError, match="lite: has no piano"):
-        _ = batch.key_force
-    with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
-        PianoKeys(build_model(load_robot("lite"), scene=False))
 
 
 def test_one_robot_and_a_batch_report_the_same_keys():

@@ -2,9 +2,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, build_model
 
 WITH_ACTUATORS = """
 <mujoco>
@@ -74,18 +73,6 @@ def test_affine_actuators_are_in_joint_order(small_robot):
     assert not model.actuator_ctrllimited.any()
 
 
-def test_joint_addresses_and_body_ids_follow_names(small_robot):
-    model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
-    addresses = joint_addresses(model, ("hinge", "free_wheel"))
-    assert (addresses.qpos.tolist(), addresses.dof.tolist()) == ([1, 0], [1, 0])
-    with pytest.raises(InputError, match=r"^unknown joint 'knee'; known: free_wheel, hinge$"):
-        joint_addresses(model, ("knee",))
-    model = build_model(small_robot(), scene=False)
-    assert body_ids(model, ["lower", "base"]) == (model.body("lower").id, model.body("base").id)
-    with pytest.raises(InputError, match=r"^unknown body 'head'; known: base, upper, lower$"):
-        body_ids(model, ["lower", "head"])
-
-
 def test_an_edit_comes_last(small_robot):
     seen = []
 
@@ -96,45 +83,6 @@ def test_an_edit_comes_last(small_robot):
     model = build_model(small_robot(), affine_actuators=True, scene=False, edit=edit)
     assert seen == ["shoulder", "elbow"]
     assert model.site("mark").bodyid[0] == model.body("lower").id
-
-
-NAMES = [
-    ({"joints": ("shoulder", "knee")}, "joints[1] of 'small': unknown joint 'knee'; known: shoulder, elbow"),
-    ({"hands": ["palm"]}, "hands[0] of 'small': unknown body 'palm'; known: world, base, upper, lower"),
-    ({"imu": "gyro"}, "imu of 'small': unknown site or body 'gyro'; known: imu, world, base, upper, lower"),
-]
-
-
-@pytest.mark.parametrize(("fields", "line"), NAMES)
-def test_names_that_the_model_does_not_have(small_robot, fields, line):
-    robot = small_robot(**fields)
-    with pytest.raises(InputError) as caught:
-        build_model(robot)
-    assert str(caught.value) == f"{robot.mjcf_path}: {line}"
-
-
-BROKEN = [
-    ("", "not a valid MJCF model: "),
-    ("<mujoco><worldbody></mujoco>", "not a valid MJCF model: "),
-    ("<mujoco><worldbody><body name='x' mass='3'/></worldbody></mujoco>", "not a valid MJCF model: "),
-    (WITH_ACTUATORS.replace('mass="1"', 'mass="0"'), "does not compile: "),
-]
-
-
-@pytest.mark.parametrize(("mjcf", "line"), BROKEN)
-def test_a_broken_model_is_one_line(small_robot, mjcf, line):
-    robot = small_robot(mjcf, ("hinge",))
-    with pytest.raises(InputError) as caught:
-        build_model(robot)
-    assert str(caught.value).startswith(f"{robot.mjcf_path}: {line}")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_model_that_vanished(small_robot):
-    robot = small_robot()
-    robot.mjcf_path.unlink()
-    with pytest.raises(InputError, match=r"no such file, expected the robot's MJCF model$"):
-        build_model(robot)
 
 
 @pytest.mark.parametrize(("decision", "hinge"), [("keep", 0.7), ("drop", 0.0)])

@@ -3,7 +3,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -41,23 +40,6 @@ def test_starts_at_the_initial_position():
     assert state.imu_angular_velocity.tolist() == [0.0, 0.0, 0.0]
     assert state.imu_linear_acceleration.tolist() == [0.0, 0.0, 9.81]
     assert [(status.source, status.is_ok) for status in safety] == [("mujoco", True)]
-
-
-def test_one_write_is_one_control_period():
-    robot = MujocoRobot(load_robot("lite"))
-    assert robot.control_period == 0.005
-    for k in range(1, 400):
-        robot.write(MITCommand.zeros(14))
-        assert robot.time == robot.read()[0].time == pytest.approx(k * 0.005, abs=1e-12)
-    assert robot.data.time == pytest.approx(robot.time, abs=1e-9)
-
-
-def test_rates_can_be_chosen():
-    robot = MujocoRobot(load_robot("lite"), control_period=0.02, physics_timestep=0.00025)
-    robot.write(MITCommand.zeros(14))
-    assert robot.physics_steps == 80
-    assert robot.time == 0.02
-    assert robot.model.opt.timestep == 0.00025
 
 
 def oracle(robot, sent, command_steps, state_steps, sampling):
@@ -155,49 +137,6 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot):
     assert state.joint_position.tolist() == [0.0, 0.0]
     robot.write(commands(1)[0])
     assert robot.read()[1][0].is_ok
-
-
-def test_qpos_is_a_copy_for_viewers():
-    robot = MujocoRobot(load_robot("lite"))
-    before = robot.qpos
-    with pytest.raises(ValueError, match="read-only"):
-        before[0] = 1.0
-    robot.write(commands(1, 14)[0])
-    assert before.tolist() == list(load_robot("lite").initial_position)
-    assert robot.qpos.tolist() == robot.data.qpos.tolist()
-    assert robot.qpos.tolist() != before.tolist()
-
-
-def test_a_wrong_joint_count_and_a_closed_robot_are_refused(small_robot):
-    robot = MujocoRobot(small_robot())
-    with pytest.raises(RobotError, match=r"^small: command has shape \(14,\), expected \(2,\)$"):
-        robot.write(MITCommand.zeros(14))
-    assert robot.time == 0.0
-    robot.close()
-    robot.close()
-    for use in (lambda: robot.write(MITCommand.zeros(2)), robot.activate):
-        with pytest.raises(RobotError, match="closed"):
-            use()
-
-
-OPTIONS = [
-    ({"state_sampling": "later"}, "state_sampling: is 'later', expected now or on_command"),
-    ({"actuation": "servo"}, "actuation: is 'servo', expected qfrc_applied, affine or implicit"),
-    ({"command_delay": 0.0015}, "command_delay: 0.0015 s is not a multiple of the physics step of 0.001 s; "),
-    ({"state_delay": -1.0}, "state_delay: is -1 s, expected 0 to 10 s"),
-    (
-        {"physics_timestep": 0.003},
-        "physics timestep: 0.003 s does not divide the control period of 0.005 s; the nearest ",
-    ),
-    ({"control_period": 0.0}, "control period: is 0.0 s, expected a finite number > 0"),
-]
-
-
-@pytest.mark.parametrize(("options", "line"), OPTIONS)
-def test_options_that_are_not_accepted(small_robot, options, line):
-    with pytest.raises(InputError) as caught:
-        MujocoRobot(small_robot(), **options)
-    assert str(caught.value).startswith(line)
 
 
 def test_standby_reaches_its_pose_and_sags_little():

@@ -86,20 +86,6 @@ def test_effort_saturates_at_the_hardwares_limit_and_one_that_is_not_finite_is_a
     assert plant.fault().endswith(" is not finite, or huge")
 
 
-@pytest.mark.parametrize("actuation", EXACT)
-def test_many_steps_are_the_same_as_one_by_one(actuation):
-    robot = load_robot("lite")
-    together, apart = make_plant(robot, actuation=actuation), make_plant(robot, actuation=actuation)
-    command = random_command(robot, np.random.default_rng(3))
-    together.apply(command)
-    apart.apply(command)
-    together.step(10)
-    for _ in range(10):
-        apart.step(1)
-    assert together.data.qpos.tolist() == apart.data.qpos.tolist()
-    assert together.effort.tolist() == apart.effort.tolist()
-
-
 @pytest.mark.parametrize("actuation", ACTUATIONS)
 def test_damping_dissipates_energy(small_robot, actuation):
     robot = small_robot()
@@ -116,21 +102,6 @@ def test_damping_dissipates_energy(small_robot, actuation):
     assert (np.diff(energy) < 1e-6).all()
     assert energy[-1] < energy[0] - 1.0
     assert np.abs(plant.velocity).max() < 0.01
-
-
-@pytest.mark.parametrize("actuation", ACTUATIONS)
-def test_reset_forgets_command_and_effort(actuation):
-    robot = load_robot("lite")
-    plant = make_plant(robot, actuation=actuation)
-    plant.apply(random_command(robot, np.random.default_rng(4)))
-    plant.step(5)
-    assert plant.effort.any()
-    plant.reset()
-    assert plant.position.tolist() == list(robot.initial_position)
-    assert not plant.velocity.any()
-    assert not plant.effort.any()
-    plant.step(1)
-    assert not plant.effort.any()
 
 
 BAD_STATES = [

@@ -57,9 +57,3 @@ def test_a_robot_whose_base_is_fixed_is_pushed_at_a_body():
     assert robot.data.xfrc_applied[body.id][1] == pytest.approx(body.subtreemass[0] / 0.1)
     with pytest.raises(InputError, match="push: 'lite' has a fixed base"):
         MujocoRobot(load_robot("lite"), pushes=[Push(1.0, 0.0, 1.0)])
-
-
-@pytest.mark.parametrize("text", ["1@2", "1,0", "1,0@", "1,0@-1", "nan,0@1", "11,0@1", "1,0,0@1", "1,0@inf"])
-def test_what_is_no_push(text):
-    with pytest.raises(InputError, match=f"--push: is '{text}', expected VX,VY@SECONDS"):
-        parse_pushes([text])

@@ -1,5 +1,3 @@
-import re
-
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +5,7 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.stability import DampingStability
@@ -36,14 +34,6 @@ def test_the_measure_of_one_rotor_is_dt_kd_over_inertia(small_robot):
     measure = stability(small_robot(ROTOR, ("rotor",)), 0.001).measure(4.0)
     assert measure.eigenvalue == pytest.approx(0.001 * 4.0 / 0.01, rel=1e-6)
     assert measure.joint == "rotor"
-
-
-def test_it_is_linear_in_step_and_gain_and_the_same_every_time():
-    robot = load_robot("lite")
-    one = stability(robot, 0.0005).measure(2.0)
-    assert stability(robot, 0.001).measure(2.0).eigenvalue == pytest.approx(2 * one.eigenvalue, rel=1e-9)
-    assert stability(robot, 0.0005).measure(np.full(14, 4.0)).eigenvalue == pytest.approx(2 * one.eigenvalue, rel=1e-9)
-    assert stability(robot, 0.0005).measure(2.0) == one
 
 
 def test_exceeding_a_limit_is_what_the_measure_says():
@@ -76,15 +66,6 @@ def test_the_lite_at_half_a_millisecond(name):
     )
 
 
-def test_the_lite_at_one_millisecond_is_refused_for_a_wrist():
-    with pytest.raises(InputError) as caught:
-        MujocoRobot(load_robot("lite"), physics_timestep=0.001)
-    assert str(caught.value) == (
-        "lite: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 2.35 at left_wrist_yaw with a "
-        "physics step of 0.001 s: unstable above 2, use less than 0.00085 s, such as 0.0005 s"
-    )
-
-
 @pytest.mark.parametrize(("timestep", "chatters"), [(0.0005, False), (0.001, True)])
 def test_what_the_measure_predicts_happens(timestep, chatters):
     """Above 2 the wrist chatters at its torque limit for ever, without going non-finite; below, it comes to rest."""
@@ -109,20 +90,6 @@ def test_a_policys_gains_are_checked_by_name():
     gains[13] = 50.0
     with pytest.raises(InputError, match=r"^policy.onnx: joint_damping: dt·M⁻¹·K_d reaches .* at right_wrist_pitch "):
         robot.stability.check(gains, "policy.onnx: joint_damping")
-
-
-@pytest.mark.parametrize("gain", [1e308, 1e200, 1e12, np.inf, np.nan])
-def test_gains_beyond_all_measure_are_one_line(gain):
-    gains = np.full(14, 2.0)
-    gains[13] = gain
-    with pytest.raises(InputError) as caught:
-        stability(load_robot("lite"), 0.0005).check(gains, "policy")
-    text = str(caught.value)
-    reached = "inf" if not gain < 1e100 else r"\d\.?\de\+\d+"
-    assert re.match(
-        rf"policy: dt·M⁻¹·K_d reaches {reached} at right_wrist_pitch with a physics step of 0.0005 s: ", text
-    )
-    assert text.endswith("unstable above 2, and no physics step makes it stable")
 
 
 def test_implicit_damping_is_limited_by_stiffness(small_robot):
@@ -162,17 +129,3 @@ def test_implicit_damping_says_where_a_joint_may_chatter():
     assert passive.startswith("lite_biped: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 3.42 ")
     shorter = build_model(robot, physics_timestep=0.001, affine_actuators=True, implicit=True, scene=False)
     assert DampingStability(shorter, robot).check_description() == ()
-
-
-def test_what_hangs_on_nothing_of_the_robot_s_plays_no_part():
-    """A piano's 88 keys leave the arms' block of the inverse as it is in the whole one."""
-    piano = load_robot("lite_piano")
-    model = build_model(piano)
-    stability = DampingStability(model, piano, samples=0)
-    data, mass = mujoco.MjData(model), np.empty((model.nv, model.nv))
-    addresses = joint_addresses(model, piano.joint_names)
-    data.qpos[addresses.qpos] = piano.initial_position
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, mass)
-    whole = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
-    np.testing.assert_allclose(stability._inverse_mass[0], whole, rtol=1e-9, atol=1e-9)

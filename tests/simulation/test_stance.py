@@ -40,19 +40,6 @@ def test_the_level_of_the_floor(geoms, z, points, found):
     assert levels(world(geoms, z), *points) == pytest.approx(found)
 
 
-def test_a_batch_of_places_has_its_shape():
-    floor = Floor(world(PLANE + STEP))
-    assert floor.level(np.array([0.0, 0.0, 1.0])).shape == ()
-    assert floor.level(np.array([[[5.0, 0.0, 1.0], [0.0, 0.0, 1.0]]])).shape == (1, 2)
-
-
-def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part():
-    model = world('<geom type="box" size="1 1 0.05" pos="0 0 -0.05"/>')
-    on, off = levels(model, (0, 0, 1), (4, 0, 1))
-    assert on == pytest.approx(0.0)
-    assert off < -1.0
-
-
 def test_the_centre_of_mass_is_that_of_all_parts_together():
     model = mujoco.MjModel.from_xml_string("""
       <mujoco><worldbody><geom type="plane" size="0 0 1"/><body name="foot"><freejoint/>

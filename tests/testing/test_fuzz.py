@@ -15,7 +15,6 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers import supervisor as supervisor_module
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.fsm import Decision, transition
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import OK
 from humanoid_sim.mit import MITCommand
 
@@ -153,15 +152,6 @@ def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("left_out", ["rl_policy_controller"])
-def test_a_stack_without_a_controller_is_sound(left_out):
-    testing.fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK, healthy_ticks=100)
-
-
-def test_a_robots_settings():
-    testing.fuzz_stack(testing.robot_stack("lite"), settings(QUICK, max_examples=1), healthy_ticks=300)
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
 def test_every_shipped_robot_withstands_anything(name):
@@ -176,11 +166,6 @@ def test_a_pose_that_takes_for_ever_is_found(tmp_path):
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     with pytest.raises(testing.SafetyViolationError, match="standby_controller_a has not finished after 20"):
         testing.fuzz_stack(testing.robot_stack(path), SEARCH)
-
-
-def test_an_unknown_robot_is_one_line():
-    with pytest.raises(InputError, match="unknown robot 'light'"):
-        testing.robot_stack("light")
 
 
 class OwnMachine(testing.StackMachine):
@@ -200,8 +185,3 @@ class OwnMachine(testing.StackMachine):
 def test_a_machine_of_ones_own_checks_more():
     with pytest.raises(AssertionError, match="too fast"):
         run_state_machine_as_test(OwnMachine, settings=SEARCH)
-
-
-def test_a_machine_without_a_stack_says_so():
-    with pytest.raises(NotImplementedError, match=r"StackMachine\.build is not defined: it must return the stack"):
-        testing.StackMachine()

@@ -167,14 +167,6 @@ def test_arrays_that_can_be_written_to_are_found():
         run.properties.check(given, output)
 
 
-def test_an_unfinished_pose_is_left_for_safety_only():
-    run = at(DAMPING)
-    run.step(Intent.LOAD_A)
-    given, output = run.next(Intent.START_LOCOMOTION)
-    with pytest.raises(SafetyViolationError, match="began before standby_controller_a had finished"):
-        run.properties.check(given, with_mode(replace(output, standby=None), Mode.LOCOMOTION, RL))
-
-
 @pytest.mark.parametrize("policy", ["passive", "hold"])
 def test_a_stale_remote_command(policy):
     controller = replace(rig.supervisor().controllers[REMOTE], stale_command_policy=policy)
@@ -191,15 +183,3 @@ def test_a_stale_remote_command(policy):
     else:
         with pytest.raises(SafetyViolationError, match=r"expected the passive hold after 0\.1 s"):
             run.properties.check(given, stale)
-
-
-def test_a_copy_goes_its_own_way():
-    run = at(REMOTE)
-    copied = run.properties.copy()
-    run.time += rig.PERIOD
-    remote = RemoteCommand(rig.command(), run.time)
-    output = run.step(remote=remote)
-    silent, _ = run.next()
-    run.properties.check(silent, output)
-    with pytest.raises(SafetyViolationError, match="no command has arrived"):
-        copied.check(silent, output)

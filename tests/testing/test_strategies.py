@@ -56,23 +56,3 @@ def test_what_a_working_robot_or_sender_gives_is_sound(data, n, time):
     assert not state.joint_age.any()
     command = data.draw(testing.valid_commands(n))
     assert command_problem(command, tuple(f"joint_{i}" for i in range(n))) == ""
-
-
-@FEW
-@given(st.data(), st.sampled_from([0, 1, 5, 6, 29]))
-def test_arrays_have_the_width_that_was_asked_for(data, n):
-    for strategy in (testing.any_arrays(n), testing.any_arrays(n, testing.moderate_numbers())):
-        array = data.draw(strategy)
-        assert array.shape == (n,)
-        assert array.dtype == np.float64
-
-
-def test_a_healthy_tick_holds_what_was_asked_for():
-    widths = {"velocity_command": 3, "anchor_pose": 7, "key_pressed": 2}
-    tick = testing.healthy_tick([0.1, 0.2], 5.0, Intent.DAMP, externs=widths)
-    assert tick.intents == (Intent.DAMP,)
-    assert tick.state.joint_position.tolist() == [0.1, 0.2]
-    assert {name: len(live.value) for name, live in tick.state.extern.items()} == widths
-    assert all(live.arrival_time == 5.0 for live in tick.state.extern.values())
-    assert tick.state.extern["anchor_pose"].value[3:].tolist() == [1.0, 0.0, 0.0, 0.0]
-    assert tick.state.extern["anchor_pose"].value[:3].tolist() == [0.0, 0.0, 1.0]

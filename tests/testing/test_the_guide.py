@@ -17,10 +17,6 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
 QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=2, derandomize=True, database=None)
 
 
-def test_the_guide_has_its_examples():
-    assert len(EXAMPLES) == 4
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_an_example_runs(example, monkeypatch):
@@ -42,11 +38,6 @@ def test_every_public_name_is_told_or_obvious():
     told = {name for name in testing.__all__ if name in GUIDE}
     missing = {"SPECIAL_NUMBERS", "Misbehaviour", "ScriptedPolicy", "healthy_externs", "healthy_state"}
     assert set(testing.__all__) - told <= missing | {"moderate_numbers"}
-
-
-def test_the_table_of_misbehaviours_is_complete():
-    for name in testing.misbehaviours(1):
-        assert name in GUIDE
 
 
 def test_without_hypothesis_one_line_says_what_to_install():

@@ -149,23 +149,6 @@ def test_without_the_pages_heart_it_lets_go_after_half_a_second(remote, silence)
         assert remote.is_passive
 
 
-def test_another_pages_heart_keeps_nothing_alive(remote):
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(0.6, page=2)
-    assert remote.is_passive
-    assert remote.text == "sliders let go: page 1 was not heard for 0.5 s"
-
-
-def test_a_page_that_shows_the_past_keeps_nothing_alive(remote):
-    """Its heart is heard all the time, but it answers what was sent long ago: so would a page that is gone."""
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(2.0, seen=0.9)
-    assert remote.moves
-    remote.turn(0.2, seen=1.2)
-    assert remote.is_passive
-    assert remote.text == "sliders let go: page 1 shows what is older than 1 s"
-
-
 def test_a_page_that_closes_or_lets_go_ends_it_in_the_next_tick(remote):
     for leaves in (lambda: remote.commanding.leave(1), lambda: remote.commanding.hear(1, LetGo())):
         remote.commanding.hear(1, Take("elbow"))
@@ -194,19 +177,6 @@ def test_a_second_page_is_told_who_moves_what(remote):
     remote.commanding.hear(2, Take("wrist"))
     remote.turn(page=2)
     assert remote.commanding.told(remote.record)["sliders"]["page"] == 2
-
-
-def test_goals_from_before_another_joint_was_chosen_do_not_count(remote):
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(1.0)
-    told = remote.commanding.told(remote.record)
-    remote.commanding.hear(1, Take("wrist"))
-    remote.commanding.hear(1, Beat(told["sent"], told["sliders"]["number"], Goals(0.7, stiffness=40.0)))
-    assert remote.commanding.told(remote.record)["sliders"]["goals"]["stiffness"] == 0.0
-    remote.turn(2.0)
-    assert remote.stiffness == [50.0, 50.0, 0.0]
-    remote.commanding.hear(1, Snap())
-    assert remote.commanding.told(remote.record)["sliders"]["goals"]["position"] == 0.6
 
 
 def test_damp_ends_it(remote):
@@ -245,19 +215,6 @@ def test_who_was_first_keeps_remote_and_the_page_is_told(remote):
     assert any(f"refused of {NAME}: REMOTE: belongs to gravity" in line for line in remote.local.told)
 
 
-def test_after_a_gap_the_gains_come_in_again(remote):
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(2.0, goals=Goals(0.5, stiffness=40.0))
-    for _ in range(8):  # the console is held up, its page is not
-        remote.time[0] += int(1e9 * rig.PERIOD)
-        remote.tick()
-    assert remote.is_passive
-    remote.turn()
-    assert remote.stiffness == [2.5, 5.0, 2.5]  # as after 0.05 s of their ramps
-    remote.turn(2.0)
-    assert remote.stiffness == [50.0, 40.0, 50.0]
-
-
 def test_a_console_that_was_held_up_for_long_lets_go(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
@@ -270,39 +227,12 @@ def test_a_console_that_was_held_up_for_long_lets_go(remote):
     assert remote.is_passive
 
 
-def test_a_session_that_stands_still_ends_it(remote):
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(1.0)
-    remote.time[0] += int(0.6e9)
-    remote.commanding.hear(1, Beat(1e-9 * remote.time[0]))
-    remote.commanding.step()
-    assert remote.text == "sliders let go: the session stands still"
-
-
-def test_who_moves_what_is_in_the_recording(remote):
-    remote.commanding.hear(1, Take("elbow"))
-    remote.turn(0.1)
-    remote.commanding.leave(1)
-    remote.turn(0.1)
-    marks = [line for line in remote.local.told if line.startswith(f"mark of {NAME}: ")]
-    assert [line.partition(": ")[2] for line in marks] == [
-        "page 1 moves elbow by sliders",
-        "sliders let go: page 1 has closed",
-    ]
-
-
 def test_close_ends_with_a_damped_command(remote):
     remote.commanding.start()
     remote.commanding.hear(1, Take("elbow"))
     remote.commanding.close()
     remote.tick()
     assert remote.stiffness == [0.0] * N
-
-
-def test_a_policy_without_a_velocity_command_takes_none(desk):
-    assert desk.commanding.known(3) == {"page": 3, "no_sliders": "", "velocity": None}
-    with pytest.raises(FieldError, match="velocity: the policy takes no command"):
-        desk.commanding.hear(1, Press("w"))
 
 
 @pytest.fixture
@@ -341,15 +271,6 @@ def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking):
     assert walking.local.data.owners["velocity"] == ""
 
 
-def test_a_page_at_rest_claims_no_velocity(walking):
-    other = walking.local.intake("gamepad")
-    for _ in range(50):
-        other.velocity(0.3, 0.0, 0.0, deliberate=True)
-        walking.turn()
-    assert present(walking) == [0.3, 0.0, 0.0]
-    assert walking.local.data.owners["velocity"] == f"gamepad ({os.getpid()})"
-
-
 def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking):
     other = walking.local.intake("gamepad")
     other.velocity(0.3, 0.0, 0.0, deliberate=True)
@@ -359,17 +280,6 @@ def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking):
     assert present(walking) == [0.4, 0.0, 0.0]
     other.velocity(0.3, 0.0, 0.0, deliberate=True)
     walking.turn(0.1)
-    walking.commanding.hear(1, Press("0"))
-    walking.turn(0.1)
-    assert present(walking) == [0.0, 0.0, 0.0]
-
-
-def test_a_key_in_a_pause_moves_nothing_after_it_and_a_stop_counts(walking):
-    walking.commanding.hear(1, Steer(0, 0.5))
-    walking.turn(0.1)
-    walking.commanding.look(walking.record, is_paused=True)
-    with pytest.raises(FieldError, match="velocity: the robot's time is paused"):
-        walking.commanding.hear(1, Press("w"))
     walking.commanding.hear(1, Press("0"))
     walking.turn(0.1)
     assert present(walking) == [0.0, 0.0, 0.0]

@@ -1,7 +1,6 @@
 """A robot from its topics alone."""
 
 import re
-from dataclasses import replace
 from enum import IntEnum
 
 import mujoco
@@ -12,13 +11,9 @@ from waiting import until
 pytest.importorskip("cyclonedds", reason="needs the extra dds")
 
 from humanoid_sim.client import Feed, running_sessions
-from humanoid_sim.console import main as console
-from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.dds.mirror import Mirror, mirrored
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState
-from humanoid_sim.recording.body import RecordedBody
-from humanoid_sim.rerun import main as rerun
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.ros2.dds.domain import Participant
@@ -165,59 +160,6 @@ class _Kept:
 
     def __exit__(self, *_):
         pass
-
-
-@pytest.mark.parametrize(
-    ("urdf", "why"),
-    [
-        ("no XML", "/robot_description: is not a URDF: syntax error"),
-        ('<robot name="lite"><link name="a"/></robot>', "has no hinge joint"),
-    ],
-)
-def test_a_description_that_is_none_is_one_line(participant, urdf, why):
-    robot, mirror = Robot(participant, load_robot("lite")), Mirror(participant, "lite")
-    robot.describe(urdf)
-    robot.state(0.0, 0.0)
-    until(mirror.is_there)
-    with pytest.raises(InputError, match=why):
-        mirror.begin()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["--dds"], "--interface: is needed with --dds: the one at which the robot is, such as eth1"),
-        (["--dds", "--interface", "lo", "--session", "7"], "--session: is 7, which means nothing with --dds"),
-        (["--interface", "eth1"], "--interface: is eth1, which means nothing without --dds"),
-    ],
-)
-@pytest.mark.parametrize("program", [console, rerun])
-def test_options_that_contradict_each_other(program, arguments, why):
-    with pytest.raises(InputError, match=why):
-        program(arguments)
-
-
-@pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_its_header_describes_the_body_that_viewers_draw(participant, name):
-    description = load_robot(name)
-    robot, mirror = Robot(participant, description), Mirror(participant, "lite")
-    robot.describe()
-    robot.state(0.3, 0.0)
-    until(mirror.is_there)
-    writer, _ = mirror.begin()
-    try:
-        robot.state(0.3, 1.0)
-        mirror.look()
-        record = writer._latest[0]
-        body = RecordedBody.of(mirror.header)
-        own = RecordedBody.of(replace(mirror.header, documents=body_documents(description)))
-        assert [joint.child for joint in body.hinged] == [joint.child for joint in own.hinged]
-        for shown, expected in zip(body.hinged_poses(body.joint_values(record)), at(own, 0.3), strict=True):
-            np.testing.assert_allclose(shown, expected, atol=1e-9)
-        if description.is_floating:
-            np.testing.assert_allclose(body.floating_poses(record), [POSE])
-    finally:
-        writer.close()
 
 
 def at(body, value):

@@ -127,8 +127,3 @@ def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot):
         writer.write(status(0, f"source {number}"))
     until(lambda: not any(level for name, level in robot.levels().items() if name != "further sources"), "all OK")
     assert len(robot.levels()) <= 40
-
-
-def test_a_latched_fault_from_before_the_bridge_counts():
-    with running(status(3, "early", "since yesterday")) as robot:
-        until(lambda: robot.levels().get("early") == 3, "the latched fault")

@@ -1,11 +1,9 @@
 """The bytes of an emulated keyboard on a FIFO and on a terminal, and ports where this machine has a sequencer."""
 
 import io
-import os
 import sys
 import types
 from collections import deque
-from pathlib import Path
 from typing import ClassVar
 
 import pytest
@@ -48,29 +46,6 @@ def test_one_that_is_unplugged_is_gone_and_what_it_said_before_is_heard(plugged)
         device.close()
     with pytest.raises((InputError, ConnectionError)):
         ByteDevice(keyboard.path, 31250)
-
-
-def test_what_was_sent_before_a_fifo_was_opened_counts(tmp_path):
-    with on_fifo(tmp_path / "keys") as keyboard:
-        keyboard.press(60)
-        device = ByteDevice(keyboard.path, 31250)
-        keyboard.press(64)
-        assert everything(device) == bytes((0x90, 60, 64, 0x90, 64, 64))
-        device.close()
-
-
-def test_standard_input_is_read_and_ends(monkeypatch):
-    reading, writing = os.pipe()
-    with open(reading, encoding="ascii") as stream:
-        monkeypatch.setattr(sys, "stdin", stream)
-        os.write(writing, b"\x90\x3c\x40")
-        device = ByteDevice("-", 31250)
-        assert device.read(1.0) == b"\x90\x3c\x40"
-        assert device.read(0.0) == b""
-        os.close(writing)
-        assert device.read(1.0) is None
-        device.close()
-        os.fstat(reading)  # it is not ours to close
 
 
 def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path, monkeypatch):
@@ -132,37 +107,3 @@ def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypa
     with pytest.raises(ConnectionError):
         Port("keystation")
     assert FakeInput.open_inputs == 0
-
-
-def test_without_a_sequencer_it_is_one_line(capfd):
-    pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
-    if Path("/dev/snd/seq").exists():
-        pytest.skip("this machine has a MIDI sequencer")
-    with pytest.raises(InputError) as caught:
-        port_names()
-    assert str(caught.value) == (
-        "--port: no MIDI sequencer: /dev/snd/seq is missing; "
-        "--device takes the bytes of a keyboard from a device or FIFO"
-    )
-    assert capfd.readouterr().err == "", "ALSA's own complaint"
-
-
-def test_a_virtual_port_plays_and_goes():
-    rtmidi = pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
-    if not Path("/dev/snd/seq").exists():
-        pytest.skip("there is no MIDI sequencer here (/dev/snd/seq)")
-    output = rtmidi.MidiOut(name="emulated")
-    output.open_virtual_port("Keystation 88")
-    port = Port("keystation")
-    output.send_message([0x90, 60, 64])
-    output.send_message([0xFE])
-    found = b""
-    for _ in range(100):
-        found += port.read(0.05) or b""
-        if len(found) == 4:
-            break
-    assert found == b"\x90\x3c\x40\xfe"
-    output.close_port()
-    output.delete()
-    assert any(port.read(0.1) is None for _ in range(100))
-    port.close()

@@ -100,17 +100,6 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard,
         assert process.wait(PATIENCE) == 0, "it ends with the session"
 
 
-def test_standard_input_ends_it(session):
-    with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as (process, _):
-        process.stdin.buffer.write(bytes((0x90, 60, 64)))
-        process.stdin.flush()
-        until(lambda: down(records[-1]) == [39])
-        process.stdin.close()
-        assert process.stdout.readline() == "standard input is gone: all keys released\n"
-        assert process.wait(PATIENCE) == 1
-        until(lambda: down(records[-1]) == [])
-
-
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
@@ -123,14 +112,6 @@ def test_standard_input_ends_it(session):
 def test_what_cannot_work_is_one_line(options, problem, capsys):
     assert run_program(main, list(options)) == 2
     assert capsys.readouterr().err == f"error: {problem}\n"
-
-
-def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path, capsys):
-    with on_fifo(tmp_path / "keys") as keyboard:
-        keyboard.unplug()
-        assert run_program(main, ["--device", keyboard.path]) == 2
-    told = f"error: --device: {keyboard.path}: nobody is at its other end, expected a keyboard\n"
-    assert capsys.readouterr().err == told
 
 
 @pytest.mark.parametrize(

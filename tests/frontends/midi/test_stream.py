@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.frontends.midi.keyboard import Message, MidiStream
+from humanoid_sim.frontends.midi.keyboard import MidiStream
 
 
 def parsed(data, pieces=1000):
@@ -46,9 +46,3 @@ def test_any_bytes_make_whole_messages_in_any_pieces(data, pieces):
         status, *rest = bytes.fromhex(text)
         assert len(rest) == (0 if status >= 0xF8 else 1 if status & 0xE0 == 0xC0 else 2)
         assert status >= 0x80 > max(rest, default=0)
-
-
-def test_a_message_knows_kind_and_channel():
-    message = Message(0x9B, (60, 1))
-    assert (message.kind, message.channel) == (0x90, 11)
-    assert Message(0xFE).kind == 0xFE

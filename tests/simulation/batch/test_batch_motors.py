@@ -76,20 +76,6 @@ def test_a_command_that_is_overtaken_is_dropped():
     assert overtaken > 20
 
 
-def test_models_stay_shared_while_all_gains_are_the_same():
-    line, pool = motors([0, 0])
-    ones, first = np.ones((2, ROBOT.joint_count)), np.zeros(2, dtype=np.int64)
-    line.send(MITCommand(ones, ones, ones, 50.0 * ones, 2.0 * ones), first, None)
-    assert pool.is_shared
-    np.testing.assert_array_equal(pool[1].actuator_biasprm[:, 1:3], np.tile([-50.0, -2.0], (14, 1)))
-    line.send(MITCommand(ones, ones, ones, np.array([[50.0], [40.0]]) * ones, 2.0 * ones), first, None)
-    assert not pool.is_shared
-    assert pool[0].actuator_biasprm[3, 1] == -50.0
-    assert pool[1].actuator_biasprm[3, 1] == -40.0
-    assert [id(model) for model in pool.select(np.array([1]))] == [id(pool[1])]
-    assert (pool.nominal.actuator_biasprm[:, 1:3] == 0.0).all()
-
-
 def test_torque_is_the_mit_law_saturated():
     line, _ = motors([0])
     ones = np.ones((1, ROBOT.joint_count))

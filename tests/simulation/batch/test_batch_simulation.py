@@ -1,7 +1,6 @@
 """A batch of robots against robots simulated one by one."""
 
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -205,40 +204,6 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypa
     assert batch.steps.tolist() == [4, 1, 1, 4]
     assert capfd.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was():
-    robot = load_robot("lite")
-    before = mujoco.get_mju_user_warning()
-    simulations = [BatchSimulation(robot, 2, threads=1) for _ in range(3)]
-
-    def run(simulation):
-        for step in range(30):
-            simulation.step(commands(robot, 2, 0.2, seed=step))
-
-    with ThreadPoolExecutor(3) as pool:
-        list(pool.map(run, simulations))
-    assert mujoco.get_mju_user_warning() is before
-    np.testing.assert_array_equal(simulations[0].qpos, simulations[2].qpos)
-
-
-def test_a_reset_forgets_everything():
-    robot = load_robot("lite_biped")
-    batch = batch_of(robot, 2)
-    fresh = batch.state()
-    for step in range(5):
-        batch.step(commands(robot, 2, 0.3, seed=step))
-    moved = batch.qpos[0].copy()
-    batch.reset([1])
-    np.testing.assert_array_equal(batch.qpos[0], moved)
-    assert batch.steps.tolist() == [5, 0]
-    for name in ("time", "joint_position", "joint_velocity", "joint_effort", "imu_linear_acceleration"):
-        np.testing.assert_array_equal(getattr(batch.state(), name)[1], getattr(fresh, name)[1])
-    batch.reset()
-    batch.step(commands(robot, 2, 0.3, seed=7))
-    again = batch_of(robot, 2)
-    again.step(commands(robot, 2, 0.3, seed=7))
-    np.testing.assert_array_equal(batch.qpos, again.qpos)
 
 
 def test_starts():
