@@ -6,7 +6,7 @@ for step under the Euler integrator, because neither form's damping enters an im
 `tests/simulation/test_plant.py` holds them to 1e-9.
 
 `ImplicitPlant` is `AffinePlant` with longer steps: MuJoCo integrates the actuators' damping implicitly, so that it
-stays stable. It is made for training, and is an approximation; `humanoid_sim.evaluation.accuracy` measures its error.
+stays stable. It is made for training, and is an approximation; `make bench` measures its error.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ import gymnasium
 import numpy as np
 
 from humanoid_sim.envs.scenario import make_scenario
-from humanoid_sim.evaluation.accuracy import commanded_motion, plant_errors
 from humanoid_sim.simulation.plant import BatchActuation
+from tools.bench.accuracy import commanded_motion, plant_errors
 from tools.bench.timing import Row, paired_ratio
 
 __all__ = ["implicit_plant"]

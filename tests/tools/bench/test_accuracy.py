@@ -5,7 +5,7 @@ import pytest
 
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.accuracy import commanded_motion, plant_errors
+from tools.bench.accuracy import commanded_motion, plant_errors
 
 
 @pytest.fixture(scope="module")
