@@ -586,8 +586,8 @@ class Intake:
 
         Args:
             word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, or
-                `mark TEXT`, which puts a text into the recording; of a simulation alone `pause`, `resume`,
-                `speed 0.5`, `push VX,VY` with or without a body, and `reset`.
+                `mark TEXT`, which puts a text into the recording; of a simulation alone
+                `push VX,VY` with or without a body, and `reset`.
             timeout: s; `reactivate` asks every motor for its identity and takes longer.
             seen: ns, the stamp of the newest tick that whoever asks had seen (`Sample.stamp`), or the time of the
                 press (`Looks`); None: that of this call, for what a program decides by itself.

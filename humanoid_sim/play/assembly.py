@@ -35,7 +35,7 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.simulation_controls import SPEED, SimulationControls
+from humanoid_sim.session.simulation_controls import SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import IntentSource, RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
@@ -131,7 +131,7 @@ class Run:
                 punctual=is_hardware,
             ),
             header=self.header,
-            intents=sources if self.script is None else (OverriddenScript(self.script, sources, self._is_paused),),
+            intents=sources if self.script is None else (OverriddenScript(self.script, sources),),
             remote=inbox,
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
@@ -145,27 +145,15 @@ class Run:
 
     def _controls(self, plan: Plan) -> SimulationControls:
         """Return what operators may do to a simulated robot, and to no other."""
-        robot, problems = plan.setup.robot, {}
+        robot = plan.setup.robot
         if not isinstance(robot, MujocoRobot):
             return SimulationControls()
-        if not plan.realtime:
-            problems[SPEED] = "the run does not keep real time; start play with --pace realtime"
         return SimulationControls(
             lambda vx, vy, body: robot.pushes.add(Push(vx, vy, robot.time, body)),
             lambda text: self.session.event(text, EventKind.PUSH),
             robot.pushes.bodies,
-            self._stand,
             self._start_over,
-            problems,
         )
-
-    def _is_paused(self) -> bool:
-        return self.simulation.is_paused
-
-    def _stand(self, seconds: float) -> None:
-        """Have programs outside see, and be heard, while the robot's time stands still."""
-        self.feed.repeat()
-        self.data.stand(seconds)
 
     def _start_over(self, sinks: SinkGroup) -> None:
         """Record what follows in another file, from the velocity command on with which the policy began."""
@@ -208,7 +196,6 @@ class Run:
             reactivation=reactivation,
             tell=lambda text: shown.event(Event(self.plan.clock(), text)),
             record=self._note,
-            is_paused=self._is_paused,
         )
 
     def _recorder(self, path: Path) -> McapRecorder:

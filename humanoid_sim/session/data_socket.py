@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +54,6 @@ class Turn:
     def clear(self) -> None:
         """Take the turn from whoever has it."""
         self.owner = None
-
-    def age(self, seconds: float) -> None:
-        """Make the last sample older, by s in which the robot's clock stood still."""
-        self._heard -= seconds
 
     def admit(self, producer: Producer, arrival_time: float) -> bool:
         """Tell whether a sample of that producer counts; if nobody has the turn, it is the producer's from here on."""
@@ -220,16 +216,6 @@ class DataSocket(ExternSource, Sink):
             self.refusals.add(producer, reason)
         self.refusals.flush(time)
         return self._live
-
-    def stand(self, seconds: float) -> None:
-        """Let what was heard grow older by s in which the robot's clock stood still, and take in what has come."""
-        self._inbox.age(seconds)
-        if self._velocity is not None:
-            self._velocity.age(seconds)
-        for turn in (self._turn, *self._live_turns.values()):
-            turn.age(seconds)
-        self._live = {name: replace(one, arrival_time=one.arrival_time - seconds) for name, one in self._live.items()}
-        self.latest()
 
     def tick(self, record: TickRecord) -> None:
         """Follow the mode: with REMOTE a turn begins, and only what comes after may take it."""

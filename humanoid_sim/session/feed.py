@@ -124,12 +124,6 @@ class FeedWriter(Sink):
         if self._pending:
             self._publish_events()
 
-    def repeat(self) -> None:
-        """Publish the latest tick again, and the events since: the robot's time stands still, and nobody else's."""
-        if self._latest is not None:
-            self._ticks.put(self._latest[1])
-        self._publish_events()
-
     def encoded(self, record: TickRecord) -> bytes | None:
         """Give the message of the latest tick, for a recorder that need not encode it again; None of any other one."""
         return self._latest[1] if self._latest is not None and self._latest[0] is record else None

@@ -20,7 +20,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
-from humanoid_sim.session.simulation_controls import PAUSE, PUSH, SIMULATION_WORDS, SimulationControls
+from humanoid_sim.session.simulation_controls import PUSH, SIMULATION_WORDS, SimulationControls
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import Freshness, IntentSource
 
@@ -28,7 +28,7 @@ MARK = "mark"
 """Followed by a text, puts that text into the recording."""
 _SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
-_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, *SIMULATION_WORDS}) - {Intent.DAMP.value, PAUSE}
+_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, *SIMULATION_WORDS}) - {Intent.DAMP.value}
 """Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14
 """Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
@@ -169,9 +169,8 @@ class IntentSocket(IntentSource, Sink):
 
     def _staleness(self, word: str, seen: str) -> str:
         """Refuse what its sender meant for a robot that is not like that any more: all that could move it."""
-        refusal = self._simulation.refusal(word)
-        if refusal or word not in _FRESH:
-            return refusal
+        if word not in _FRESH:
+            return ""
         if seen.isascii() and seen.isdecimal():
             problem = self._freshness.problem(int(seen))
         else:

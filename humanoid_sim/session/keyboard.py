@@ -118,21 +118,19 @@ class Keyboard(IntentQueue):
         reactivation: Reactivation | None = None,
         tell: Callable[[str], None] = lambda _: None,
         record: Callable[[str], None] = lambda _: None,
-        is_paused: Callable[[], bool] = lambda: False,
     ) -> None:
         """Take over the terminal. Raises `InputError` if standard input is not a terminal.
 
         Args:
             tell: shows the operator a line; called on the reading thread. Must not wait.
             record: records a line, and shows it; called on the loop's thread.
-            is_paused: whether the robot's time stands still; then no key but DAMP, QUIT and a stop moves it later.
         """
         super().__init__(tell=record)
         self._reader = KeyReader()
         self.velocity = velocity
         """Command that the velocity keys change; None where the robot does not walk."""
         self._reactivation = reactivation
-        self._show, self._is_paused = tell, is_paused
+        self._show = tell
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -211,10 +209,7 @@ class Keyboard(IntentQueue):
 
     def _press(self, key: str) -> bool:
         """Do what a key means; whether it means anything."""
-        moves = KEYS.get(key) not in (Intent.DAMP, Intent.QUIT) and key not in ("0", *HELP_KEYS)
-        if moves and self._is_paused():
-            self._show(f"the key {key!r} is left out: the robot's time is paused")
-        elif key in KEYS:
+        if key in KEYS:
             self.put(KEYS[key], monotonic_ns())
         elif key in HELP_KEYS:
             for line in (key_help(),) if self.velocity is None else (key_help(), velocity_key_help()):

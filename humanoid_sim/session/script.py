@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -133,15 +133,10 @@ class OverriddenScript:
     So does a fresh start, for which an operator asked: it is seen by the outputs of ticks beginning again.
     """
 
-    def __init__(
-        self, script: Script, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
-    ) -> None:
-        """Play the script until an operator acts, each of whom is asked every tick.
-
-        `is_paused` says that the robot's time stands still, and with it the script.
-        """
+    def __init__(self, script: Script, operators: Sequence[IntentSource]) -> None:
+        """Play the script until an operator acts, each of whom is asked every tick."""
         self._script = script
-        self._operators, self._is_paused = tuple(operators), is_paused
+        self._operators = tuple(operators)
         self._taken_over = False
         self._has_begun = False
 
@@ -158,4 +153,4 @@ class OverriddenScript:
         if (intents or starts_afresh) and not self._taken_over:
             self._taken_over = True
             self._script.cancel()
-        return intents if self._taken_over or self._is_paused() else self._script.poll(time, output)
+        return intents if self._taken_over else self._script.poll(time, output)

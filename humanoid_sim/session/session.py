@@ -205,15 +205,11 @@ class Session:
         """Ticks until something ends the run."""
         period, limit = self._settings.control_period, self._settings.duration
         while not self._stop_reason:
-            intents = None
-            self._pace.period = period / self._simulation.speed
             if self._simulation.takes_reset():
                 self._start_over()
-            if self._simulation.is_paused and not (intents := self._while_paused()):
-                continue
             if self._reactivation is not None and self._reactivation.is_asked:
                 self._begin_afresh(self._reactivation)
-            self.tick(intents)
+            self.tick()
             if self._first_time is None:
                 self._first_time = self.time
             if self._output is not None and self._output.quit:
@@ -222,17 +218,6 @@ class Session:
                 self._stop_reason = f"duration of {limit:g} s reached"
             elif any(source.finished for source in self._intents):
                 self._stop_reason = "script finished"
-
-    def _while_paused(self) -> tuple[Intent, ...]:
-        """Wait for a control period, and return DAMP and QUIT if they were asked for: each gets a tick even then."""
-        begun = perf_counter()
-        self._pace.restart()
-        sleep(self._settings.control_period)
-        refused = {intent: self._simulation.refusal(intent.value) for intent in self._collect()}
-        for refusal in filter(None, refused.values()):
-            self._sinks.event(refusal)
-        self._simulation.stand(perf_counter() - begun)
-        return tuple(intent for intent, refusal in refused.items() if not refusal)
 
     def _start_over(self) -> None:
         """End the recording, and begin another one with the robot at its start."""

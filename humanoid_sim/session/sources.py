@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Protocol
 
@@ -142,11 +141,6 @@ class RemoteInbox:
         self._latest = RemoteCommand(command, self._clock() if arrival_time is None else arrival_time)
         self.accepted += 1
 
-    def age(self, seconds: float) -> None:
-        """Make the command older, by s in which the robot's clock stood still."""
-        if self._latest is not None:
-            self._latest = replace(self._latest, arrival_time=self._latest.arrival_time - seconds)
-
     def latest(self) -> RemoteCommand | None:
         """Return the latest accepted command."""
         return self._latest
@@ -277,11 +271,6 @@ class VelocityCommand:
         """Go back to the command that it began with."""
         self._extern = {VELOCITY_COMMAND: Extern(self._begun, 0.0)}
         self.owner = ""
-
-    def age(self, seconds: float) -> None:
-        """Make the command older, by s in which the robot's clock stood still."""
-        held = self._extern[VELOCITY_COMMAND]
-        self._extern = {VELOCITY_COMMAND: replace(held, arrival_time=held.arrival_time - seconds)}
 
     def press(self, key: str) -> None:
         """Change the command as a key says; other keys do nothing."""

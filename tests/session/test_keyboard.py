@@ -112,16 +112,6 @@ def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal, keyboa
     assert told == ["the velocity command is at its limit: 0.2 m/s, 0.1 m/s, 0.1 rad/s"]
 
 
-def test_in_a_pause_only_damp_quit_and_a_stop_count(terminal):
-    told, reactivation, velocity = [], Reactivation(), VelocityCommand(np.array([0.5, 0.0, 0.0]))
-    keyboard = Keyboard(velocity, reactivation=reactivation, tell=told.append, is_paused=lambda: True)
-    terminal.type("awed q")
-    assert heard(keyboard, 3) == [Intent.DAMP, Intent.DAMP, Intent.QUIT]
-    assert (velocity.command.tolist(), reactivation.is_asked) == ([0.5, 0.0, 0.0], False)
-    keyboard.close()
-    assert told == [f"the key '{key}' is left out: the robot's time is paused" for key in "awe"]
-
-
 def test_one_key_asks_for_a_fresh_start(terminal, keyboard):
     reactivation = Reactivation()
     listening = keyboard(reactivation=reactivation)

@@ -51,7 +51,7 @@ class Commanding:
         self._status: tuple[int, dict[str, Any]] = (0, {})
         self._let_go_text = ""
         self._notes: list[str] = []
-        self._is_leaving = self._is_closing = self._is_paused = False
+        self._is_leaving = self._is_closing = False
         self._error: Exception | None = None
         self._lock = threading.Lock()
         self._wake = threading.Event()
@@ -94,11 +94,10 @@ class Commanding:
             self._leave(page, f"page {page} has closed")
         self._wake.set()
 
-    def look(self, record: TickRecord, *, is_paused: bool = False) -> None:
+    def look(self, record: TickRecord) -> None:
         """Follow the mode: the other joints will be held with the gains with which the robot stood."""
         if self._error is not None:
             raise self._error
-        self._is_paused = is_paused
         if record.output.control_mode.mode is Mode.STANDBY:
             self._let_go_text = ""
             self._turn.standby = record.output.control_mode.controller_name[-1]
@@ -122,9 +121,6 @@ class Commanding:
         steering, found = self._steering, self._attachment.latest()
         if steering is None or found is None:
             raise FieldError("velocity: the policy takes no command, or the session has not begun")
-        stops = isinstance(wish, Press) and not any(VELOCITY_KEYS.get(wish.key, (1.0,)))
-        if self._is_paused and not stops:
-            raise FieldError("velocity: the robot's time is paused; resume, and command it then")
         mode, present, now = found[1].output.control_mode.mode, _velocity(found[1]), self._clock()
         if isinstance(wish, Press):
             steering.press(page, wish.key, present, mode, now)

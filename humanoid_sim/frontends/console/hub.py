@@ -99,8 +99,6 @@ class Hub:
         self._stamp = monotonic_ns()
         self._number = self._event_number = 0
         self._mode: tuple[str, str] | None = None
-        self._is_paused = False
-        """True if the newest tick was there before: a simulation whose time stands still shows it again and again."""
         self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
         self._told = 0
         self._marks = 0
@@ -127,11 +125,8 @@ class Hub:
             self._tell(event.time, event.text)
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
-            newest, before = self._attachment.record(sample), newest or self._record
-            self._is_paused = before is not None and newest.input.state.time == before.input.state.time
-            self._commanding.look(newest, is_paused=self._is_paused)
-            if self._is_paused:
-                continue
+            newest = self._attachment.record(sample)
+            self._commanding.look(newest)
             self._showing.look(newest)
             self._reasons.look(newest)
             output, now = newest.output, float(newest.input.state.time)
@@ -200,7 +195,7 @@ class Hub:
                 told["vitals"] = self._vitals(self._record)
                 told["owners"], told["lost"] = (self._status.get(name, {}) for name in ("owners", "lost"))
                 if (simulation := self._status.get("simulation")) is not None:
-                    told["simulation"] = simulation | {"paused": self._is_paused}
+                    told["simulation"] = simulation
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [asdict(page.answers.popleft()) for _ in range(len(page.answers))]

@@ -58,7 +58,6 @@ class Telemetry:
         self._fixed, self._has_live = dict(topics), live
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
-        self._time_ns = -1
         taken = {one.topic for one in wanted_inputs(attachment).values()}
         made = set(self._messages.live.values()) - taken if live else ()
         self._topics = {**self._fixed, **dict.fromkeys(made, ros.LIVE_INPUT)}
@@ -70,12 +69,9 @@ class Telemetry:
         """Publish a tick."""
         record = self._attachment.record(sample)
         time_ns = self._attachment.time_ns(float(record.input.state.time))
-        is_again, self._time_ns = time_ns == self._time_ns, time_ns  # while a simulation is paused
         if ros.CLOCK_TOPIC in self._topics:
             self._put(TopicMessage(ros.CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
         for message in self._messages.messages(record, time_ns):
-            if message.topic == ros.TF_TOPIC and is_again:
-                continue  # tf2 warns of every transform whose stamp it has
             if message.topic == ros.CONTROL_MODE_TOPIC:
                 self._put(message._replace(data=self._control_mode(record, time_ns, message.data)))
             else:
