@@ -1,4 +1,4 @@
-"""The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
+"""The supervisor: construction, and containment of failures."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

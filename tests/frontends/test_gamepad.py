@@ -1,5 +1,7 @@
 """The gamepad's driver on gamepads that SDL makes, against a session without a loop."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from virtual_pads import VirtualPad
 from humanoid_sim.frontends.gamepad.device import Pads
 from humanoid_sim.frontends.gamepad.layout import PadLayout, Sticks, chosen_layout, speed_range
 from humanoid_sim.gamepad import Driver, GamepadConfig
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Intent, Mode
 
 SPEEDS = speed_range(np.array([[-0.4, 0.8], [-0.2, 0.2], [-1.0, 1.0]]))
 
@@ -158,3 +160,29 @@ def test_sticks_steer_and_one_at_rest_claims_nothing(local, pads, pad):
 )
 def test_a_stick_s_way_is_the_policy_s_range(axes, velocity):
     np.testing.assert_allclose(Sticks().velocity(axes, SPEEDS), velocity, atol=1e-12)
+
+
+@pytest.mark.soak
+def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(local, pads, pad):
+    desk = Desk(local, pads)
+    desk.look()
+    desk.press(pad, "X")
+    pad.press("L1", "A")
+    time.sleep(0.6)
+    desk.look()
+    assert "too late, it was meant for the robot of" in local.told[-1]
+    assert desk.mode is Mode.DAMPING
+    pad.release("A")
+    desk.look()
+    pad.press("A")
+    desk.look()
+    assert desk.mode is Mode.DAMPING, "it may have been pressed before, and be heard only now"
+    pad.release("A")
+    time.sleep(0.6)
+    desk.look()
+    local.tick(Intent.DAMP)
+    local.tick(Intent.LOAD_A)
+    pad.press("X")
+    time.sleep(0.6)
+    desk.look()
+    assert desk.mode is Mode.DAMPING
