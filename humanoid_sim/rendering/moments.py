@@ -32,10 +32,8 @@ class Moment:
     qpos: FloatArray
     """Shape (nq,)."""
     caption: Caption
-    ghost: ReferenceGhost | None = None
-    """Motion that the policy follows."""
     frame: int | None = None
-    """Index of its frame, while the policy drives the robot."""
+    """Index of the motion's frame, while the policy drives the robot."""
     anchor: FloatArray | None = None
     """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
 
@@ -49,7 +47,7 @@ class Moments(Sink):
     """
 
     def __init__(self, ghost: ReferenceGhost | None = None, *, most: int = 5000) -> None:
-        self._ghost, self._most = ghost, most
+        self.ghost, self._most = ghost, most
         self.rate = RATE
         """Poses per second."""
         self.kept: list[Moment] = []
@@ -69,7 +67,7 @@ class Moments(Sink):
         if self._clock < self._due:
             return
         shown, caption = self._shown, Caption.of(record)
-        self.kept.append(Moment(self._clock, record.qpos, caption, self._ghost, shown.frame, shown.anchor))
+        self.kept.append(Moment(self._clock, record.qpos, caption, shown.frame, shown.anchor))
         if len(self.kept) >= self._most:
             self.kept, self.rate = self.kept[::2], self.rate / 2.0
         self._due = (math.floor(self._clock * self.rate + 1e-6) + 1) / self.rate - 1e-6
@@ -79,16 +77,11 @@ class Moments(Sink):
         if event.kind is EventKind.FALL and self.fell is None:
             self.fell = event.time
 
-    @property
-    def have_ghosts(self) -> bool:
-        """True if a policy follows a motion that can be shown in any of them."""
-        return any(moment.ghost is not None and moment.frame is not None for moment in self.kept)
-
     def ghosts(self, model: mujoco.MjModel) -> Iterator[FloatArray | None]:
         """Yield for each pose the motion's, shape (nq,); None where the policy follows none."""
         anchor: FloatArray | None = None
         for moment in self.kept:
-            ghost = moment.ghost
+            ghost = self.ghost
             if ghost is None or moment.frame is None:
                 yield None
                 continue
@@ -100,7 +93,10 @@ class Moments(Sink):
 
 @contextmanager
 def pose_progress(console: Console, label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar while poses are drawn; yields what takes their number so far and their total."""
+    """Show a bar on a terminal while poses are drawn; yields what takes their number so far and their total."""
+    if not console.is_terminal:  # where rich would print an empty line
+        yield lambda done, total: None  # noqa: ARG005
+        return
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(label, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -60,14 +60,13 @@ def write_page(
     moments: Moments,
     *,
     title: str,
-    overwrite: bool = True,
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
     """Write the run; `model`'s colours may be changed, and `progress` is called with poses done and their total.
 
     Raises `InputError` if there is no pose, or the file cannot be written.
     """
-    path = output_file(path, "page", ".html", overwrite=overwrite)
+    path = output_file(path, "page", ".html")
     if not moments.kept:
         raise InputError(f"page '{path}': nothing to show: no tick came from a simulated robot")
     tint_limbs(model)
@@ -78,7 +77,7 @@ def write_page(
         scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
         scene.camera_tracking_enabled = False
         _light(server, model)
-        ghost = Figure(server, model, "reference", _GHOST) if moments.have_ghosts else None
+        ghost = Figure(server, model, "reference", _GHOST) if moments.ghost is not None else None
         serializer = server.get_scene_serializer()
         time, total = 0.0, len(moments.kept)
         for i, (moment, pose) in enumerate(zip(moments.kept, moments.ghosts(model), strict=True)):
