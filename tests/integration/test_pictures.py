@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import humanoid_sim  # noqa: F401 - registers the environments
+import humanoid_sim.envs  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
