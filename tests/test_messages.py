@@ -47,7 +47,7 @@ def test_names_and_numbers(kind, values):
         (messages.RemoteCommand, ["command", "arrival_time"]),
         (messages.PolicyStep, ["frame", "observation", "action"]),
         (messages.FaultReport, ["controller", "fallback", "message", "is_bug"]),
-        (messages.Event, ["time", "text", "kind", "header"]),
+        (messages.Event, ["time", "text", "kind"]),
         (messages.TickInput, ["state", "safety", "intents", "remote"]),
         (
             messages.TickOutput,
