@@ -20,7 +20,6 @@ from rich.table import Table
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import Event
@@ -321,6 +320,8 @@ def _overview(summary: Summary) -> Table:
 
 def _definitions(documents: Mapping[str, str]) -> str:
     """Return whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
+    from humanoid_sim.evaluation.failure import DEFINITIONS, differing  # noqa: PLC0415 - brings MuJoCo
+
     try:
         recorded = json.loads(documents["settings"])["definitions"]
     except (KeyError, TypeError, ValueError):
