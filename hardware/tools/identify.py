@@ -143,6 +143,7 @@ def _move(
     if isinstance(motor, MovedMotor):
         there[joint] = motor.position
     follow(1.0, 0.0, _RAMP)
+    motor.command(start, 0.0, stiffness, damping)  # where the program was slow, the ramp's last command is short of it
     return start, there
 
 
