@@ -75,7 +75,7 @@ def test_what_is_no_command_is_refused_in_one_short_line(data, reason):
 def test_one_writers_flood_pushes_no_other_writers_command_out(flood, domain, local, monkeypatch):
     kind = TOPICS[COMMAND_TOPIC]
     with Participant(domain) as joined:
-        reader = CommandReader(local.info, JOINTS, joined, Reader(joined, COMMAND_TOPIC, kind, depth=DEPTH))
+        reader = CommandReader(local.info, JOINTS, joined, Reader(joined, COMMAND_TOPIC, kind, depth=DEPTH), (), {})
         honest, other = (Writer(joined, COMMAND_TOPIC, kind) for _ in range(2))
         sent = []
         intake = SimpleNamespace(remote=lambda *given, **_: sent.append(given[1][0]))
