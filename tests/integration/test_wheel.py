@@ -50,7 +50,7 @@ def test_the_wheel_holds_the_whole_package_as_ordinary_files_and_nothing_else(wh
     for name in (
         "humanoid_sim/py.typed",
         "humanoid_sim/controllers/supervisor.py",
-        "humanoid_sim/regress/report/page.html",
+        "humanoid_sim/rendering/replay_caption.html",
         "humanoid_sim/assets/robots/lite.yaml",
         "humanoid_sim/assets/mjcf/lite.xml",
         "humanoid_sim/assets/policies/lite_tracking.onnx",
