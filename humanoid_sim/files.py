@@ -39,7 +39,7 @@ LARGEST = 1 << 30
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = LARGEST) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises `InputError` if there is no such file, it is none that ends, or it is too large.
+    Raises `InputError` if there is no such file, it is a directory, a pipe or a device, or it is too large.
 
     Args:
         what: it should be, such as `a motion file (.mcap)`.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnxruntime  # noqa: F401 - here, because its first import opens a file for good
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 from recorded_run import PERIOD, run
@@ -19,8 +20,6 @@ from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.replay import main as replay_main
 from humanoid_sim.robots.description import load_robot
-
-pytest.importorskip("onnxruntime")  # here, because its first import opens a file for good
 
 LITE = load_robot("lite")
 CONTRACT = placeholder_checkpoint(LITE, policy_dt=2 * PERIOD).contract
