@@ -10,14 +10,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
+from typing import Literal
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -45,6 +48,26 @@ _FINITE = (
 _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
 """An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
 _OWNER = {"body": "body", "geom": "geom", "site": "site", "jnt": "joint"}
+
+
+NO_RANGE = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnActuator:
+    """What the actuators of a model itself do to a joint, at the joint; simulations leave them out."""
+
+    joint: str
+    kind: Literal["servo", "motor", "other"]
+    """`servo`: its control is a target of a position or a velocity; `motor`: its control is a force."""
+    stiffness: float
+    """N·m/rad, K_p; 0 for a motor."""
+    damping: float
+    """N·m·s/rad, K_d; 0 for a motor."""
+    force_range: tuple[float, float]
+    """N·m, `NO_RANGE` where there is none."""
+    target_range: tuple[float, float]
+    """rad, to which a servo clips its target (`ctrlrange`, `inheritrange`); `NO_RANGE` where it does not."""
 
 
 class _Silence:
@@ -219,18 +242,8 @@ def _joints(model: mujoco.MjModel) -> list[int]:
     if model.nu == 0:
         floating = [i for i in hinges if _has_free_joint(model, _root(model, i))]
         return floating or hinges  # doors and other furniture have hinges too
-    driven = {joint for joint, _ in _drives(model)}
+    driven = {int(model.actuator_trnid[i, 0]) for i in _on_joints(model)}
     return [i for i in hinges if i in driven]
-
-
-def _drives(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Joint and actuator, for every actuator of a joint."""
-    on_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    return [
-        (int(model.actuator_trnid[i, 0]), i)
-        for i in range(model.nu)
-        if mujoco.mjtTrn(int(model.actuator_trntype[i])) in on_joint
-    ]
 
 
 def _root(model: mujoco.MjModel, joint: int) -> int:
@@ -242,33 +255,67 @@ def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
+def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
+    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
+    found: dict[str, OwnActuator] = {}
+    for i in _on_joints(model):
+        actuator = _own_actuator(model, i)
+        other = found.get(actuator.joint)
+        found[actuator.joint] = actuator if other is None else _together(other, actuator)
+    return found
+
+
+def _on_joints(model: mujoco.MjModel) -> list[int]:
+    """Actuators that drive a joint."""
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    return [i for i in range(model.nu) if int(model.actuator_trntype[i]) in kinds]
+
+
+def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
+    joint, gear = model.joint(int(model.actuator_trnid[i, 0])), float(model.actuator_gear[i, 0])
+    gain = float(model.actuator_gainprm[i, 0])
+    rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
+    has_plain_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+    bias = mujoco.mjtBias(int(model.actuator_biastype[i]))
+    force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
+    control = _range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i]))
+    if has_plain_gain and bias == mujoco.mjtBias.mjBIAS_AFFINE:
+        target = NO_RANGE
+        if stiffness * gear:  # the target of a servo is where it is without force
+            target = _range((gain * np.array(control) - rest) / (stiffness * gear), True)
+        return OwnActuator(joint.name, "servo", stiffness * gear**2, damping * gear**2, force, target)
+    if has_plain_gain and bias == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
+        by_control = _range(np.array(control) * gain * gear, True)  # the control is the force
+        force = (max(force[0], by_control[0]), min(force[1], by_control[1]))
+        return OwnActuator(joint.name, "motor", 0.0, 0.0, force, NO_RANGE)
+    return OwnActuator(joint.name, "other", 0.0, 0.0, force, NO_RANGE)
+
+
+def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
+    return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
+
+
+def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
+    """Several actuators of one joint, such as one of its position and one of its velocity."""
+    leading = max((one, other), key=lambda actuator: actuator.stiffness)
+    return replace(
+        leading,
+        stiffness=one.stiffness + other.stiffness,
+        damping=one.damping + other.damping,
+        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
+    )
+
+
 def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:
     """N·m: the least of what the joint and its actuators allow, infinite where neither says."""
-    limits = []
+    own, limits = own_actuators(model), []
     for joint in joints:
-        actuators = [_actuator_limit(model, actuator) for owner, actuator in _drives(model) if owner == joint]
-        limit = sum(actuators) if actuators else math.inf
+        actuator = own.get(model.joint(joint).name)
+        limit = math.inf if actuator is None else max(abs(bound) for bound in actuator.force_range)
         if model.jnt_actfrclimited[joint]:
             limit = min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()))
         limits.append(limit)
     return limits
-
-
-def _actuator_limit(model: mujoco.MjModel, actuator: int) -> float:
-    """N·m at the joint."""
-    gear = abs(float(model.actuator_gear[actuator, 0]))
-    limit = math.inf
-    if model.actuator_forcelimited[actuator]:
-        limit = float(np.abs(model.actuator_forcerange[actuator]).max())
-    is_motor = (
-        model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
-        and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
-    )
-    if is_motor and model.actuator_ctrllimited[actuator]:  # the control is the force
-        gain = abs(float(model.actuator_gainprm[actuator, 0]))
-        limit = min(limit, gain * float(np.abs(model.actuator_ctrlrange[actuator]).max()))
-    return gear * limit
 
 
 def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:

@@ -8,7 +8,14 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
-from humanoid_sim.robots.mjcf import bare_model, imu_line, mujoco_silenced, own_joint_damping, prefix_line
+from humanoid_sim.robots.mjcf import (
+    bare_model,
+    imu_line,
+    mujoco_silenced,
+    own_actuators,
+    own_joint_damping,
+    prefix_line,
+)
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -322,3 +329,35 @@ def test_a_handler_set_while_another_simulation_steps_neither_hears_nor_is_lost(
         assert heard == []
     step_into_trouble()
     assert len(heard) == 1
+
+
+ACTUATORS = """<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size="0.1"/>
+<body><joint name="servo" range="-1 2" armature="0.1"/><geom size="0.1"/>
+<body><joint name="geared"/><geom size="0.1"/>
+<body><joint name="pair"/><geom size="0.1"/>
+<body><joint name="motor"/><geom size="0.1"/>
+<body><joint name="muscle"/><geom size="0.1"/></body></body></body></body></body></body></worldbody>
+<actuator>
+<motor joint="motor" gear="5" ctrlrange="-4 3" forcerange="-3.5 10"/>
+<position joint="servo" kp="40" kv="2" forcerange="-30 20" inheritrange="1"/>
+<position joint="geared" gear="-2" kp="10" kv="1" ctrlrange="-1 4"/>
+<position joint="pair" kp="50" forcerange="-5 5"/><velocity joint="pair" kv="3" forcerange="-1 1"/>
+<muscle joint="muscle" lengthrange="0 1"/>
+</actuator></mujoco>"""
+INF = math.inf
+
+
+@pytest.mark.parametrize(
+    ("joint", "kind", "gains", "force", "target"),
+    [
+        ("servo", "servo", (40.0, 2.0), (-30.0, 20.0), (-1.0, 2.0)),
+        ("geared", "servo", (40.0, 4.0), (-INF, INF), (-2.0, 0.5)),
+        ("pair", "servo", (50.0, 3.0), (-6.0, 6.0), (-INF, INF)),
+        ("motor", "motor", (0.0, 0.0), (-17.5, 15.0), (-INF, INF)),
+        ("muscle", "other", (0.0, 0.0), (-INF, INF), (-INF, INF)),
+    ],
+)
+def test_a_models_own_actuators_at_their_joints(joint, kind, gains, force, target):
+    own = own_actuators(mujoco.MjModel.from_xml_string(ACTUATORS))[joint]
+    assert (own.kind, (own.stiffness, own.damping)) == (kind, gains)
+    assert (own.force_range, own.target_range) == (force, target)
