@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 
 _AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
@@ -43,3 +43,17 @@ def _plain(name: str) -> str:
 def _which(name: str) -> list[str]:
     """Side and numbers: what tells things of one kind apart."""
     return re.findall(r"left|right|[0-9]+", name)
+
+
+_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+
+
+def mirrored_pairs(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the pairs (left, right) among names that differ in their side alone: left and right, or l and r."""
+    pairs = []
+    for name in names:
+        for side in re.finditer("|".join(_SIDE), name):
+            other = name[: side.start()] + _SIDE[side[0]] + name[side.end() :]
+            if other in names:
+                pairs.append((name, other))
+    return pairs

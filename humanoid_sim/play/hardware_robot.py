@@ -29,7 +29,8 @@ from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup
-from humanoid_sim.policy.checks import motor_findings, suspicious_findings
+from humanoid_sim.policy.checks import motor_findings
+from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode

@@ -17,9 +17,9 @@ from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.policy import checks
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.checks import SEVERITIES, Finding, Severity
+from humanoid_sim.policy.checks import contract_findings
+from humanoid_sim.policy.findings import SEVERITIES, Finding, Severity, sorted_findings
 from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
@@ -33,11 +33,14 @@ from humanoid_sim.robots.description import (
     with_imu,
 )
 from humanoid_sim.robots.guards import describe_unwatched
-from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
+from humanoid_sim.robots.mjcf import bare_model, imu_line, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
 _PROBES = 4
+_STEPS = (0.00025, 0.0005, 0.001, 0.0025, 0.005)
+_SHORTEST_STEP = _STEPS[0]
+"""s: a shorter one is no remedy for a damping that is unstable."""
 _STYLES: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 _PLURALS: dict[Severity, str] = {"error": "error(s)", "warning": "warning(s)", "info": "remark(s)"}
 
@@ -99,41 +102,25 @@ def check_checkpoint(
         checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     except InputError as error:
         return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
-    return checks.sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
+    return sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
 
 
 def _findings(
     checkpoint: Checkpoint, description: RobotDescription, hardware: bool, physics_timestep: float | None
 ) -> Iterator[Finding]:
     contract, model = checkpoint.contract, bare_model(description)
-    sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
-    bodies = [model.body(i).name for i in range(1, model.nbody)]
-    joints = tuple(checks.joint_findings(contract, description))
-    yield from joints
-    yield from checks.naming_findings(contract, description)
-    yield from checks.body_findings(contract, bodies, description.name)
     yield from _model_findings(checkpoint)
     yield from _golden(checkpoint)
-    yield from checks.motor_findings(contract, description, hardware=hardware)
-    yield from checks.range_findings(contract, description)
-    yield from checks.effort_findings(contract, description)
-    if not joints:
+    yield from contract_findings(contract, description, model, hardware=hardware)
+    if set(contract.joint_names) == set(description.joint_names):
         yield from _stability(contract, description, physics_timestep)
         unwatched = describe_unwatched(with_contract_physics(description, contract))
         if unwatched:
             yield Finding("info", "guards", unwatched.removeprefix("guards: "))
-    yield from checks.point_findings(contract, sites, bodies, description.name)
-    own_damping = own_joint_damping(model, description)
-    yield from checks.model_damping_findings(contract, own_damping)
     if prefix := prefix_line(description.mjcf_path):
         yield Finding("info", "robot", prefix)
     if description.is_floating:
         yield Finding("info", "imu", imu_line(model, description))
-    yield from checks.suspicious_findings(contract, description, own_damping)
-    yield from checks.estimate_findings(contract, hardware=hardware)
-    yield from checks.live_findings(contract)
-    if hardware:
-        yield from checks.rate_finding(contract, description)
 
 
 def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
@@ -162,7 +149,7 @@ def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
     if layout.width != width:
         terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
         message = f"is {layout.width} wide ({terms}), but the model's input has {width}"
-        yield Finding("error", "observation", message, value=layout.width, limit=width)
+        yield Finding("error", "observation", message)
         return
     yield from _answers(checkpoint, width)
     yield from _deaf(checkpoint, layout)
@@ -170,15 +157,12 @@ def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
 
 def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
     action = np.abs(_run(checkpoint, np.zeros(width, dtype=np.float32)))
-    joints = checkpoint.contract.action_joint_names
+    joint, limit = checkpoint.contract.action_joint_names[int(np.argmax(action))], action_limit_of(checkpoint.contract)
     if not np.isfinite(action).all():
-        joint = joints[int(np.argmax(~np.isfinite(action)))]
-        yield Finding("error", "model", "answers an observation of zeros with a number that is not finite", joint)
-    elif action.max() > (limit := action_limit_of(checkpoint.contract)):
-        worst = int(np.argmax(action))
-        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {limit:g}"
-        message += ": action_limit in x.contract.yaml raises it"
-        yield Finding("error", "model", message, joints[worst], float(action[worst]), limit)
+        yield Finding("error", "model", f"answers zeros with a number that is not finite, for {joint}", (joint,))
+    elif action.max() > limit:
+        message = f"answers zeros with {action.max():g} for {joint}, expected at most {limit:g}"
+        yield Finding("error", "model", f"{message}: action_limit in x.contract.yaml raises it", (joint,))
 
 
 def _deaf(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:
@@ -218,14 +202,16 @@ def _stability(
         return
     joint, value = measure.joint, measure.eigenvalue
     gain = float(damping[description.joint_names.index(joint)])
-    what = f"is {gain:g}: dt·M⁻¹·K_d reaches {value:.2f} with a physics step of {timestep:g} s"
-    if value > REFUSED_ABOVE:
-        longest = timestep * REFUSED_ABOVE / value
-        message = f"{what}, unstable above {REFUSED_ABOVE:g}"
-        if longest > 0.0:
-            message += f"; a step below {longest:.2g} s works"
-        yield Finding("error", "joint_damping", message, joint, value, REFUSED_ABOVE)
-    else:
+    what = f"is {gain:g} for {joint}: dt·M⁻¹·K_d reaches {value:.2f} with a physics step of {timestep:g} s"
+    longest = timestep * REFUSED_ABOVE / value
+    if value <= REFUSED_ABOVE:
         calm = timestep * WARNED_ABOVE / value
         message = f"{what}, where the velocity changes sign from step to step; below {calm:.2g} s it does not"
-        yield Finding("warning", "joint_damping", message, joint, value, WARNED_ABOVE)
+        yield Finding("warning", "joint_damping", message, (joint,))
+    elif longest > _SHORTEST_STEP and physics_timestep is None:
+        step = max(step for step in _STEPS if step < longest)
+        message = f"{what}, unstable above {REFUSED_ABOVE:g}, which play refuses: --physics-timestep {step:g} does"
+        yield Finding("warning", "joint_damping", message, (joint,))
+    else:
+        works = f"; a step below {longest:.2g} s works" if longest > 0.0 else ""
+        yield Finding("error", "joint_damping", f"{what}, unstable above {REFUSED_ABOVE:g}{works}", (joint,))

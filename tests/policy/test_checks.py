@@ -1,131 +1,276 @@
-"""Joints and bodies that the robot lacks, and which were meant; values that look like a slip, and those that do not."""
+"""`contract_findings`: what is wrong with a contract for a robot, in one line a finding, with the joints named."""
 
+from dataclasses import replace
+
+import pytest
 from findings import found
-from trainer import JOINTS, contract
+from trainer import JOINTS, contract, terms
 
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.policy import checks
-from humanoid_sim.policy.checks import suspicious_findings
+from humanoid_sim.names import mirrored_pairs
+from humanoid_sim.policy.checks import contract_findings
+from humanoid_sim.policy.findings import joint_list, sorted_findings
+from humanoid_sim.policy.plausibility import suspicious_findings
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.mjcf import bare_model
+
+SUFFIXED = tuple(f"{name}_joint" for name in JOINTS)
+HIPS, KNEES, ANY = ("left_hip", "right_hip"), ("left_knee", "right_knee"), None
+SOUND = {
+    "joint_stiffness": [40.0, 40.0, 50.0, 50.0],
+    "joint_damping": [1.5, 1.5, 2.0, 2.0],
+    "default_joint_pos": [-0.2, -0.2, 0.6, 0.6],
+    "action_scale": [0.25, 0.35, 0.35],
+    "effort_limit": 60.0,
+}
+TRACKING = {"task_type": "tracking", "command_names": ("motion",), "phase": None}
 
 
-def test_a_missing_suffix_is_recognised(robot):
-    wiring = contract(
-        joint_names=[f"{name}_joint" for name in JOINTS], action_joint_names=["left_hip_joint"], action_scale=[0.3]
-    )
-    findings = tuple(checks.joint_findings(wiring, robot))
-    assert len(findings) == 4
-    assert "has 'left_knee'" in found(findings, "error", "joint_names", "left_knee_joint").message
+def findings_of(robot, *, hardware=False, **changes):
+    return contract_findings(contract(**{**SOUND, **changes}), robot, bare_model(robot), hardware=hardware)
 
 
-def test_joints_of_only_one_side(robot):
-    wiring = contract(
-        joint_names=("left_hip", "right_hip", "left_knee", "tail"), action_joint_names=("tail",), action_scale=0.3
-    )
-    findings = tuple(checks.joint_findings(wiring, robot))
-    assert "is not a joint of 'walker'" in found(findings, "error", "joint_names", "tail").message
-    assert "the policy does not" in found(findings, "error", "joint_names", "right_knee").message
+def test_a_sound_contract_has_remarks_alone(robot):
+    assert {finding.severity for finding in findings_of(robot)} <= {"info"}
+    assert "names no CAN motors" in found(findings_of(robot), "info", "robot").message
 
 
-def test_bodies_of_the_motion():
-    wiring = contract(
-        task_type="tracking",
-        command_names=("motion",),
-        body_names=("pelvis", "left_foot"),
-        anchor_body="torso",
-        phase=None,
-        observation=("command", "motion_anchor_ori_b"),
-    )
-    findings = tuple(checks.body_findings(wiring, ("pelvis", "left_foot_link", "torso_link"), "g"))
-    assert "has 'left_foot_link'" in found(findings, "error", "body_names").message
-    assert "has 'torso_link'" in found(findings, "error", "anchor_body").message
-    assert "is not among body_names" in found(findings, "warning", "anchor_body").message
+CASES = {
+    # name: what differs, severity and field, the joints, words of the message
+    "no stiffness": ({"joint_stiffness": [0.0, 40.0, 50.0, 50.0]}, "error joint_stiffness", ("left_hip",), "is 0"),
+    "placeholders": ({"joint_stiffness": 1.0}, "error joint_stiffness", JOINTS, "placeholder"),
+    "no damping anywhere": ({"joint_damping": -0.0}, "error joint_damping", JOINTS, "all 4 joints"),
+    "no damping": ({"joint_damping": [0.0, 0.0, 2.0, 2.0]}, "warning joint_damping", HIPS, "nothing brakes"),
+    "swapped gains": ({"joint_damping": 70.0}, "error joint_damping", JOINTS, "swapped?"),
+    "a ratio": ({"joint_damping": [1.5, 1.5, 30.0, 30.0]}, "warning joint_damping", KNEES, "0.6"),
+    "one ratio": ({"joint_damping": [1.0, 1.0, 1.0, 20.0]}, "warning joint_damping", ("right_knee",), "the others"),
+    "left and right": ({"joint_stiffness": [40.0, 44.0, 50.0, 50.0]}, "warning joint_stiffness", ("left_hip",), "44"),
+    "a pose": ({"default_joint_pos": [-0.2, -0.2, 0.6, 0.5]}, "warning default_joint_pos", ("left_knee",), "0.5"),
+    "no pose": ({"default_joint_pos": 0.0}, "warning default_joint_pos", ANY, "is 0 for every joint"),
+    "beyond": ({"default_joint_pos": [-0.2, -0.2, 2.5, 2.5]}, "error default_joint_pos", KNEES, "range -0.1 to 2"),
+    "degrees": ({"default_joint_pos": [-20.0, -20.0, 0.6, 0.6]}, "error default_joint_pos", HIPS, "in degrees?"),
+    "an offset": ({"action_offset": [0.6, 0.1, 1.9]}, "error action_offset", ("right_hip",), "1.9"),
+    "no scale": ({"action_scale": [0.25, 0.0, 0.0]}, "error action_scale", HIPS, "cannot move"),
+    "a negative scale": ({"action_scale": [0.25, -0.3, 0.3]}, "warning action_scale", ("left_hip",), "reversed?"),
+    "a forgotten scale": ({"action_scale": 1.0}, "warning action_scale", ANY, "forgotten"),
+    "a tiny scale": ({"action_scale": [0.25, 0.01, 0.01]}, "warning action_scale", HIPS, "hardly moves"),
+    "a far reach": ({"action_scale": [0.25, 2.0, 2.0]}, "info action_scale", HIPS, "-2.2 to 1.8"),
+    "a wide clip": ({"position_clip": [[-1.0, 3.0]] * 3}, "warning position_clip", ("right_knee", *HIPS), "wider than"),
+    "no torque limit": ({"effort_limit": None}, "warning effort_limit", JOINTS, "all 4 joints"),
+    "another rate": ({"policy_dt": 1.0}, "warning policy_dt", ANY, "1 Hz"),
+    "a cut rate": ({"policy_dt": 0.0167}, "warning policy_dt", ANY, "rounded"),
+    "a world upside down": (
+        {"observation": terms(projected_gravity={"scale": -1.0})},
+        "warning observation term projected_gravity",
+        ANY,
+        "gravity points up",
+    ),
+    "no term": ({"observation": [Term("base_ang_vel", scale=0.0)]}, "warning observation term base_ang_vel", ANY, "0"),
+    "a factor": ({"observation": [Term("joint_vel", scale=1e4)]}, "warning observation term joint_vel", ANY, "10000"),
+    "a clip": ({"observation": [Term("joint_pos", clip=(0.5, 1.0))]}, "warning observation term joint_pos", ANY, "0"),
+    "a live input": ({"observation": [Term("mood", width=2)]}, "info observation term mood", ANY, "width 2"),
+    "a point": ({"observation": [Term("base_lin_vel", at="x")]}, "error observation term base_lin_vel", ANY, "no site"),
+    "a body": (
+        {**TRACKING, "observation": ("command",), "body_names": ("pelvis", "left_shin")},
+        "error body_names",
+        ANY,
+        "'left_shin' is no body of 'walker'",
+    ),
+    "an anchor": (
+        {**TRACKING, "observation": ("motion_anchor_ori_b",), "body_names": ("left_thigh",), "anchor_body": "pelvis"},
+        "warning anchor_body",
+        ANY,
+        "not among body_names",
+    ),
+    "missing suffix": (
+        {"joint_names": SUFFIXED, "action_joint_names": SUFFIXED, "action_scale": 0.3},
+        "error joint_names",
+        SUFFIXED,
+        "robot has left_knee",
+    ),
+    "a joint too many": (
+        {"joint_names": (*JOINTS[:3], "tail"), "action_joint_names": JOINTS[:1], "action_scale": 0.3},
+        "error joint_names",
+        ("tail",),
+        "not of 'walker'",
+    ),
+    "a joint too few": (
+        {"joint_names": (*JOINTS[:3], "tail"), "action_joint_names": JOINTS[:1], "action_scale": 0.3},
+        "error joint_names",
+        ("right_knee",),
+        "the policy lacks",
+    ),
+    "names by place": (
+        {"provenance": {"joint_names": "deploy.yaml and the robot"}},
+        "warning joint_names",
+        ANY,
+        "any robot with as many",
+    ),
+}  # fmt: skip
 
 
-OWN = {"left_hip": 0.5, "right_hip": 0.5, "left_knee": 2.0}
-PAIRS = "1.5 + 0.5 for left_hip, right_hip; 3 + 2 for left_knee"
+@pytest.mark.parametrize("name", CASES)
+def test_a_mistake_is_one_line(name, robot):
+    changes, where, joints, words = CASES[name]
+    severity, _, field = where.partition(" ")
+    finding = found(findings_of(robot, **changes), severity, field, words)
+    if joints is not ANY:
+        assert finding.joints == joints
 
 
-def test_damping_of_the_model_beside_the_contracts():
-    wiring = contract(joint_damping=[1.5, 1.5, 3.0, 3.0])
-    finding = found(checks.model_damping_findings(wiring, OWN), "warning", "model_joint_damping")
-    assert str(finding) == (
-        "model_joint_damping: nobody decides, so both act: the contract's K_d + the model's own damping, N·m·s/rad: "
-        f"{PAIRS}; `model_joint_damping: keep` or `drop` in x.contract.yaml decides"
-    )
+def test_damping_of_the_model_beside_the_contracts(robot):
+    """Both act unless the contract decides; a joint that the model brakes is not without a brake."""
+    damped = bare_model(robot)
+    damped.dof_damping[6:8] = 0.5
+    wiring = contract(**{**SOUND, "joint_damping": [1.5, 0.0, 2.0, 2.0]})
+    kept = contract_findings(wiring, robot, damped, hardware=False)
+    assert "1.5 + 0.5 for left_hip" in found(kept, "warning", "model_joint_damping", "nobody decides").message
+    assert "right_hip" in found(suspicious_findings(wiring), "warning", "joint_damping", "nothing brakes").joints
     for decision in ("keep", "drop"):
-        decided = contract(joint_damping=[1.5, 1.5, 3.0, 3.0], model_joint_damping=decision)
-        assert PAIRS in found(checks.model_damping_findings(decided, OWN), "info", "model_joint_damping").message
-    assert tuple(checks.model_damping_findings(wiring, {})) == ()
-    assert tuple(checks.model_damping_findings(wiring, {"tail": 1.0})) == ()
+        decided = contract_findings(replace(wiring, model_joint_damping=decision), robot, damped, hardware=False)
+        found(decided, "info", "model_joint_damping", f"{decision}: ")
 
 
-def test_a_point_that_the_robot_lacks():
-    terms = [Term("base_lin_vel", at="torso-imu"), Term("v", kind="base_lin_vel", at="imu"), Term("joint_pos", at="x")]
-    wiring = contract(observation=terms)
-    message = found(
-        checks.point_findings(wiring, ["foot", "torso_imu"], [], "g"), "error", "observation term base_lin_vel"
-    ).message
-    assert message == "at is 'torso-imu', neither base nor imu nor a site of 'g', which has 'torso_imu'"
-    (finding,) = checks.point_findings(wiring, ["foot"], [], "g")
-    assert finding.message.endswith("of 'g', which has: foot")
-    assert tuple(checks.point_findings(wiring, ["torso-imu"], [], "g")) == ()
+@pytest.mark.parametrize(
+    ("term", "severity"),
+    [("base_lin_vel", "error"), ("motion_anchor_pos_b", "error"), ("motion_anchor_ori_b", "info")],
+)
+def test_hardware_has_no_estimator(robot, term, severity):
+    """An orientation follows from the IMU and the joints; a velocity or a position does not."""
+    wiring = {**TRACKING, "observation": (term,), "anchor_body": "pelvis", "body_names": ("pelvis",)}
+    found(findings_of(robot, hardware=True, **wiring), severity, f"observation term {term}")
 
 
-def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot():
-    wiring = contract(observation=[Term("height_scan", at="torso_link", grid=(0.2, 0.1))])
-    assert tuple(checks.point_findings(wiring, [], ["pelvis", "torso_link"], "g")) == ()
-    assert tuple(checks.point_findings(wiring, ["torso_link"], ["pelvis"], "g")) == ()
-    message = found(
-        checks.point_findings(wiring, ["foot"], ["torso-link"], "g"), "error", "observation term height_scan"
-    ).message
-    assert message == "at is 'torso_link', neither base nor imu nor a site or body of 'g', which has 'torso-link'"
-    assert found(checks.live_findings(wiring), "info", "observation term height_scan").message == (
-        "a simulation scans 6 points; on a robot a program sends them, or it does not start"
-    )
+def test_hardware_needs_motors_and_a_rate(robot):
+    findings = findings_of(robot, hardware=True, policy_dt=0.03)
+    found(findings, "error", "robot", "names no CAN motors")
+    found(findings, "warning", "policy_dt", "no multiple of the robot's control period")
 
 
-def test_suspicious_joints():
+def test_gains_that_the_motors_cannot_encode():
+    lite = load_robot("lite")
+    names = lite.joint_names
+    stiffness, damping = [50.0] * 14, [2.0] * 14
+    stiffness[4], damping[3], damping[6] = 501.0, 6.0, 0.001
     wiring = contract(
-        joint_stiffness=[0.0, 41.0, 50.0, 51.0], joint_damping=[1.5, 0.0, 30.0, 2.1], action_scale=[0.25, 0.0, -0.1]
+        joint_names=names,
+        action_joint_names=names,
+        joint_stiffness=stiffness,
+        joint_damping=damping,
+        default_joint_pos=0.0,
+        action_scale=0.1,
+        observation=("joint_pos",),
     )
-    findings = tuple(suspicious_findings(wiring))
-    assert "cannot move" in found(findings, "error", "joint_stiffness", "left_hip").message
-    assert "nothing brakes" in found(findings, "warning", "joint_damping", "right_hip").message
-    assert "ratio of 0.6 s" in found(findings, "warning", "joint_damping", "left_knee").message
-    assert found(findings, "error", "action_scale", "left_hip").value == 0.0
-    assert "negative" in found(findings, "warning", "action_scale", "right_hip").message
+    findings = contract_findings(wiring, lite, bare_model(lite), hardware=True)
+    assert found(findings, "error", "joint_stiffness", "501").joints == ("left_wrist_yaw",)
+    assert "6, rs-00 at most 5" in found(findings, "error", "joint_damping").message
+    assert found(findings, "warning", "joint_damping", "in steps of").joints == ("left_wrist_pitch",)
 
 
-def test_a_joint_whose_damping_stands_out():
-    wiring = contract(joint_stiffness=[40.0, 40.0, 40.0, 40.0], joint_damping=[1.0, 1.0, 1.0, 15.0])
+ARMATURE = {
+    "left_hip": 0.01,
+    "right_hip": 0.01,
+    "left_knee": 0.02,
+    "right_knee": 0.02,
+    "left_foot": 0.005,
+    "right_foot": 0.005,
+}
+LINK = '<body><joint name="{0}" armature="{1}" actuatorfrcrange="-{2} {2}"/><geom size="0.1"/>'
+SERVO = '<position joint="{0}" kp="{1}" kv="{2}" ACT/>'
+MOTORIZED = (
+    '<mujoco><worldbody><body name="base">'
+    + "".join(LINK.format(name, value, 1e4 * value) for name, value in ARMATURE.items())
+    + "</body>" * 7
+    + "</worldbody><actuator>"
+    + "".join(SERVO.format(name, 4e3 * value, 250 * value) for name, value in reversed(ARMATURE.items()))
+    + "</actuator></mujoco>"
+)
+
+
+@pytest.fixture
+def motorized(tmp_path):
+    """Findings on a robot whose model has actuators, with what a contract gets wrong; gains by the motors' armature."""
+
+    def findings(text=MOTORIZED, **changes):
+        (tmp_path / "robot.xml").write_text(text.replace("ACT", ""))
+        robot = load_robot(tmp_path / "robot.xml")
+        values = {
+            "joint_names": tuple(ARMATURE),
+            "action_joint_names": tuple(ARMATURE),
+            "joint_stiffness": [4e3 * value for value in ARMATURE.values()],
+            "joint_damping": [250 * value for value in ARMATURE.values()],
+            "default_joint_pos": 0.1,
+            "action_scale": 0.625,
+            "observation": ("joint_pos",),
+        }
+        return contract_findings(contract(**values | changes), robot, bare_model(robot), hardware=False)
+
+    return findings
+
+
+def test_gains_of_the_models_own_actuators(motorized):
+    assert [finding for finding in motorized() if finding.severity == "warning"] == []
+    backwards = [4e3 * value for value in reversed(ARMATURE.values())]
+    order = found(motorized(joint_stiffness=backwards), "warning", "joint_stiffness", "own actuators")
+    assert order.message.endswith("they stand in the order of its actuators")
+    shuffled = [40.0, 20.0, 80.0, 40.0, 80.0, 20.0]
     assert (
-        "the other joints' is about"
-        in found(suspicious_findings(wiring), "warning", "joint_damping", "right_knee").message
+        "in another order"
+        in found(motorized(joint_stiffness=shuffled), "warning", "joint_stiffness", "own act").message
     )
-
-
-def test_suspicious_terms():
-    wiring = contract(
-        observation=[
-            Term("base_ang_vel", scale=0.0),
-            Term("projected_gravity", scale=-1.0),
-            Term("base_lin_vel", scale=-2.0),
-            Term("joint_pos", clip=(0.5, 1.0)),
-            Term("joint_vel", scale=1e4),
-        ]
+    double = found(
+        motorized(joint_damping=[5.0, 5.0, 10.0, 10.0, 2.5, 2.5]), "warning", "joint_damping", "own actuators"
     )
-    findings = tuple(suspicious_findings(wiring))
-    assert "sees zeros" in found(findings, "warning", "observation term base_ang_vel").message
-    upside_down = found(findings, "warning", "observation term projected_gravity")
-    assert upside_down.message == "scale is -1: gravity would be fed as (0, 0, 1) when upright; almost always wrong"
-    assert found(findings, "warning", "observation term base_lin_vel").message == "has a negative scale"
-    assert "does not hold 0" in found(findings, "warning", "observation term joint_pos").message
-    assert "10000" in found(findings, "warning", "observation term joint_vel").message
+    assert "right_knee (10, actuator 5)" in double.message
+    clipped = MOTORIZED.replace("ACT", 'ctrlrange="-1 1"')
+    assert "clip the targets of all 6 joints" in found(motorized(clipped), "warning", "position_clip").message
+    assert not any(finding.field == "position_clip" for finding in motorized(clipped, position_clip="joint_limits"))
 
 
-def test_a_joint_that_the_model_brakes():
-    wiring = {"joint_damping": [1.5, 0.0, 2.0, 2.1]}
-    braked = tuple(suspicious_findings(contract(**wiring), own_damping={"right_hip": 0.3}))
-    assert not any("nothing brakes" in finding.message for finding in braked)
-    dropped = suspicious_findings(contract(**wiring, model_joint_damping="drop"), own_damping={"right_hip": 0.3})
-    assert "nothing brakes" in found(dropped, "warning", "joint_damping", "right_hip").message
+def test_a_joint_that_leaves_the_exporters_formula(motorized):
+    """mjlab derives K_p and K_d from the armature, the scale from torque limit and K_p; rounded values fit."""
+    wrong = found(
+        motorized(joint_stiffness=[40.0, 40.0, 80.0, 80.0, 20.0, 30.0]), "warning", "joint_stiffness", "armature"
+    )
+    assert (wrong.joints, "30, expected 20" in wrong.message) == (("right_foot",), True)
+    damping = found(motorized(joint_damping=[2.5, 2.5, 4.0, 5.0, 1.2, 1.3]), "warning", "joint_damping", "armature")
+    assert damping.joints == ("left_knee",)
+    varied = {"joint_stiffness": [40.0, 40.0, 50.0, 50.0, 25.0, 25.0]}
+    scales = [0.25 * 1e4 * a / k for a, k in zip(ARMATURE.values(), varied["joint_stiffness"], strict=True)]
+    assert not any("effort limit / K_p" in f.message for f in motorized(**varied, action_scale=scales))
+    scales[2] = 0.35
+    assert found(motorized(**varied, action_scale=scales), "warning", "action_scale", "K_p").joints == ("left_knee",)
+
+
+def test_decimals_that_an_exporter_cut(robot):
+    source = {"provenance": dict.fromkeys(("action_scale", "joint_damping"), "mjlab metadata")}
+    fine = {"joint_names": (*JOINTS,), "action_joint_names": JOINTS}
+    for scale, severity in ((0.3485, "info"), (0.0548, "warning"), (0.0012, "error")):
+        found(
+            findings_of(robot, **fine, **source, action_scale=[round(scale, 3)] * 4), severity, "rounding", "3 decimals"
+        )
+
+
+def test_assumptions_of_a_dialect_are_one_line(robot):
+    assumed = dict.fromkeys(("policy_dt", "reference_quaternion"), "assumed (mjlab)")
+    message = found(findings_of(robot, provenance=assumed), "warning", "assumed (mjlab)").message
+    assert "policy_dt 0.02 s (50 Hz); reference_quaternion wxyz" in message
+
+
+def test_the_worst_stands_first(robot):
+    found = sorted_findings(findings_of(robot, policy_dt=1.0, joint_damping=0.0))
+    assert [finding.severity for finding in found] == ["error", "warning", "info"]
+
+
+def test_many_joints_are_counted():
+    names = [f"joint_{i}" for i in range(29)]
+    assert joint_list(names, 29) == "all 29 joints"
+    assert joint_list(names[:15], 29) == "joint_0, joint_1, joint_2 and 12 more"
+    assert joint_list({"knee": "2.5"}) == "knee (2.5)"
+
+
+@pytest.mark.parametrize(
+    "pair", [("left_knee", "right_knee"), ("LL_HR", "LR_HR"), ("l_hip_roll", "r_hip_roll"), ("hip_l", "hip_r")]
+)
+def test_left_and_right_are_told_by_the_names(pair):
+    assert mirrored_pairs([*pair, "roll", "waist"]) == [pair]
