@@ -39,10 +39,10 @@ class Fault:
 
 
 class Controller(Protocol):
-    """One way of commanding every joint."""
+    """One way of commanding every joint. Memories are `Memory` or a subclass."""
 
     fallback: ClassVar[str | None]
-    """Name of the controller that takes over when this one fails; None for the one that cannot."""
+    """Name of the controller that takes over when this one fails; None for `zero_torque_controller`."""
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from humanoid_sim.mit import FloatArray, MITCommand
 
 
 def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
-    """K_p 0 and K_d `damping` at `position`, which is 0 where it is not known, or is so absurd that none may be sent.
+    """K_p 0 and K_d `damping` at `position`, which is 0 where it is unknown, or too far off to be sent.
 
     At K_p 0 the position exerts no torque; it is there because a command is always complete and finite.
     """
@@ -23,11 +23,11 @@ def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
     return MITCommand(position=known, velocity=zeros, effort=zeros, stiffness=zeros, damping=damping)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DampingMemory(Memory):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HeldMemory(Memory):
     """The command, fixed at activation."""
 
-    command: MITCommand | None = None
+    command: MITCommand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +50,10 @@ class DampingController:
         object.__setattr__(self, "joints", joint_tuple(owner, self.joints))
         object.__setattr__(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
-    def activate(self, tick_input: TickInput) -> DampingMemory | Fault:
+    def activate(self, tick_input: TickInput) -> HeldMemory | Fault:
         """Capture the positions.
 
-        Faults only if no joint was ever heard: one silent wrist, or one absurd reading, must not make thirteen healthy
-        motors limp.
+        Fails only if no joint's position is known: one silent wrist must not make thirteen healthy motors limp.
         """
         position = tick_input.state.joint_position
         problem = joints_problem(tick_input.state, self.joints)
@@ -62,32 +61,28 @@ class DampingController:
             return Fault(problem)
         if not np.isfinite(position).any():
             return Fault("no joint position is known")
-        return DampingMemory(command=damped_command(position, self.damping))
+        return HeldMemory(command=damped_command(position, self.damping))
 
-    def update(self, memory: DampingMemory, tick_input: TickInput) -> tuple[DampingMemory, MITCommand] | Fault:
-        """Return the captured command; it depends on no later state."""
-        if memory.command is None:
-            return Fault("not activated")
+    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
+        """Return the captured command, whatever the state is now."""
         return memory, memory.command
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZeroTorqueController:
-    """Writes 0 to all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
+    """Zeros in all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
 
     fallback: ClassVar[str | None] = None
 
     joints: tuple[str, ...]
-    _command: MITCommand = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", joint_tuple("ZeroTorqueController", self.joints))
-        object.__setattr__(self, "_command", MITCommand.zeros(len(self.joints)))
 
-    def activate(self, tick_input: TickInput) -> Memory:
-        """Nothing to remember."""
-        return Memory()
+    def activate(self, tick_input: TickInput) -> HeldMemory:
+        """Make the zeros."""
+        return HeldMemory(command=MITCommand.zeros(len(self.joints)))
 
-    def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:
+    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
         """Return the same zeros every tick."""
-        return memory, self._command
+        return memory, memory.command

@@ -1,4 +1,4 @@
-"""The five-mode state machine: one pure function from what is and what is asked to who is in control next."""
+"""The five-mode state machine: a pure function from the present mode, safety and an intent to the next controller."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ MODES: Mapping[str, Mode] = MappingProxyType(
     }
 )
 """Mode of each controller."""
+MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
+"""Modes that drive the joints: safety and guards end them in DAMPING."""
+RESTING = frozenset({Mode.ZERO_TORQUE, Mode.DAMPING})
+"""Modes in which nothing pushes a joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,36 +31,29 @@ class Rule:
     """Conditions under which an intent is granted."""
 
     modes: frozenset[Mode]
-    """Modes from which alone it is granted."""
+    """Modes from which it is granted."""
     target: str | None
     """Controller that it leads to; None: quit."""
     standby_finished: bool = False
-    """True if it is granted only once the standby controller has arrived."""
+    """True if the standby controller must have arrived."""
 
     @property
     def requirement(self) -> str:
-        """Return what is required, in words: `ZERO_TORQUE or DAMPING`, `finished STANDBY`."""
-        names = " or ".join(mode.name for mode in sorted(self.modes))
+        """Return what is required, such as `ZERO_TORQUE or DAMPING` or `finished STANDBY`."""
+        names = mode_names(self.modes)
         return f"finished {names}" if self.standby_finished else names
 
-
-_STANDBY = frozenset({Mode.STANDBY})
-_DAMPING = frozenset({Mode.DAMPING})
 
 RULES: Mapping[Intent, Rule] = MappingProxyType(
     {
         Intent.DAMP: Rule(frozenset(Mode), DAMPING),
-        Intent.LOAD_A: Rule(_DAMPING, STANDBY_A),
-        Intent.LOAD_B: Rule(_DAMPING, STANDBY_B),
-        Intent.START_LOCOMOTION: Rule(_STANDBY, RL_POLICY, standby_finished=True),
-        Intent.START_REMOTE: Rule(_STANDBY, REMOTE_POLICY, standby_finished=True),
-        Intent.QUIT: Rule(frozenset({Mode.ZERO_TORQUE, Mode.DAMPING}), None),
+        Intent.LOAD_A: Rule(frozenset({Mode.DAMPING}), STANDBY_A),
+        Intent.LOAD_B: Rule(frozenset({Mode.DAMPING}), STANDBY_B),
+        Intent.START_LOCOMOTION: Rule(frozenset({Mode.STANDBY}), RL_POLICY, standby_finished=True),
+        Intent.START_REMOTE: Rule(frozenset({Mode.STANDBY}), REMOTE_POLICY, standby_finished=True),
+        Intent.QUIT: Rule(RESTING, None),
     }
 )
-
-MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
-"""Modes that drive the joints: safety and guards end them in DAMPING."""
-_ALWAYS_HEARD = frozenset({Intent.DAMP, Intent.QUIT})
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +69,13 @@ class Decision:
     """Reason why the intent takes no effect."""
 
 
+def mode_names(modes: frozenset[Mode]) -> str:
+    """Return the names of some modes, such as `ZERO_TORQUE or DAMPING`."""
+    return " or ".join(mode.name for mode in sorted(modes))
+
+
 def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
-    """All sources as one: the highest level, flags or-ed, sources and messages of whatever is not OK."""
+    """All sources as one: the highest level, flags or-ed, sources and messages of those that are not OK."""
     if all(status.is_ok and not status.flags for status in statuses):
         return OK
     level = max(status.level for status in statuses)
@@ -108,13 +110,17 @@ def choose_intent(intents: Sequence[Intent]) -> tuple[Intent | None, tuple[Inten
     return chosen, tuple(dict.fromkeys(intent for intent in intents if intent is not chosen))
 
 
-def granted_intent(intents: Sequence[Intent], refusals: Sequence[str]) -> Intent | None:
-    """Return the intent that took effect in a tick, given those that came and its output's refusals; None if none did.
+def refused(intent: Intent, reason: str) -> str:
+    """Return the line that refuses an intent."""
+    return f"{intent.name} refused: {reason}"
 
-    Every intent but the chosen one is refused; one refusal more is that of the chosen one.
-    """
-    chosen, superseded = choose_intent(intents)
-    return None if len(refusals) > len(superseded) else chosen
+
+def granted_intent(intents: Sequence[Intent], refusals: Sequence[str]) -> Intent | None:
+    """Return the intent that took effect in a tick, from its intents and its output's refusals; None for none."""
+    chosen, _ = choose_intent(intents)
+    if chosen is None or any(refusal.startswith(refused(chosen, "")) for refusal in refusals):
+        return None
+    return chosen
 
 
 def transition(
@@ -125,7 +131,7 @@ def transition(
     available: Container[str],
     unready: str = "",
 ) -> Decision:
-    """Return who is in control next.
+    """Return the next controller.
 
     ================= ============================ ==============================
     intent            from                         to
@@ -139,7 +145,7 @@ def transition(
 
     Everything else is refused. Safety comes before intents: any status but OK moves STANDBY, LOCOMOTION and REMOTE to
     DAMPING and refuses every intent but DAMP and QUIT while it lasts. It never moves ZERO_TORQUE up, and nothing
-    recovers by itself. Where there is no damping controller, ZERO_TORQUE stands in.
+    recovers by itself.
 
     Args:
         safety: all sources merged.
@@ -148,68 +154,45 @@ def transition(
         unready: reason why the controller that is to move the robot cannot start yet; '' for none.
     """
     mode = MODES[current]
-    if not safety.is_ok:
-        return _unsafe(mode, current, safety, intent, available)
-    if intent is None:
-        return Decision()
-    rule = RULES[intent]
-    refusal = _refusal(intent, rule, mode, current, standby_finished, available)
-    if not refusal and rule.standby_finished and unready:
-        refusal = f"{intent.name} refused: {unready}"
-    if refusal:
+    refusal = ""
+    if intent is not None:
+        reason = _refusal(mode, current, safety, intent, standby_finished, available, unready)
+        refusal = refused(intent, reason) if reason else ""
+    if mode in MOVING and not safety.is_ok:
+        return Decision(DAMPING, message=describe_safety(safety), refusal=refusal)
+    if intent is None or refusal:
         return Decision(refusal=refusal)
-    if rule.target is None:
-        return Decision(quit=True, message=f"{intent.name} requested")
-    if intent is Intent.DAMP:
-        return _damp(current, f"{intent.name} requested", available)
-    return Decision(rule.target, message=f"{intent.name} requested")
+    target = RULES[intent].target
+    if target == current:  # DAMP in DAMPING
+        return Decision()
+    return Decision(target, quit=target is None, message=f"{intent.name} requested")
+
+
+def _refusal(
+    mode: Mode,
+    current: str,
+    safety: SafetyStatus,
+    intent: Intent,
+    standby_finished: bool,
+    available: Container[str],
+    unready: str,
+) -> str:
+    rule = RULES[intent]
+    if not safety.is_ok and intent not in (Intent.DAMP, Intent.QUIT):
+        return describe_safety(safety)
+    if mode not in rule.modes:
+        return f"requires {rule.requirement}, mode is {mode.name}"
+    if rule.standby_finished and not standby_finished:
+        return f"requires {rule.requirement}, {current} has not finished"
+    if rule.target is not None and rule.target not in available:
+        return f"{rule.target} is not available"
+    return unready
 
 
 def granted(
     current: str, safety: SafetyStatus, standby_finished: bool, available: Container[str]
 ) -> tuple[Intent, ...]:
     """Return the intents that `transition` would not refuse; arguments as there."""
-    asked = ((intent, transition(current, safety, intent, standby_finished, available)) for intent in RULES)
-    return tuple(intent for intent, decision in asked if not decision.refusal)
-
-
-def _unsafe(
-    mode: Mode, current: str, safety: SafetyStatus, intent: Intent | None, available: Container[str]
-) -> Decision:
-    reason = describe_safety(safety)
-    refusal = "" if intent is None or intent in _ALWAYS_HEARD else f"{intent.name} refused: {reason}"
-    if intent is Intent.QUIT:
-        refusal = _refusal(intent, RULES[intent], mode, current, False, available)
-    if mode in MOVING:
-        demoted = _damp(current, reason, available)
-        return Decision(demoted.controller, message=demoted.message, refusal=refusal)
-    if intent is Intent.DAMP:
-        return _damp(current, f"{intent.name} requested", available)
-    if intent is Intent.QUIT:
-        return Decision(quit=True, message="QUIT requested", refusal=refusal)
-    return Decision(refusal=refusal)
-
-
-def _damp(current: str, reason: str, available: Container[str]) -> Decision:
-    if DAMPING not in available:
-        return Decision(ZERO_TORQUE, message=f"{reason}; {DAMPING} is not available")
-    if current == DAMPING:
-        return Decision()
-    return Decision(DAMPING, message=reason)
-
-
-def _refusal(
-    intent: Intent,
-    rule: Rule,
-    mode: Mode,
-    current: str,
-    standby_finished: bool,
-    available: Container[str],
-) -> str:
-    if mode not in rule.modes:
-        return f"{intent.name} refused: requires {rule.requirement}, mode is {mode.name}"
-    if rule.standby_finished and not standby_finished:
-        return f"{intent.name} refused: requires {rule.requirement}, {current} has not finished"
-    if rule.target is not None and intent is not Intent.DAMP and rule.target not in available:
-        return f"{intent.name} refused: {rule.target} is not available"
-    return ""
+    return tuple(
+        intent for intent in Intent if not transition(current, safety, intent, standby_finished, available).refusal
+    )

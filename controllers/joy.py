@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from itertools import permutations
 from typing import TYPE_CHECKING
 
 from humanoid_sim.errors import FieldError
 
 if TYPE_CHECKING:
     from humanoid_sim.messages import Intent
-
-_FIELDS: Mapping[str, str] = MappingProxyType(
-    {
-        "DAMP": "damp_button",
-        "QUIT": "quit_button",
-        "LOAD_A": "load_combo_a",
-        "LOAD_B": "load_combo_b",
-        "START_LOCOMOTION": "start_combo_locomotion",
-        "START_REMOTE": "start_combo_remote",
-    }
-)
-"""Field of `JoyBindings` for each intent, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,33 +31,34 @@ class JoyBindings:
     """START_REMOTE."""
 
     def __post_init__(self) -> None:
-        for field in ("load_combo_a", "load_combo_b", "start_combo_locomotion", "start_combo_remote"):
-            value = getattr(self, field)
-            if isinstance(value, str) or not isinstance(value, Sequence):
-                raise FieldError(f"JoyBindings.{field}: is {value!r}, expected a list of button indices")
-            object.__setattr__(self, field, tuple(value))
-        combos = self._by_name()
+        combos = self._by_field()
         for name, combo in combos.items():
-            if not combo or any(isinstance(b, bool) or not isinstance(b, int) or b < 0 for b in combo):
-                raise FieldError(f"JoyBindings.{_FIELDS[name]}: is {combo}, expected button indices >= 0")
-            if len(set(combo)) != len(combo):
-                raise FieldError(f"JoyBindings.{_FIELDS[name]}: is {combo}, expected each button once")
-        for first, second in ((a, b) for a in combos for b in combos if a is not b):
+            if not combo or min(combo) < 0 or len(set(combo)) != len(combo):
+                raise FieldError(f"JoyBindings.{name}: is {combo}, expected button indices >= 0, each once")
+        for first, second in permutations(combos, 2):
             if set(combos[first]) <= set(combos[second]):
                 raise FieldError(
-                    f"JoyBindings.{_FIELDS[first]}: {combos[first]} is pressed whenever {_FIELDS[second]} "
-                    f"{combos[second]} is, expected combinations that exclude each other"
+                    f"JoyBindings.{first}: {combos[first]} is pressed whenever {second} {combos[second]} is, "
+                    "expected combinations that exclude each other"
                 )
+
+    def _by_field(self) -> dict[str, tuple[int, ...]]:
+        """Return each field's buttons, in the order of the fields."""
+        return {
+            "damp_button": (self.damp_button,),
+            "quit_button": (self.quit_button,),
+            "load_combo_a": tuple(self.load_combo_a),
+            "load_combo_b": tuple(self.load_combo_b),
+            "start_combo_locomotion": tuple(self.start_combo_locomotion),
+            "start_combo_remote": tuple(self.start_combo_remote),
+        }
 
     def combos(self) -> dict[Intent, tuple[int, ...]]:
         """Return the buttons of each intent, all of which must be down."""
         from humanoid_sim.messages import Intent  # noqa: PLC0415 - NumPy stays out of `play --help`
 
-        return {Intent[name]: combo for name, combo in self._by_name().items()}
-
-    def _by_name(self) -> dict[str, tuple[int, ...]]:
-        values = {intent: getattr(self, name) for intent, name in _FIELDS.items()}
-        return {intent: value if isinstance(value, tuple) else (value,) for intent, value in values.items()}
+        order = (Intent.DAMP, Intent.QUIT, Intent.LOAD_A, Intent.LOAD_B, Intent.START_LOCOMOTION, Intent.START_REMOTE)
+        return dict(zip(order, self._by_field().values(), strict=True))
 
     def check(self, button_count: int) -> None:
         """Refuse a gamepad that lacks a bound button: an operator must not find out while pressing DAMP.
@@ -77,9 +66,9 @@ class JoyBindings:
         Raises `FieldError` naming the binding and the buttons that exist.
         """
         known = f"buttons 0 to {button_count - 1}" if button_count > 0 else "no buttons"
-        for intent, combo in self.combos().items():
+        for name, combo in self._by_field().items():
             if max(combo) >= button_count:
-                raise FieldError(f"JoyBindings.{_FIELDS[intent.name]}: is {combo}, but the gamepad has {known}")
+                raise FieldError(f"JoyBindings.{name}: is {combo}, but the gamepad has {known}")
 
 
 def pressed_intents(
@@ -87,15 +76,13 @@ def pressed_intents(
 ) -> tuple[Intent, ...]:
     """Return the intents whose last missing button went down between two readings of the buttons.
 
-    Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: whatever is already
-    held down is not taken for a press, except DAMP.
+    Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: buttons that are
+    already down do not count as pressed, except those of DAMP.
     """
     now = {i for i, down in enumerate(buttons) if down}
     then = {i for i, down in enumerate(before) if down}
-    intents = []
-    for intent, combo in bindings.combos().items():
-        held = set(combo) <= now
-        was_held = set(combo) <= then
-        if held and not was_held and (len(before) > 0 or intent.name == "DAMP"):
-            intents.append(intent)
-    return tuple(intents)
+    return tuple(
+        intent
+        for intent, combo in bindings.combos().items()
+        if set(combo) <= now and not set(combo) <= then and (len(before) > 0 or intent.name == "DAMP")
+    )

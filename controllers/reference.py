@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,7 @@ Frame = int | npt.NDArray[np.integer]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """A turn about the vertical and a shift along the ground, from the motion's world to the robot's."""
+    """A rotation about the vertical and a shift along the ground, from the motion's world to the robot's."""
 
     yaw: FloatArray
     """Shape (..., 4), w x y z."""
@@ -63,28 +62,20 @@ class MotionReference:
                     f"MotionReference.terms['{name}']: has shape {table.shape}, expected ({self.frame_count}, width)"
                 )
             if not np.isfinite(table).all():
-                row = int(np.argmax(~np.isfinite(table).all(axis=1)))
+                row = int(np.argmin(np.isfinite(table).all(axis=1)))
                 raise FieldError(f"MotionReference.terms['{name}']: frame {row} is not finite")
             table.setflags(write=False)
             frozen[name] = table
-        object.__setattr__(self, "terms", MappingProxyType(frozen))
-
-    def __reduce__(self) -> tuple[type[MotionReference], tuple[int, dict[str, Float32Array], tuple[int, ...]]]:
-        return MotionReference, (self.frame_count, dict(self.terms), self.lengths)
+        object.__setattr__(self, "terms", frozen)
 
     @classmethod
     def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
-        """Several motions with the same terms, one after the other.
-
-        Raises `FieldError` if they have other terms, or other widths of them.
-        """
-        first, *others = motions
-        for other in others:
-            widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in (first, other)]
-            if widths[0] != widths[1]:
-                raise FieldError(f"motions: have other terms: {widths[0]} and {widths[1]}")
-        if not others:
-            return first
+        """Several motions with the same terms, one after the other; raises `FieldError` if their terms differ."""
+        first = motions[0]
+        widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in motions]
+        for other in widths[1:]:
+            if other != widths[0]:
+                raise FieldError(f"motions: their terms differ: {widths[0]} and {other}")
         terms = {name: np.concatenate([motion.terms[name] for motion in motions]) for name in first.terms}
         lengths = tuple(motion.frame_count for motion in motions)
         return cls(sum(lengths), terms, lengths)
@@ -135,7 +126,7 @@ class MotionReference:
         return rotate(alignment.yaw, position) + alignment.offset, multiply(alignment.yaw, quaternion)
 
     def align(self, pose: FloatArray, frame: Frame = 0) -> Alignment:
-        """Lay a frame onto an anchor body's pose, shape (..., 7): its heading and its place, but not its height."""
+        """Align a frame with an anchor body's pose, shape (..., 7), in heading and place but not in height."""
         position, quaternion = self.anchor(frame, None)
         yaw = yaw_quaternion(multiply(pose[..., 3:], conjugate(quaternion)))
         offset = pose[..., :3] - rotate(yaw, position)

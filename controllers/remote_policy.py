@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -11,23 +12,23 @@ from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.damping import damped_command
 from humanoid_sim.controllers.parameters import command_problem, damping_values, joint_tuple, joints_problem, number
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import RemoteCommand, TickInput
+from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
 StaleCommandPolicy = Literal["passive", "hold"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RemoteMemory(Memory):
     """The command in force, and its age."""
 
-    activation_time: float = 0.0
+    activation_time: float
     """s, robot's clock."""
-    ignored_stamp: float = float("nan")
-    """Arrival time of the command that was already there at activation."""
-    time: float = 0.0
+    ignored_stamp: float
+    """Arrival time of the command that was already there at activation; NaN for none."""
+    time: float
     """s, robot's clock at the previous tick."""
-    stamp: float = float("nan")
+    stamp: float = math.nan
     """Arrival time of the command in force, as given; tells one command from the next."""
     age: float = 0.0
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
@@ -55,17 +56,16 @@ class RemotePolicyController:
     """N·m·s/rad"""
 
     def __post_init__(self) -> None:
-        owner = "RemotePolicyController"
-        set_field = object.__setattr__
-        set_field(self, "joints", joint_tuple(owner, self.joints))
+        owner, put = "RemotePolicyController", object.__setattr__
+        put(self, "joints", joint_tuple(owner, self.joints))
         accepted = get_args(StaleCommandPolicy)
         if self.stale_command_policy not in accepted:
             raise FieldError(
                 f"{owner}.stale_command_policy: is {self.stale_command_policy!r}, expected {' or '.join(accepted)}"
             )
         timeout = number(owner, "stale_command_timeout_ms", self.stale_command_timeout_ms, above=True)
-        set_field(self, "stale_command_timeout_ms", timeout)
-        set_field(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
+        put(self, "stale_command_timeout_ms", timeout)
+        put(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
     def unready(self, tick_input: TickInput) -> str:
         """Return why a robot that must be balanced from the first tick on cannot start yet; '' if it can."""
@@ -77,52 +77,46 @@ class RemotePolicyController:
 
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
-        time = tick_input.state.time
-        if not np.isfinite(time).all():
-            return Fault(f"time is {time}, expected a finite number")
-        seen = float("nan") if tick_input.remote is None else tick_input.remote.arrival_time
-        return RemoteMemory(activation_time=float(time), time=float(time), ignored_stamp=seen)
+        problem = self._problem(tick_input)
+        if problem:
+            return Fault(problem)
+        time, remote = float(tick_input.state.time), tick_input.remote
+        seen = math.nan if remote is None else remote.arrival_time
+        return RemoteMemory(activation_time=time, time=time, ignored_stamp=seen)
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """Return the command in force, or the damped hold in its place."""
-        state = tick_input.state
-        if not np.isfinite(state.time).all():
-            return Fault(f"time is {state.time}, expected a finite number")
-        problem = joints_problem(state, self.joints)
+        problem = self._problem(tick_input)
         if problem:
             return Fault(problem)
+        state, remote = tick_input.state, tick_input.remote
         time = float(state.time)
-        stamp, command = memory.stamp, memory.command
-        age = memory.age + max(time - memory.time, 0.0)
-        remote = tick_input.remote
-        if remote is not None and self._counts(remote, memory):
-            problem = command_problem(remote.command, self.joints)
+        command, stamp, age = memory.command, memory.stamp, memory.age + max(time - memory.time, 0.0)
+        if (
+            remote is not None
+            and remote.arrival_time > memory.activation_time
+            and remote.arrival_time != memory.ignored_stamp
+        ):
+            problem = "" if remote.command is command else command_problem(remote.command, self.joints)
             if problem:
                 return Fault(f"remote {problem}")
             if remote.arrival_time != stamp:
                 stamp, age = remote.arrival_time, max(time - remote.arrival_time, 0.0)
             command = remote.command
         fresh = command is not None and age <= self.stale_command_timeout_ms * 1e-3
-        memory = RemoteMemory(
-            notice="" if fresh == memory.is_fresh else self._news(fresh),
-            activation_time=memory.activation_time,
-            ignored_stamp=memory.ignored_stamp,
-            time=time,
-            stamp=stamp,
-            age=age,
-            command=command,
-            is_fresh=fresh,
-        )
+        notice = "" if fresh == memory.is_fresh else self._news(fresh)
+        memory = replace(memory, notice=notice, time=time, stamp=stamp, age=age, command=command, is_fresh=fresh)
         if command is not None and (fresh or self.stale_command_policy == "hold"):
             return memory, command
         return memory, damped_command(state.joint_position, self.damping)
+
+    def _problem(self, tick_input: TickInput) -> str:
+        state = tick_input.state
+        problem = joints_problem(state, self.joints)
+        return problem or ("" if math.isfinite(state.time) else f"time is {state.time}, expected a finite number")
 
     def _news(self, fresh: bool) -> str:
         if fresh:
             return "remote commands arrive and are in force"
         doing = "the last one is held" if self.stale_command_policy == "hold" else "the joints are damped"
         return f"no remote command for {self.stale_command_timeout_ms:g} ms: {doing}"
-
-    @staticmethod
-    def _counts(remote: RemoteCommand, memory: RemoteMemory) -> bool:
-        return remote.arrival_time > memory.activation_time and remote.arrival_time != memory.ignored_stamp

@@ -8,8 +8,6 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
-from numpy import ma  # NumPy loads it where it is first named: that takes 10 ms, and must not be in a tick
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
@@ -20,12 +18,11 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import Float32Array, MITCommand, MITState
 
-_RATE_TOLERANCE = 1e-6
-"""Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
+_RATE_TOLERANCE = 1e-6  # relative: periods are decimal fractions, which binary numbers round
 
 
 def ticks_per_step(policy_dt: float, control_period: float) -> tuple[int, bool]:
-    """Return how many control periods are nearest to a policy's period, both in s; and whether they make it up."""
+    """Return the control periods nearest to a policy's period, both in s, and True if they add up to it."""
     ratio = policy_dt / control_period
     ticks = max(round(ratio), 1)
     return ticks, abs(ratio - ticks) <= _RATE_TOLERANCE * ratio
@@ -67,33 +64,30 @@ class RLPolicyController:
     wiring: PolicyWiring = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        owner = "RLPolicyController"
-        set_field = object.__setattr__
-        set_field(self, "joints", joint_tuple(owner, self.joints))
-        set_field(self, "control_period", number(owner, "control_period", self.control_period, above=True))
+        owner, put = "RLPolicyController", object.__setattr__
+        put(self, "joints", joint_tuple(owner, self.joints))
+        put(self, "control_period", number(owner, "control_period", self.control_period, above=True))
         limit = action_limit_of(self.contract, self.action_limit)
-        set_field(self, "action_limit", number(owner, "action_limit", limit, above=True))
+        put(self, "action_limit", number(owner, "action_limit", limit, above=True))
         decimation, is_whole = ticks_per_step(self.contract.policy_dt, self.control_period)
         if not is_whole:
             raise FieldError(
                 f"{owner}.control_period: is {self.control_period:g} s, "
                 f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"
             )
-        set_field(self, "decimation", decimation)
+        put(self, "decimation", decimation)
         wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
-        set_field(self, "wiring", wiring)
+        put(self, "wiring", wiring)
 
     def unready(self, state: MITState) -> str:
         """Return which live input the policy would miss if it started now, and why; '' for none."""
         for name, topic in self.contract.live_topics.items():
-            heard = state.extern.get(name)
-            if heard is None:
+            live = state.extern.get(name)
+            if live is None:
                 return f"the live input '{name}' ({topic.name}) has not come yet"
-            if not heard.is_fresh(state.time).all():
-                age = float(np.max(np.subtract(state.time, heard.arrival_time)))
-                return (
-                    f"the live input '{name}' ({topic.name}) is {age:.3g} s old, expected at most {heard.timeout:g} s"
-                )
+            if not live.is_fresh(state.time).all():
+                age = float(state.time) - live.arrival_time
+                return f"the live input '{name}' ({topic.name}) is {age:.3g} s old, expected at most {live.timeout:g} s"
         return ""
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
@@ -113,7 +107,7 @@ class RLPolicyController:
             return held, memory.command
         try:
             observation, observed = self.wiring.observe(memory.policy, tick_input.state)
-        except FieldError as error:
+        except FieldError as error:  # a live input of another shape
             return Fault(str(error))
         step = infer(self.wiring, self.policy, observation, int(observed.frame))
         if isinstance(step, Fault):
@@ -123,30 +117,19 @@ class RLPolicyController:
 
 
 def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame: int) -> PolicyStep | Fault:
-    """Return the raw action of one robot's observation, shape (N,); whatever is wrong with either is a fault."""
+    """Return the raw action of one robot's observation, shape (N,), or what is wrong with either of them."""
     observation.setflags(write=False)
     problem = wiring.observation_problem(observation)
     if problem:
         return Fault(problem)
     try:
-        answer = _floats(policy(observation, frame))
+        answer = np.asarray(policy(observation, frame))
+        if answer.dtype.kind != "f":  # texts and integers would become numbers
+            raise TypeError(f"answered values of type {answer.dtype}, expected floats")
         with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
-            action = np.array(answer, dtype=np.float32)
+            action = answer.astype(np.float32)
     except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
         return Fault(f"policy failed: {error}", policy_error=str(error))
-    action.setflags(write=False)
     step = PolicyStep(frame, observation, action)
-    problem = wiring.action_problem(action)
+    problem = wiring.action_problem(step.action)
     return Fault(problem, step) if problem else step
-
-
-def _floats(answer: npt.ArrayLike) -> npt.NDArray[np.floating]:
-    """Return a policy's answer as the array of floats that it must be: texts and masks become numbers too easily.
-
-    Raises `TypeError` if it is something else.
-    """
-    array = np.asarray(answer)
-    if isinstance(answer, ma.MaskedArray) or array.dtype.kind != "f":
-        kind = "a masked array" if isinstance(answer, ma.MaskedArray) else f"values of type {array.dtype}"
-        raise TypeError(f"answered {kind}, expected floats")
-    return array

@@ -1,29 +1,28 @@
-"""STANDBY: walk from wherever the joints are through a sequence of poses, gains ramped in during the first segment."""
+"""STANDBY: go from the present positions through a sequence of poses, gains ramped in during the first segment."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number, per_joint
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import StandbyState, TickInput
-from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
+from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StandbyMemory(Memory):
-    """Start of the walk through the poses, and its progress."""
+    """Start of the trajectory, and the progress along it."""
 
-    start: FloatArray = field(default_factory=lambda: np.empty(0))
+    start: FloatArray
     """Shape (n,), rad, the positions captured at activation."""
-    elapsed: float = 0.0
+    elapsed: float
     """s of trajectory."""
-    time: float = 0.0
+    time: float
     """s, robot's clock at the previous tick."""
 
 
@@ -49,64 +48,48 @@ class StandbyController:
     """s of trajectory that one tick may cover: after a stall of the host the arms go on, they do not jump."""
 
     def __post_init__(self) -> None:
-        owner = "StandbyController"
-        set_field = object.__setattr__
-        set_field(self, "joints", joint_tuple(owner, self.joints))
+        owner, put = "StandbyController", object.__setattr__
+        put(self, "joints", joint_tuple(owner, self.joints))
         for name in ("target_stiffness", "target_damping"):
-            set_field(self, name, per_joint(owner, name, getattr(self, name), self.joints, minimum=0.0))
-        set_field(self, "max_time_step", number(owner, "max_time_step", self.max_time_step, above=True))
+            put(self, name, per_joint(owner, name, getattr(self, name), self.joints, minimum=0.0))
+        put(self, "max_time_step", number(owner, "max_time_step", self.max_time_step, above=True))
         durations = frozen_array(owner, "segment_durations", self.segment_durations)
         if durations.ndim != 1 or not durations.size:
             raise FieldError(f"{owner}.segment_durations: has shape {durations.shape}, expected one or more durations")
         for i, duration in enumerate(durations):
             number(owner, f"segment_durations[{i}]", float(duration), above=True)
-        set_field(self, "segment_durations", durations)
-        set_field(self, "pose_segments", self._checked_poses(self.pose_segments, durations))
-
-    def _checked_poses(self, poses: npt.ArrayLike, durations: FloatArray) -> FloatArray:
-        owner, rows = "StandbyController", []
-        for i, row in enumerate(np.atleast_1d(np.asarray(poses, dtype=object))):
-            name = f"pose_segments[{i}]"
-            pose = frozen_array(owner, name, np.atleast_1d(np.asarray(row, dtype=object)).tolist())
-            rows.append(per_joint(owner, name, pose, self.joints))
-        if len(rows) != len(durations):
+        poses = frozen_array(owner, "pose_segments", self.pose_segments)
+        shape = (len(durations), len(self.joints))
+        if poses.shape != shape or not np.isfinite(poses).all():
             raise FieldError(
-                f"{owner}.pose_segments: has {len(rows)} poses, expected {len(durations)}, one per segment duration"
+                f"{owner}.pose_segments: is {poses}, expected finite numbers of shape {shape}, "
+                "a pose per segment duration and a value per joint"
             )
-        return frozen_array(owner, "pose_segments", np.stack(rows))
+        put(self, "segment_durations", durations)
+        put(self, "pose_segments", poses)
 
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""
         state = tick_input.state
-        problem = self._problem(tick_input)
+        problem = self._problem(state)
         if problem:
             return Fault(problem)
-        return StandbyMemory(
-            standby=StandbyState(0, len(self.segment_durations), 0.0, False),
-            start=state.joint_position,
-            time=float(state.time),
-        )
+        standby = StandbyState(0, len(self.segment_durations), 0.0, False)
+        return StandbyMemory(standby=standby, start=state.joint_position, elapsed=0.0, time=float(state.time))
 
     def update(self, memory: StandbyMemory, tick_input: TickInput) -> tuple[StandbyMemory, MITCommand] | Fault:
         """Advance along the trajectory by the time that has passed."""
-        problem = self._problem(tick_input)
+        problem = self._problem(tick_input.state)
         if problem:
             return Fault(problem)
         time = float(tick_input.state.time)
         elapsed = memory.elapsed + min(max(time - memory.time, 0.0), self.max_time_step)
         standby, position, ramp = self._at(elapsed, memory.start)
         zeros = np.zeros(len(self.joints))
-        command = MITCommand(
-            position=position,
-            velocity=zeros,
-            effort=zeros,
-            stiffness=self.target_stiffness * ramp,
-            damping=self.target_damping * ramp,
-        )
+        command = MITCommand(position, zeros, zeros, self.target_stiffness * ramp, self.target_damping * ramp)
         return StandbyMemory(standby=standby, start=memory.start, elapsed=elapsed, time=time), command
 
-    def _problem(self, tick_input: TickInput) -> str:
-        state = tick_input.state
+    def _problem(self, state: MITState) -> str:
         problem = joints_problem(state, self.joints)
         if problem:
             return problem
@@ -114,19 +97,16 @@ class StandbyController:
         if unknown.any():
             i = int(np.argmax(unknown))
             return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
-        if not np.isfinite(state.time).all():
-            return f"time is {state.time}, expected a finite number"
-        return ""
+        return "" if np.isfinite(state.time) else f"time is {state.time}, expected a finite number"
 
     def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
         """Progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""
         total = len(self.segment_durations)
-        begin = 0.0
-        for i, duration in enumerate(self.segment_durations):
+        begin, previous = 0.0, start
+        for i, duration in enumerate(self.segment_durations.tolist()):
             if elapsed < begin + duration:
-                progress = min(float((elapsed - begin) / duration), 1.0)  # rounding may put it just above
-                previous = start if i == 0 else self.pose_segments[i - 1]
+                progress = min((elapsed - begin) / duration, 1.0)  # rounding may put it just above
                 position = previous + (self.pose_segments[i] - previous) * progress
                 return StandbyState(i, total, progress, False), position, progress if i == 0 else 1.0
-            begin += float(duration)
-        return StandbyState(total - 1, total, 1.0, True), self.pose_segments[-1], 1.0
+            begin, previous = begin + duration, self.pose_segments[i]
+        return StandbyState(total - 1, total, 1.0, True), previous, 1.0

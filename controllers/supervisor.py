@@ -7,40 +7,22 @@ tick in which a controller fails already carries its fallback's command. A guard
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
-from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, transition
+from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, refused, transition
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.messages import (
-    ControlMode,
-    FaultReport,
-    Intent,
-    PolicyStep,
-    StandbyState,
-    TickInput,
-    TickOutput,
-)
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
 
 STARTED = "started"
 NOT_DRIVEN = "no motor is driven: reactivate failed"
-_START_REASONS = (STARTED, NOT_DRIVEN)
-"""Reasons why the control stack is at its start: status message of its first tick, unless that says something else."""
-
-
-def start_reason(status_message: str) -> str:
-    """Return why the control stack was at its start, from the status message that was recorded of its first tick.
-
-    A message that says something else hides the reason, which then has no effect on any tick.
-    """
-    return status_message if status_message in _START_REASONS else STARTED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +32,9 @@ class SupervisorMemory:
     controller: str
     controller_memory: Any
     """Memory of that controller; None: it is to be activated in the next tick."""
-    status_message: str = ""
+    status_message: str
+    command: MITCommand
+    """The command of the previous tick, which was accepted; zeros at the start."""
     guards: GuardMemory | None = None
     """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
     ZERO_TORQUE, which push nowhere, end it."""
@@ -58,26 +42,19 @@ class SupervisorMemory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Result:
-    """Result of one controller in this tick, after validation."""
+    """Memory and sound command of the controller in control."""
 
-    memory: Any
+    memory: Memory
     command: MITCommand
-    standby: StandbyState | None = None
-    policy_step: PolicyStep | None = None
-    notice: str = ""
     guards: GuardMemory | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Outcome:
-    """The controller whose command is sent, its result, and the failures on the way to it."""
+class _Failure:
+    """A controller's fault, and whether it raised."""
 
-    controller: str
-    result: _Result
-    faults: tuple[FaultReport, ...]
-    policy_step: PolicyStep | None
-    """That of the result, or of what failed before it."""
-    policy_error: str | None
+    fault: Fault
+    is_bug: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,32 +68,28 @@ class Supervisor:
     """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
     needs_producer: bool = field(default=False, kw_only=True)
     """True where START_REMOTE requires commands that already arrive: nothing else keeps a floating base on its feet."""
-    _zero: MITCommand = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", joint_tuple("Supervisor", self.joints))
-        for name, controller in self.controllers.items():
-            if name not in MODES:
-                raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
-            if tuple(controller.joints) != self.joints:
-                raise FieldError(
-                    f"Supervisor.controllers['{name}']: joints are {', '.join(controller.joints)}, "
-                    f"expected {', '.join(self.joints)}"
-                )
+        object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
         for name in (ZERO_TORQUE, DAMPING):
             if name not in self.controllers:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
+        parts = {f"controllers['{name}']": tuple(value.joints) for name, value in self.controllers.items()}
+        if self.guards is not None:
+            parts["guards"] = self.guards.joints
+        for part, joints in parts.items():
+            if joints != self.joints:
+                raise FieldError(
+                    f"Supervisor.{part}: joints are {', '.join(joints)}, expected {', '.join(self.joints)}"
+                )
         for name in self.controllers:
+            if name not in MODES:
+                raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
             self._check_fallbacks(name)
-        if self.guards is not None and self.guards.joints != self.joints:
-            raise FieldError(
-                f"Supervisor.guards: joints are {', '.join(self.guards.joints)}, expected {', '.join(self.joints)}"
-            )
-        object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
-        object.__setattr__(self, "_zero", MITCommand.zeros(len(self.joints)))
 
     def _check_fallbacks(self, name: str) -> None:
-        """Every chain of fallbacks ends at ZERO_TORQUE."""
+        """Refuse a chain of fallbacks that does not end at ZERO_TORQUE."""
         chain = [name]
         while chain[-1] != ZERO_TORQUE:
             fallback = self.controllers[chain[-1]].fallback or ZERO_TORQUE
@@ -128,132 +101,99 @@ class Supervisor:
             chain.append(fallback)
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
-        """Return the start: ZERO_TORQUE; `reason` is what an operator is told of it."""
-        return SupervisorMemory(ZERO_TORQUE, None, reason)
+        """Return the start, ZERO_TORQUE; `reason` is the first status message."""
+        return SupervisorMemory(ZERO_TORQUE, None, reason, MITCommand.zeros(len(self.joints)))
 
     def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
         """One tick. Neither argument is changed; the same arguments give bit-identical results."""
         safety = merge_safety(tick_input.safety)
         intent, superseded = choose_intent(tick_input.intents)
-        finished, unready = _has_finished(memory.controller_memory), self.unready(intent, tick_input)
+        standby = None if memory.controller_memory is None else memory.controller_memory.standby
+        finished = standby is not None and standby.is_finished
+        unready = self.unready(intent, tick_input)
         decision = transition(memory.controller, safety, intent, finished, self.controllers, unready)
 
-        switch = decision.controller is not None
-        wanted = decision.controller or memory.controller
-        outcome = self._run(wanted, None if switch else memory.controller_memory, memory, tick_input)
-        result = outcome.result
-
-        refusals = tuple(
-            text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
-        )
-        words = [decision.message, *(_describe(fault) for fault in outcome.faults), result.notice, *refusals]
-        status = "; ".join(word for word in words if word) or memory.status_message
-        output = TickOutput(
-            command=result.command,
-            control_mode=ControlMode(MODES[outcome.controller], outcome.controller, status),
-            standby=result.standby,
-            quit=decision.quit,
-            faults=outcome.faults,
-            refusals=refusals,
-            policy_step=outcome.policy_step,
-            policy_error=outcome.policy_error,
-        )
-        return SupervisorMemory(outcome.controller, result.memory, status, result.guards), output
-
-    def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
-        """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
-        remote = self.controllers.get(REMOTE_POLICY)
-        if intent is Intent.START_REMOTE and self.needs_producer and isinstance(remote, RemotePolicyController):
-            return remote.unready(tick_input)
-        controller = self.controllers.get(RL_POLICY) if intent is Intent.START_LOCOMOTION else None
-        return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
-
-    def _run(self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput) -> _Outcome:
-        """Run a controller, or the first of its fallbacks that does not fail.
-
-        A fallback that was in control `before` goes on from there: the captured positions of DAMPING are as good as
-        they were, even if the state is not.
-        """
+        if decision.controller is None:
+            name, controller_memory = memory.controller, memory.controller_memory
+        else:
+            name, controller_memory = decision.controller, None
         faults: list[FaultReport] = []
         policy_step: PolicyStep | None = None
         policy_error: str | None = None
         while True:
-            result, is_bug = self._attempt(name, controller_memory, before.guards, tick_input)
-            if not isinstance(result, Fault):
-                return _Outcome(name, result, tuple(faults), result.policy_step or policy_step, policy_error)
-            policy_step = policy_step or result.policy_step
-            policy_error = result.policy_error if policy_error is None else policy_error
-            fallback = self.controllers[name].fallback or ZERO_TORQUE
-            faults.append(FaultReport(name, fallback, result.message, is_bug))
-            if name == ZERO_TORQUE:
-                # Cannot happen with this package's controller; a foreign one in its place may do anything.
-                return _Outcome(name, _Result(Memory(), self._zero), tuple(faults), policy_step, policy_error)
-            name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
+            result = self._attempt(name, controller_memory, memory, tick_input)
+            if isinstance(result, _Result):
+                break
+            fault, fallback = result.fault, self.controllers[name].fallback or ZERO_TORQUE
+            if not faults:
+                policy_step, policy_error = fault.policy_step, fault.policy_error
+            faults.append(FaultReport(name, fallback, fault.message, result.is_bug))
+            if name == ZERO_TORQUE:  # never this package's own
+                result = _Result(Memory(), MITCommand.zeros(len(self.joints)))
+                break
+            # A fallback that was in control goes on: the captured positions of DAMPING are as good as they were.
+            name, controller_memory = fallback, memory.controller_memory if fallback == memory.controller else None
+
+        refusals = tuple(refused(other, f"{intent.name} came in the same tick") for other in superseded if intent)
+        if decision.refusal:
+            refusals = (decision.refusal, *refusals)
+        words = (decision.message, *map(_describe, faults), result.memory.notice, *refusals)
+        status = "; ".join(filter(None, words)) or memory.status_message
+        output = TickOutput(
+            command=result.command,
+            control_mode=ControlMode(MODES[name], name, status),
+            standby=result.memory.standby,
+            quit=decision.quit,
+            faults=tuple(faults),
+            refusals=refusals,
+            policy_step=result.memory.policy_step or policy_step,
+            policy_error=policy_error,
+        )
+        return SupervisorMemory(name, result.memory, status, result.command, result.guards), output
+
+    def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
+        """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
+        remote, policy = self.controllers.get(REMOTE_POLICY), self.controllers.get(RL_POLICY)
+        if intent is Intent.START_REMOTE and self.needs_producer and isinstance(remote, RemotePolicyController):
+            return remote.unready(tick_input)
+        if intent is Intent.START_LOCOMOTION and isinstance(policy, RLPolicyController):
+            return policy.unready(tick_input.state)
+        return ""
 
     def _attempt(
-        self, name: str, controller_memory: Any, guards: GuardMemory | None, tick_input: TickInput
-    ) -> tuple[_Result | Fault, bool]:
-        """Return a controller's result, with all that must not leave it turned into a fault; and whether it raised."""
+        self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
+    ) -> _Result | _Failure:
+        """Return a controller's result, or what keeps its command from being sent."""
         controller = self.controllers[name]
         try:
-            if controller_memory is None:
-                controller_memory = controller.activate(tick_input)
-            if isinstance(controller_memory, Fault):
-                return _readable(controller_memory), False
-            update = controller.update(controller_memory, tick_input)
-            if isinstance(update, Fault):
-                return _readable(update), False
-            result = _checked(update)
-            problem = command_problem(result.command, self.joints)
+            answer = controller.activate(tick_input) if controller_memory is None else controller_memory
+            if not isinstance(answer, Fault):
+                answer = controller.update(answer, tick_input)
+            if isinstance(answer, Fault):
+                error = None if answer.policy_error is None else _text(answer.policy_error)
+                return _Failure(Fault(_text(answer.message), answer.policy_step, error))
+            memory, command = answer
+            # Commands are read-only: one that is held was accepted before.
+            problem = "" if command is before.command else command_problem(command, self.joints)
+            guards = None
             if not problem and self.guards is not None and MODES[name] in MOVING:
-                watched = self.guards.watch(guards, tick_input.state, result.command)
-                if watched is not None:  # something is near a bound
-                    problem = self.guards.problem(watched, tick_input.state, result.command)
-                    result = replace(result, guards=watched)
-            return (Fault(problem, result.policy_step) if problem else result), False
+                guards = self.guards.watch(before.guards, tick_input.state, command)
+                problem = "" if guards is None else self.guards.problem(guards, tick_input.state, command)
+            if problem:
+                return _Failure(Fault(problem, memory.policy_step))
+            if not isinstance(memory, Memory):
+                raise TypeError(f"update gave a {type(memory).__name__} for a memory")
+            return _Result(memory, command, guards)
         except Exception as error:  # a bug; contained here because the robot needs a command in this tick
-            return Fault(_explain(error)), True
+            return _Failure(Fault(f"{type(error).__name__}: {_text(error)}"), is_bug=True)
 
 
-def _checked(update: Any) -> _Result:
-    """Return what a controller's `update` gave, if it is what it must be: anything else is a bug, and raises."""
-    memory, command = update
-    if memory is None or isinstance(memory, Fault):
-        raise TypeError(f"update gave {type(memory).__name__} for a memory")
-    if type(command) is not MITCommand:  # a subclass may say of itself what it likes
-        raise TypeError(f"update gave a {type(command).__name__}, expected an MITCommand")
-    standby, policy_step = getattr(memory, "standby", None), getattr(memory, "policy_step", None)
-    return _Result(memory, command, standby, policy_step, _printable(getattr(memory, "notice", "")))
-
-
-def _has_finished(controller_memory: Any) -> bool:
-    """Return whether the standby controller has arrived; a memory that cannot be asked has not."""
+def _text(value: object) -> str:
+    """Return a foreign message as text that can be printed and recorded."""
     try:
-        return bool(controller_memory.standby.is_finished)
-    except Exception:  # not a standby memory, or one whose properties raise: either way START is refused
-        return False
-
-
-def _readable(fault: Fault) -> Fault:
-    """Return the fault with a message that can be printed and recorded, whatever a foreign controller put there."""
-    message = _printable(fault.message)
-    error = None if fault.policy_error is None else _printable(fault.policy_error)
-    return Fault(message, fault.policy_step, error)
-
-
-def _printable(text: object) -> str:
-    return str(text).encode(errors="backslashreplace").decode()
-
-
-def _explain(error: Exception) -> str:
-    try:
-        return _printable(f"{type(error).__name__}: {error}")
+        return str(value).encode(errors="backslashreplace").decode()
     except Exception:  # an exception that cannot even be printed
-        return type(error).__name__
-
-
-def _superseded(other: Intent, chosen: Intent | None) -> str:
-    return f"{other.name} refused: {chosen.name} came in the same tick" if chosen else ""
+        return type(value).__name__
 
 
 def _describe(fault: FaultReport) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.supervisor import Supervisor, start_reason
+from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickOutput, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.reader import Entry, Recording
@@ -245,7 +245,7 @@ def repeat_run(
             is_fresh = is_fresh or (report.can_continue and record.kind is EventKind.FRESH_START)
             continue
         if is_fresh:
-            memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
+            memory, is_fresh = stack.initial(record.output.control_mode.status_message), False
         if record.index < following:
             report.difference = Difference("index", "", f"{record.index}, after {following - 1}", f"{following}")
         elif report.can_continue and record.index > following:

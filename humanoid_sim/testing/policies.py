@@ -88,7 +88,6 @@ def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapp
         "text": lambda *_: "left",
         "texts of numbers": lambda *_: [str(value) for value in zeros],
         "integers": lambda *_: [0] * action_count,
-        "a masked array": lambda *_: np.ma.masked_array(zeros, mask=[True] * action_count),
         "a record": lambda *_: np.zeros(action_count, dtype=[("left", np.float32)]),
         "nothing": lambda *_: None,
         "raises": fails,

@@ -1,4 +1,4 @@
-"""LOCOMOTION: the policy's view, its rate, its motion and its failures."""
+"""LOCOMOTION: the policy's view, its rate and its motion; `tests/survive` has its failures."""
 
 import re
 from dataclasses import replace
@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from rig import JOINTS, PERIOD, contract, good_answer, reference, tick
 
-from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.reference import MotionReference, no_reference
+from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern
@@ -32,25 +31,21 @@ def controller(policy=zeros, **changes):
     return RLPolicyController(**{**values, "policy": policy, **changes})
 
 
-def run(rl, count, start=0.0, **inputs):
-    """Memory and command of each tick; a fault ends the run."""
-    memory = rl.activate(tick(start, **inputs))
+def run(rl, count):
+    """Memory and command of each tick."""
+    memory = rl.activate(tick())
     results = []
     for i in range(count):
-        result = rl.update(memory, tick(start + i * PERIOD, **inputs))
-        results.append(result)
-        if isinstance(result, Fault):
-            break
-        memory, _ = result
+        memory, command = rl.update(memory, tick(i * PERIOD))
+        results.append((memory, command))
     return results
 
 
 def test_the_policy_sees_its_own_joint_order():
     policy = ScriptedPolicy(zeros)
-    memory = controller(policy).activate(tick())
     state = tick(0.0, position=(0.4, 0.5, 0.6), extern={"velocity": Extern([7.0, 8.0, 9.0], 0.0)}).state
-    moving = replace(state, joint_velocity=[1.0, 2.0, 3.0])
-    controller(policy).update(memory, replace(tick(), state=moving))
+    rl, moving = controller(policy), replace(tick(), state=replace(state, joint_velocity=[1.0, 2.0, 3.0]))
+    rl.update(rl.activate(moving), moving)
     ((observation, frame),) = policy.calls
     assert frame == 0
     assert observation.dtype == np.float32
@@ -58,23 +53,17 @@ def test_the_policy_sees_its_own_joint_order():
     assert observation.tolist() == np.array(expected, dtype=np.float32).tolist()
 
 
-def test_the_action_drives_its_own_joints():
-    rl = controller(lambda *_: [2.0, -4.0])  # of elbow and shoulder
-    ((_, command),) = run(rl, 1)
+def test_the_action_drives_its_own_joints_and_is_seen_raw_one_step_later():
+    policy = ScriptedPolicy(lambda _, frame: np.array([2.0, -4.0]) * (frame + 1))  # of elbow and shoulder
+    (_, command), *_ = run(controller(policy), 5)
     assert command.position.tolist() == pytest.approx([0.03 + 0.25 * -4.0, 0.02 + 0.5 * 2.0, 0.0])
     assert command.stiffness.tolist() == [33.0, 32.0, 31.0]
     assert command.damping.tolist() == [3.3, 3.2, 3.1]
     assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
+    assert [observation[9:11].tolist() for observation, _ in policy.calls] == [[0.0, 0.0], [2.0, -4.0], [4.0, -8.0]]
 
 
-def test_the_last_action_is_seen_raw_one_step_later():
-    answers = iter([[1.5, -2.5], [3.5, 4.5], [0.0, 0.0]])
-    policy = ScriptedPolicy(lambda *_: next(answers))
-    run(controller(policy), 6)
-    assert [observation[9:11].tolist() for observation, _ in policy.calls] == [[0.0, 0.0], [1.5, -2.5], [3.5, 4.5]]
-
-
-@pytest.mark.parametrize(("period", "decimation"), [(0.04, 1), (0.02, 2), (0.01, 4), (0.005, 8), (0.04 / 3, 3)])
+@pytest.mark.parametrize(("period", "decimation"), [(0.04, 1), (0.02, 2), (0.005, 8), (0.04 / 3, 3)])
 def test_one_inference_every_policy_dt_and_the_command_held_between(period, decimation):
     policy = ScriptedPolicy(good_answer)
     rl = controller(policy, control_period=period)
@@ -83,45 +72,27 @@ def test_one_inference_every_policy_dt_and_the_command_held_between(period, deci
     assert len(policy.calls) == 3
     for i, (memory, command) in enumerate(results):
         assert (memory.policy_step is not None) == (i % decimation == 0)
-        assert fingerprint(command) == fingerprint(results[i - i % decimation][1])
-        if decimation > 1 and memory.policy_step is not None:
-            _, held = rl.update(memory, tick((i + 1) * period, position=(2.0, 2.0, 2.0)))
-            assert fingerprint(held) == fingerprint(command), "whatever the state is meanwhile"
-    steps = [fingerprint(results[i * decimation][1]) for i in range(3)]
-    assert len(set(steps)) == 3
+        assert command is results[i - i % decimation][1]
+    assert len({fingerprint(results[i * decimation][1]) for i in range(3)}) == 3
 
 
-def test_the_frame_advances_once_per_inference_and_holds_at_the_end():
+def test_the_frame_advances_once_per_inference_and_each_activation_begins_anew():
     policy = ScriptedPolicy(zeros)
-    results = run(controller(policy), 14)
-    assert [frame for _, frame in policy.calls] == [0, 1, 2, 3, 3, 3, 3]
-    assert [observation[:3].tolist() for observation, _ in policy.calls] == [
-        [frame, frame + 0.25, frame + 0.5] for frame in (0, 1, 2, 3, 3, 3, 3)
-    ]
-    progress = [float(observation[11]) for observation, _ in policy.calls]
-    assert progress == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0, 1.0, 1.0, 1.0])
-    steps = [memory.policy_step for memory, _ in results if memory.policy_step]
-    assert [step.frame for step in steps] == [0, 1, 2, 3, 3, 3, 3]
+    results = run(controller(policy), 10)
+    frames = [0, 1, 2, 3, 3]
+    assert [frame for _, frame in policy.calls] == frames
+    assert [memory.policy_step.frame for memory, _ in results if memory.policy_step] == frames
+    assert [observation[:3].tolist() for observation, _ in policy.calls] == [[f, f + 0.25, f + 0.5] for f in frames]
+    assert [float(o[11]) for o, _ in policy.calls] == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0, 1.0]), "progress"
+    run(controller(policy), 1)
+    assert policy.calls[-1][1] == 0
 
 
-def test_activation_starts_the_motion_anew():
-    policy = ScriptedPolicy(lambda *_: [1.0, 1.0])
-    rl = controller(policy)
-    run(rl, 6)
-    run(rl, 2)
-    assert [frame for _, frame in policy.calls] == [0, 1, 2, 0]
-    assert policy.calls[-1][0][9:11].tolist() == [0.0, 0.0]
-
-
-def test_a_policy_without_a_motion_and_with_one_of_one_frame():
+def test_a_policy_without_a_motion():
     plain = contract(task_type="locomotion", observation=("joint_pos",), body_names=())
     policy = ScriptedPolicy(zeros)
-    assert len(run(controller(policy, contract=plain, reference=no_reference()), 4)) == 4
+    run(controller(policy, contract=plain, reference=no_reference()), 4)
     assert [observation.shape for observation, _ in policy.calls] == [(3,), (3,)]
-    policy = ScriptedPolicy(zeros)
-    run(controller(policy, reference=MotionReference(1, {"motion_body_pos_b": [[1.0, 2.0, 3.0]]})), 4)
-    assert [observation[:3].tolist() for observation, _ in policy.calls] == [[1.0, 2.0, 3.0]] * 2
-    assert [float(observation[11]) for observation, _ in policy.calls] == [1.0, 1.0]
 
 
 OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the robot's joints"
@@ -130,32 +101,13 @@ OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints": ()}, "RLPolicyController.joints: is empty"),
-        ({"control_period": 0.0}, f"{OWN}.control_period: is 0.0, expected a finite number > 0"),
-        ({"control_period": NAN}, f"{OWN}.control_period: is nan"),
-        ({"control_period": "fast"}, f"{OWN}.control_period: is 'fast'"),
-        (
-            {"control_period": 0.03},
-            f"{OWN}.control_period: is 0.03 s, expected policy_dt (0.04 s) to be a whole multiple",
-        ),
-        ({"control_period": 0.08}, f"{OWN}.control_period: is 0.08 s, expected policy_dt"),
-        ({"control_period": 0.0201}, f"{OWN}.control_period: is 0.0201 s, expected policy_dt"),
-        ({"control_period": 1e9}, f"{OWN}.control_period: is 1e+09 s, expected policy_dt"),
-        ({"action_limit": 0}, f"{OWN}.action_limit: is 0, expected a finite number > 0"),
+        ({"control_period": 0.0}, f"{OWN}.control_period: is 0.0"),
+        ({"control_period": 0.03}, f"{OWN}.control_period: is 0.03 s, expected policy_dt (0.04 s)"),
+        ({"control_period": 0.08}, f"{OWN}.control_period: is 0.08 s"),
         ({"action_limit": INF}, f"{OWN}.action_limit: is inf"),
         ({"joints": ("shoulder", "elbow", "hand")}, f"{OTHERS}: the robot lacks wrist; the policy lacks hand"),
-        ({"joints": ("shoulder", "elbow")}, f"{OTHERS}: the robot lacks wrist"),
-        ({"joints": ("shoulder", "elbow", "wrist", "neck")}, f"{OTHERS}: the policy lacks neck"),
-        (
-            {"contract": contract(observation=("joint_pos", "joint_torque"))},
-            "unknown observation term 'joint_torque'; known: actions, base_ang_vel, ",
-        ),
-        ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a tracking motion, and there is"),
-        (
-            {"contract": contract(observation=("key_pressed",))},
-            "observation term 'key_pressed' needs a source of live key states: a piano, or a width of its own, and",
-        ),
-        ({"extern": {}}, "unknown observation term 'velocity'; known: actions"),
+        ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a tracking motion"),
+        ({"extern": {}}, "unknown observation term 'velocity'"),
     ],
 )
 def test_a_policy_that_does_not_fit_is_refused(changes, message):

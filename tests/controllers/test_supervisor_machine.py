@@ -23,7 +23,7 @@ class RigMachine(StackMachine):
 
 
 def test_the_supervisor_withstands_anything():
-    run_state_machine_as_test(RigMachine, settings=settings(DEFAULT_SETTINGS, max_examples=15, derandomize=True))
+    run_state_machine_as_test(RigMachine, settings=settings(DEFAULT_SETTINGS, max_examples=8, derandomize=True))
 
 
 @pytest.mark.soak
