@@ -10,9 +10,6 @@ import math
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
-_LONGEST_LINE = 10_000
-"""Characters."""
-
 
 class HumanoidSimError(Exception):
     """Root of every exception that this package raises deliberately."""
@@ -26,12 +23,8 @@ class InputError(HumanoidSimError):
     """A user's input is wrong: one line with the file or option, the field, the value and what is accepted."""
 
     def __init__(self, message: str) -> None:
-        """Keep it one line, whatever names a file holds, and of a very long one both ends."""
-        message = message.replace("\n", "\\n").replace("\r", "\\r")
-        if len(message) > _LONGEST_LINE:
-            half = _LONGEST_LINE // 2
-            message = f"{message[:half]} … {message[-half:]}"
-        super().__init__(message)
+        """Keep it one line, whatever names a file holds."""
+        super().__init__(message.replace("\n", "\\n").replace("\r", "\\r"))
 
 
 @contextmanager
@@ -44,8 +37,8 @@ def blaming(
     try:
         yield
     except kind as error:
-        said = "" if isinstance(error, HumanoidSimError) else getattr(error, "strerror", None) or reason_of(error)
-        raise into(f"{what}: {said or error}") from None
+        reason = error if isinstance(error, HumanoidSimError) else getattr(error, "strerror", None) or reason_of(error)
+        raise into(f"{what}: {reason}") from None
 
 
 class MissingPackageError(InputError):
@@ -131,7 +124,7 @@ def missing_system(error: BaseException | None) -> str:
 
 
 def was_interrupted(error: BaseException | None) -> bool:
-    """Tell whether Ctrl-C is what ended something: a library that was loading may have made it an error of its own."""
+    """Return True if Ctrl-C is the cause of an error: a library that was loading may have made it one of its own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum, IntFlag
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
 
@@ -73,16 +71,6 @@ class SafetyStatus:
     source: str = ""
     message: str = ""
 
-    def __post_init__(self) -> None:
-        try:
-            object.__setattr__(self, "level", SafetyLevel(self.level))
-        except ValueError:
-            known = ", ".join(f"{level.name} {level.value}" for level in SafetyLevel)
-            raise FieldError(f"SafetyStatus.level: is {self.level!r}, expected one of {known}") from None
-        if not isinstance(self.flags, int) or not 0 <= self.flags < 1 << 32:
-            raise FieldError(f"SafetyStatus.flags: is {self.flags!r}, expected an unsigned 32-bit mask")
-        object.__setattr__(self, "flags", SafetyFlag(self.flags))
-
     @property
     def is_ok(self) -> bool:
         """Return whether the level is OK; flags alone do not decide."""
@@ -140,9 +128,6 @@ class PolicyStep:
             array = np.array(getattr(self, name), dtype=np.float32)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.frame, self.observation, self.action)  # NumPy's own pickling gives writable arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +227,7 @@ class EventKind(IntEnum):
     """The run is about to end."""
     FALL = 6
     """The robot fell, or lost the motion that it follows."""
-    POLICY = 7
-    """Unused: another policy was loaded, in recordings of versions that could."""
-    PUSH = 8
+    PUSH = 7
     """An operator pushed the simulated robot, from the tick that follows on."""
 
 

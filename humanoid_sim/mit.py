@@ -1,4 +1,4 @@
-"""The joint surface: what a robot reports, what it is told, and between the two the MIT control law and its limit.
+"""State and command of a robot's joints, and between the two the MIT control law and its limit.
 
 Simulator, emulated motors and real motors share these two types and this one law. Arrays are copied at construction
 and read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or
@@ -8,9 +8,9 @@ a batch of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 
+_FLOAT64 = np.dtype(np.float64)
 COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 """The five MIT fields in their frozen order (`humanoid_control_msgs/MITCommand`)."""
 
@@ -44,22 +45,16 @@ def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
     return array
 
 
-def _freeze(instance: object, name: str, shape: tuple[int, ...] | None, layout: str) -> FloatArray:
-    """Freeze one field of a frozen dataclass in place and check its shape."""
-    owner = type(instance).__name__
-    array = frozen_array(owner, name, getattr(instance, name))
-    if shape is None:
-        if array.ndim == 0:
-            raise FieldError(f"{owner}.{name}: is a scalar, expected shape {layout}")
-    elif array.shape != shape:
-        raise FieldError(f"{owner}.{name}: shape is {array.shape}, expected {shape}, that is {layout}")
-    object.__setattr__(instance, name, array)
-    return array
-
-
-def _rebuild(instance: Any) -> tuple[Any, ...]:
-    """`__reduce__` through the constructor: NumPy's own pickling (and deep copying) gives writable arrays."""
-    return type(instance), tuple(getattr(instance, f.name) for f in fields(instance))
+def _freeze(instance: object, shape: tuple[int, ...], *names: str) -> None:
+    """Make read-only float64 copies of fields, all of one shape."""
+    for name in names:
+        value = getattr(instance, name)
+        is_plain = type(value) is np.ndarray and value.dtype is _FLOAT64
+        array = value.copy() if is_plain else np.array(value, dtype=np.float64)  # a third of the time
+        if array.shape != shape:
+            raise FieldError(f"{type(instance).__name__}.{name}: shape is {array.shape}, expected {shape}")
+        array.setflags(write=False)
+        object.__setattr__(instance, name, array)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,10 +69,7 @@ class Extern:
     """s after `arrival_time` from which the value counts as zero."""
 
     def __post_init__(self) -> None:
-        _freeze(self, "value", None, "(k,)")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild(self)
+        _freeze(self, np.shape(self.value), "value")
 
     def at(self, time: float | FloatArray) -> FloatArray:
         """Return the value at `time`: zeros once it is older than `timeout`, or its age is not a number.
@@ -117,9 +109,6 @@ def point_velocity(point: str) -> str:
     return BASE_LINEAR_VELOCITY if point == BASE else f"{BASE_LINEAR_VELOCITY}_at_{point}"
 
 
-_NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class MITState:
     """State that a robot reports at one instant; the layout is frozen, because trained policies depend on it."""
@@ -140,32 +129,20 @@ class MITState:
     """Shape (..., 3), rad/s, body frame."""
     imu_linear_acceleration: FloatArray
     """Shape (..., 3), m/s², body frame, gravity included: (0, 0, +9.81) at rest and upright."""
-    extern: Mapping[str, Extern] = field(default_factory=lambda: _NO_EXTERN)
+    extern: Mapping[str, Extern] = field(default_factory=dict)
     """Named live arrays with their arrival time and timeout."""
 
     def __post_init__(self) -> None:
-        shape = _freeze(self, "joint_position", None, "(..., n)").shape
-        _freeze(self, "joint_velocity", shape, "(..., n)")
-        _freeze(self, "joint_effort", shape, "(..., n)")
-        _freeze(self, "joint_age", shape, "(..., n)")
+        shape = np.shape(self.joint_position)
         batch = shape[:-1]
-        _freeze(self, "imu_quaternion", (*batch, 4), "(..., 4)")
-        _freeze(self, "imu_angular_velocity", (*batch, 3), "(..., 3)")
-        _freeze(self, "imu_linear_acceleration", (*batch, 3), "(..., 3)")
+        _freeze(self, shape, "joint_position", "joint_velocity", "joint_effort", "joint_age")
+        _freeze(self, (*batch, 4), "imu_quaternion")
+        _freeze(self, (*batch, 3), "imu_angular_velocity", "imu_linear_acceleration")
         if type(self.time) is not float:
             time = frozen_array("MITState", "time", self.time)
             if time.ndim and time.shape != batch:
-                raise FieldError(f"MITState.time: shape is {time.shape}, expected () or {batch}, that is (...)")
+                raise FieldError(f"MITState.time: shape is {time.shape}, expected () or {batch}")
             object.__setattr__(self, "time", time if time.ndim else float(time))
-        if self.extern is not _NO_EXTERN:
-            for name, value in self.extern.items():
-                if not isinstance(value, Extern):
-                    raise FieldError(f"MITState.extern['{name}']: is a {type(value).__name__}, expected an Extern")
-            object.__setattr__(self, "extern", MappingProxyType(dict(self.extern)))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, f.name) for f in fields(self)]
-        return type(self), (*values[:-1], dict(self.extern))
 
     @property
     def joint_count(self) -> int:
@@ -174,7 +151,7 @@ class MITState:
 
     @classmethod
     def unknown(cls, joint_count: int, time: float = 0.0) -> Self:
-        """Return the state before anything was heard: NaN positions, infinite age, an upright IMU at rest."""
+        """Return the state before anything was received: NaN positions, infinite age, an upright IMU at rest."""
         zeros = np.zeros(joint_count)
         return cls(
             time=time,
@@ -204,12 +181,7 @@ class MITCommand:
     """Shape (..., n), N·m·s/rad, K_d."""
 
     def __post_init__(self) -> None:
-        shape = _freeze(self, "position", None, "(..., n)").shape
-        for name in COMMAND_FIELDS[1:]:
-            _freeze(self, name, shape, "(..., n)")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild(self)
+        _freeze(self, np.shape(self.position), *COMMAND_FIELDS)
 
     @property
     def joint_count(self) -> int:
@@ -227,32 +199,8 @@ class MITCommand:
         return all(bool(np.isfinite(getattr(self, name)).all()) for name in COMMAND_FIELDS)
 
 
-class MITFields(Protocol):
-    """The five fields of a command by their names: an `MITCommand`, or buffers that are written again and again."""
-
-    @property
-    def position(self) -> FloatArray:
-        """Shape (..., n), rad, joint frame."""
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Shape (..., n), rad/s, joint frame."""
-
-    @property
-    def effort(self) -> FloatArray:
-        """Shape (..., n), N·m, feed-forward."""
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Shape (..., n), N·m/rad, K_p."""
-
-    @property
-    def damping(self) -> FloatArray:
-        """Shape (..., n), N·m·s/rad, K_d."""
-
-
 def mit_torque(
-    command: MITFields,
+    command: MITCommand,
     position: FloatArray,
     velocity: FloatArray,
     effort_limit: npt.ArrayLike,
@@ -289,7 +237,7 @@ def mit_torque(
     return torque
 
 
-def affine_law(command: MITFields) -> tuple[FloatArray, FloatArray]:
+def affine_law(command: MITCommand) -> tuple[FloatArray, FloatArray]:
     """Return the MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
 
     Args:
@@ -313,7 +261,7 @@ def affine_torque(
 
 
 def bounded_position(
-    command: MITFields, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
+    command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
 ) -> FloatArray:
     """Commanded positions, moved towards the joints where the MIT law would ask for more than the effort limit.
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware, wrapped
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
 from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.mit import FloatArray, mit_torque
+from humanoid_sim.mit import FloatArray, MITCommand, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
@@ -56,7 +56,8 @@ class Drives:
         Both arguments have shape (m,): what the encoders read, rad, and the velocity, rad/s.
         """
         position = wrapped(shaft - self._origin, self._range)
-        return mit_torque(self, position, velocity, self._limit, out=self._torque, scratch=self._scratch)
+        command = cast("MITCommand", self)  # it has the five fields, as buffers
+        return mit_torque(command, position, velocity, self._limit, out=self._torque, scratch=self._scratch)
 
     def warm(self, torque: FloatArray, duration: float) -> None:
         """Let the windings warm up, or cool down, for a time at a torque of shape (m,)."""

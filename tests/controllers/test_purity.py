@@ -14,7 +14,7 @@ from humanoid_sim.testing import any_tick_inputs, fingerprint
 PACKAGE = Path(humanoid_sim.controllers.__file__).parent
 PURE = [
     *sorted(PACKAGE.glob("**/*.py")),
-    *(PACKAGE.parent / f"{name}.py" for name in ("mit", "messages", "errors", "names")),
+    *(PACKAGE.parent / f"{name}.py" for name in ("mit", "messages", "errors")),
 ]
 """The functional core; a new file in `controllers/` belongs to it without being named here."""
 
@@ -76,7 +76,7 @@ def test_module_level_names_hold_nothing_mutable(path):
                 continue
             assert not isinstance(node.value, ast.List | ast.Dict | ast.Set | ast.ListComp), f"{path.name}: {names}"
             called = ast.unparse(node.value.func) if isinstance(node.value, ast.Call) else ""
-            assert not called.startswith("np."), f"{path.name}: {names}"
+            assert not called.startswith("np.") or called == "np.dtype", f"{path.name}: {names}"
 
 
 @given(st.sampled_from(sorted(PATHS)), any_tick_inputs(3, 20.0))

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, RemoteCommand, SafetyStatus, StandbyState
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Intent,
+    Mode,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    StandbyState,
+)
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import SafetyProperties, SafetyViolationError
 
@@ -17,7 +27,7 @@ ZERO, DAMPING, A, RL, REMOTE = (
     "rl_policy_controller",
     "remote_policy_controller",
 )
-FAULT = (SafetyStatus(2, 8, "can0", "over-current"),)
+FAULT = (SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "can0", "over-current"),)
 
 
 class WatchedRun(rig.Run):
