@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -69,6 +70,7 @@ def record_trace(
         np.savez_compressed(
             file,
             joint_names=np.array(scenario.description.joint_names),
+            mujoco_version=np.array(mujoco.__version__),
             **table,  # type: ignore[arg-type]
         )
     return len(rows)

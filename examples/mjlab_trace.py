@@ -15,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import mjlab.tasks  # noqa: F401 - registers the tasks
+import mujoco
 import numpy as np
 from mjlab.envs import ManagerBasedRlEnv
 from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
@@ -89,7 +90,8 @@ def record(env, policy, steps):
         observation, *_ = env.step(action)
         rows[-1]["target"] = robot.data.joint_pos_target[0].cpu().numpy().copy()
     table = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-    return {"joint_names": np.array(robot.joint_names), **table}
+    versions = {"mujoco_version": np.array(mujoco.__version__)}
+    return {"joint_names": np.array(robot.joint_names), **versions, **table}
 
 
 def load(task, checkpoint, cfg):

@@ -4,37 +4,34 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import Float32Array, FloatArray
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.checkpoint import GOLDEN_KEY, Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import first_line
-from humanoid_sim.policy.traces import REFERENCE, STATE_ARRAYS, Trace
+from humanoid_sim.policy.traces import MUJOCO_VERSION, REFERENCE, STATE_ARRAYS, Trace
 
 SAMPLE_COUNT = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 """Absolute for values up to 1, relative beyond; targets in rad. float32 sums in another order stay below, wrong wiring
 does not; networks amplify the rounding of other hardware."""
-_EXPORTERS_ROUNDING = 0.5e-3
-"""Largest error of an action scale or offset with three decimals."""
-_NO_LIMIT = 1e9
-"""A recorded action is what it is."""
-_SHOWN = 4
-"""Names of terms or joints in one message."""
+_ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
+_NO_LIMIT = 1e9  # a recorded action is what it is
+_SHOWN = 4  # names of terms or joints in one message
 _VERSION = 1
-_FLOAT32 = ("last_action", "observation", "action", "history")
+_TYPES = dict.fromkeys(("last_action", "observation", "action", "history"), "<f4") | {"frame": "<i8"}
 
 
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
@@ -70,27 +67,25 @@ def with_memory(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = No
     except (FieldError, ValueError) as error:
         raise InputError(f"{checkpoint.source}: on {trace.name}: {where}{error}") from None
     frame = np.array([memory.frame for memory in entered], dtype=np.int64)
+    nowhere = np.full(7, np.nan)
+    laid = [memory.alignment for memory in entered]
     arrays = {
         **trace.arrays,
         "last_action": np.stack([memory.last_action for memory in entered]),
         "frame": frame,
         "walked": np.array([memory.walked for memory in entered], dtype=np.float64),
-        "alignment": np.stack([_alignment(memory) for memory in entered]),
+        "alignment": np.stack([nowhere if one is None else np.concatenate([one.offset, one.yaw]) for one in laid]),
     }
-    known = next((memory.history for memory in entered if memory.history is not None), None)
+    histories = [memory.history for memory in entered]
+    known = next((history for history in histories if history is not None), None)
     if known is not None:
         missing = np.full_like(known, np.nan)
-        arrays["history"] = np.stack([missing if memory.history is None else memory.history for memory in entered])
+        arrays["history"] = np.stack([missing if history is None else history for history in histories])
     reference = loaded.reference
     if checkpoint.motion is None:
         rows = reference.clamp(frame)
         arrays |= {REFERENCE + name: np.asarray(table[rows]) for name, table in reference.terms.items()}
     return replace(trace, arrays=arrays, frame_count=reference.frame_count)
-
-
-def _alignment(memory: PolicyMemory) -> npt.NDArray[np.float64]:
-    laid = memory.alignment
-    return np.full(7, np.nan) if laid is None else np.concatenate([laid.offset, laid.yaw])
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
@@ -119,40 +114,32 @@ def golden_problem(checkpoint: Checkpoint, samples: Trace) -> str:
     The observation and the targets are computed by the functions that run on the robot, the action by the model from
     the sample's observation.
     """
-    start = PolicyMemory(0, np.zeros(checkpoint.contract.action_count, dtype=np.float32))
+    contract, arrays = checkpoint.contract, samples.arrays
+    start = PolicyMemory(0, np.zeros(contract.action_count, dtype=np.float32))
     try:
         wiring = _samples_wiring(checkpoint, samples)
         seen = [wiring.observe(samples.memory(i, start), samples.state(i))[0] for i in range(len(samples))]
-        position = action_command(wiring.action_map, samples.arrays["action"]).position
+        position = action_command(wiring.action_map, arrays["action"]).position
     except (FieldError, InputError, ValueError) as error:
         return f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}"
     layout = wiring.layout
-    terms = [layout.locate(i).partition("[")[0] for i in range(layout.width)]
-    return (
-        _difference(samples, "observation", np.stack(seen), terms, lambda i: value_name(layout, checkpoint.contract, i))
-        or _action_problem(checkpoint, samples)
-        or _target_problem(samples, position)
-    )
-
-
-def _action_problem(checkpoint: Checkpoint, samples: Trace) -> str:
-    policy, observations, frames = checkpoint.policy, samples.arrays["observation"], samples.arrays["frame"]
+    names = [_value_name(layout, checkpoint, i) for i in range(layout.width)]
+    problem = _difference(samples, "observation", np.stack(seen), names)
+    if problem:
+        return problem
+    frames = arrays["frame"].tolist()
     try:
-        answers = [policy(observation, int(frame)) for observation, frame in zip(observations, frames, strict=True)]
+        answers = [checkpoint.policy(row, frame) for row, frame in zip(arrays["observation"], frames, strict=True)]
     except Exception as error:  # the policy is foreign code
         return f"the model fails on a sample: {first_line(error)}"
-    return _difference(samples, "action", np.asarray(answers), checkpoint.contract.action_joint_names)
-
-
-def _target_problem(samples: Trace, position: FloatArray) -> str:
-    target = samples.arrays.get("target")
-    if target is None:
-        return ""
-    problem = _difference(samples, "target", position, samples.joint_names)
-    rounding = _EXPORTERS_ROUNDING * (1.0 + np.abs(samples.arrays["action"]).max())
-    if not problem or (np.abs(position - target) > rounding).any():
+    problem = _difference(samples, "action", np.asarray(answers), contract.action_joint_names)
+    if problem or "target" not in arrays:
         return problem
-    return f"{problem}, or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
+    problem = _difference(samples, "target", position, samples.joint_names)
+    rounding = _ROUNDING * (1.0 + np.abs(arrays["action"]).max())
+    if problem and np.abs(position - arrays["target"]).max() <= rounding:
+        problem += ", or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
+    return problem
 
 
 def _samples_wiring(checkpoint: Checkpoint, samples: Trace) -> PolicyWiring:
@@ -171,67 +158,65 @@ def _recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> Poli
     return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
 
 
-def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:
+def _value_name(layout: ObservationLayout, checkpoint: Checkpoint, index: int) -> str:
     """Return the value at `index` of the whole observation, and its joint: `joint_pos[3] (left_knee_joint)`."""
     located = layout.locate(index)
     name, _, rest = located.partition("[")
     place = int(rest.partition("]")[0])
-    term = next(term for term in layout.terms if term.name == name)
-    joints = contract.kind(term.term).value_names(term.term, contract)
+    term = next(term.term for term in layout.terms if term.name == name)
+    joints = checkpoint.contract.kind(term).value_names(term, checkpoint.contract)
     return f"{located} ({joints[place]})" if place < len(joints) else located
 
 
 def _difference(
     samples: Trace,
     kind: Literal["observation", "action", "target"],
-    value: npt.NDArray[np.floating],
+    values: npt.NDArray[np.floating],
     names: Sequence[str],
-    what: Callable[[int], str] | None = None,
 ) -> str:
     """Return what is too far off the samples' own, '' if nothing is.
 
     Args:
         samples: with the array `kind`, (S, width), that is expected.
-        value: shape (S, width).
-        names: term or joint of each column.
-        what: names a column; None: by its joint.
+        values: shape (S, width).
+        names: of the columns: term and place, or joint.
     """
     expected = samples.arrays[kind]
-    if value.shape != expected.shape:
-        return f"hold {kind}s of {expected.shape[-1]} values, the contract makes {value.shape[-1]}"
+    if values.shape != expected.shape:
+        return f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}"
     with np.errstate(invalid="ignore"):  # infinity - infinity
-        far = ~(np.abs(value - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
+        far = ~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
     if not far.any():
         return ""
     i = int(np.argmax(far.any(axis=1)))
     index = int(np.argmax(far[i]))
-    touched = list(dict.fromkeys(name for name, hit in zip(names, far.any(axis=0), strict=True) if hit))
+    touched = list(dict.fromkeys(names[j].partition("[")[0] for j in np.flatnonzero(far.any(axis=0)).tolist()))
     shown = ", ".join(touched[:_SHOWN]) + (", …" if len(touched) > _SHOWN else "")
-    place = f"of {names[index]}" if what is None else what(index)
+    theirs = samples.mujoco_version
+    versions = f" (recorded with MuJoCo {theirs}; here it is {mujoco.__version__})" if theirs else ""
     return (
-        f"sample {i} of {samples.name}: {kind} {place} is {value[i, index]:.6g}, the trainer's is "
-        f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ; in all samples: {shown}): "
-        "the policy is wired differently here than where it was trained"
+        f"sample {i} of {samples.name}: {kind} {'' if kind == 'observation' else 'of '}{names[index]} is "
+        f"{values[i, index]:.6g}, the trainer's is {expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values "
+        f"differ; in all samples: {shown}): the policy is wired differently here than where it was trained{versions}"
     )
 
 
 def encode_samples(samples: Trace) -> str:
     """Return one line of JSON from which `stored_samples` makes the same samples, bit for bit."""
     arrays = {
-        name: {"shape": array.shape, "data": base64.b64encode(array.astype(_dtype(name)).tobytes()).decode()}
+        name: {"shape": array.shape, "data": base64.b64encode(array.astype(_type(name)).tobytes()).decode()}
         for name, array in samples.arrays.items()
     }
-    return json.dumps(
-        {
-            "version": _VERSION,
-            "origin": "trainer",
-            "source": samples.name,
-            "target_origin": "trainer" if "target" in samples.arrays else "own",
-            "joint_names": samples.joint_names,
-            "frame_count": samples.frame_count,
-            "arrays": arrays,
-        }
-    )
+    document = {
+        "version": _VERSION,
+        "origin": "trainer",
+        "source": samples.name,
+        "joint_names": samples.joint_names,
+        "frame_count": samples.frame_count,
+        MUJOCO_VERSION: samples.mujoco_version,
+        "arrays": arrays,
+    }
+    return json.dumps(document)
 
 
 def stored_samples(checkpoint: Checkpoint) -> Trace | None:
@@ -248,23 +233,22 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
         if document["origin"] != "trainer":  # of the program's own wiring, which proves nothing
             return None
         arrays = {name: _decoded(name, value) for name, value in document["arrays"].items()}
-        if document["target_origin"] != "trainer":
+        if document.get("target_origin") == "own":  # likewise
             arrays.pop("target", None)
         missing = {*STATE_ARRAYS, "observation", "action", "last_action", "frame"} - arrays.keys()
-        lengths = {len(array) for array in arrays.values()}
-        if missing or len(lengths) != 1 or 0 in lengths:
+        if missing or len({len(array) for array in arrays.values()}) != 1 or not len(arrays["action"]):
             raise ValueError(f"lack {', '.join(sorted(missing)) or 'samples'}")
-        names = tuple(map(str, document["joint_names"]))
-        return Trace(str(document["source"]), names, arrays, int(document["frame_count"]))
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        joints, count = tuple(map(str, document["joint_names"])), int(document["frame_count"])
+        return Trace(str(document["source"]), joints, arrays, count, str(document.get(MUJOCO_VERSION, "")))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         reason = f"lack {error}" if isinstance(error, KeyError) else first_line(error)
         raise InputError(f"{checkpoint.source}: golden vectors: {reason}; stamp the checkpoint again") from None
 
 
-def _dtype(name: str) -> str:
-    return "<i8" if name == "frame" else "<f4" if name in _FLOAT32 or name.startswith(REFERENCE) else "<f8"
+def _type(name: str) -> str:
+    return "<f4" if name.startswith(REFERENCE) else _TYPES.get(name, "<f8")
 
 
 def _decoded(name: str, value: Any) -> npt.NDArray[Any]:
     data = base64.b64decode(value["data"], validate=True)
-    return np.frombuffer(data, dtype=_dtype(name)).reshape(value["shape"])  # read-only, as the bytes are
+    return np.frombuffer(data, dtype=_type(name)).reshape(value["shape"])  # read-only, as the bytes are

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 
 import numpy as np
 
@@ -13,17 +13,13 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
 from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
-_Frame = Callable[[int], Float32Array | None]
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
 _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
 """holosoma gives the anchor body alone; trackers that do not observe its position, without that."""
-_HELD = 50
-"""Equal frames in a row after which the end is looked for: graphs hold their last frame from there on."""
-_PROBE = 25
-"""Stride, frames, with which a pause is told from the end."""
-_LONGEST = 90_000
-"""Frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends."""
+_HELD = 50  # equal frames in a row after which the end is looked for: graphs hold their last frame
+_PROBE = 25  # stride, frames, with which a pause is told from the end
+_LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends
 
 
 def graph_conventions(outputs: Collection[str]) -> PartialContract:
@@ -50,29 +46,49 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     available = {tensor.name for tensor in policy.model.outputs}
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
-    bodies = contract.body_names if available.issuperset(_BODIES) else ()
-    outputs = [*_JOINTS, *(_BODIES if bodies else ())]
-    if not bodies and contract.anchor_body and _ANCHOR[1] in available:
-        bodies = (contract.anchor_body,)
-        outputs += [name for name in _ANCHOR if name in available]
-        if _ANCHOR[0] not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
-            raise InputError(f"{path}: observes the anchor's position, but its model has no output '{_ANCHOR[0]}'")
+    bodies, place, turn = contract.body_names, *_BODIES
+    if not available.issuperset(_BODIES):
+        place, turn = _ANCHOR
+        bodies = (contract.anchor_body,) if contract.anchor_body and turn in available else ()
+        if bodies and place not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
+            raise InputError(f"{path}: observes the anchor's position, but its model has no output '{place}'")
     if contract.anchor_body and bodies and contract.anchor_body not in bodies:
         raise InputError(
             f"{path}: anchor_body is '{contract.anchor_body}', expected one of body_names: {', '.join(bodies)}"
         )
+    sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
+    if bodies:
+        sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
     observation = np.zeros(policy.observation_width, dtype=np.float32)
 
     def frame(index: int) -> Float32Array | None:
         try:
-            answer = policy.run(outputs, observation, index)
+            answer = policy.run(list(sizes), observation, index)
         except Exception as error:  # onnxruntime's own types
             if index == 0 or isinstance(error, TimeoutError):
                 raise InputError(f"{path}: the motion in its graph cannot be read: {first_line(error)}") from None
             return None  # a graph that does not hold its last frame has none beyond it
-        return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))
+        values = {name: np.asarray(value, dtype=np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
+        for name, size in sizes.items():
+            if values[name].size != size:
+                raise InputError(f"{path}: output '{name}' has {values[name].size} values, expected {size}")
+        if bodies:
+            values.setdefault(place, np.zeros(3, dtype=np.float32))
+            turns = values[turn].reshape(-1, 4)
+            values[turn] = (turns if contract.reference_quaternion == "wxyz" else turns[:, [3, 0, 1, 2]]).ravel()
+        return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
 
-    rows = _rows(frame, str(path))
+    rows: list[Float32Array] = []
+    while (row := frame(len(rows))) is not None:
+        rows.append(row)
+        held = rows[-_HELD - 1 :]
+        if len(held) > _HELD and all(np.array_equal(row, other, equal_nan=True) for other in reversed(held)):
+            later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))
+            if all(other is not None and np.array_equal(row, other, equal_nan=True) for other in later):
+                del rows[-_HELD:]
+                break
+        if len(rows) >= _LONGEST:
+            raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
     with blaming(f"{path}: motion in its graph"):
         return Motion(
             frames=np.stack(rows),
@@ -81,56 +97,3 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
             layout="joints_bodies_w",
             joint_names=contract.joint_names,
         )
-
-
-def _rows(frame: _Frame, path: str) -> list[Float32Array]:
-    """All frames up to the first of those that never change again."""
-    rows: list[Float32Array] = []
-    end = 0
-    while True:
-        row = frame(len(rows))
-        if row is None:
-            return rows
-        if rows and not _same(row, rows[-1]):
-            end = len(rows)
-        rows.append(row)
-        if len(rows) - end > _HELD and _is_end(frame, rows):
-            return rows[: end + 1]
-        if len(rows) >= _LONGEST:
-            raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
-
-
-def _is_end(frame: _Frame, rows: list[Float32Array]) -> bool:
-    """Return whether the last frame is held from here on, as far as a look at every so many frames tells."""
-    if (len(rows) - 1) % _HELD:  # a long pause is looked beyond now and then, not at each of its frames
-        return False
-    later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))
-    return all(row is not None and _same(row, rows[-1]) for row in later)
-
-
-def _same(row: Float32Array, other: Float32Array) -> bool:
-    return np.array_equal(row, other, equal_nan=True)
-
-
-def _row(values: dict[str, Float32Array], contract: PolicyContract, bodies: int, path: str) -> Float32Array:
-    joints = len(contract.joint_names)
-    parts = [_flat(values, name, joints, path) for name in _JOINTS]
-    if _BODIES[0] in values:
-        quaternions = _flat(values, _BODIES[1], 4 * bodies, path).reshape(-1, 4)
-        parts += [_flat(values, _BODIES[0], 3 * bodies, path), _wxyz(quaternions, contract.reference_quaternion)]
-    elif bodies:
-        has_position = _ANCHOR[0] in values
-        parts.append(_flat(values, _ANCHOR[0], 3, path) if has_position else np.zeros(3, dtype=np.float32))
-        parts.append(_wxyz(_flat(values, _ANCHOR[1], 4, path).reshape(-1, 4), contract.reference_quaternion))
-    return np.concatenate(parts)
-
-
-def _flat(values: dict[str, Float32Array], name: str, size: int, path: str) -> Float32Array:
-    value = np.asarray(values[name], dtype=np.float32).ravel()
-    if value.shape != (size,):
-        raise InputError(f"{path}: output '{name}' has {value.size} values, expected {size}")
-    return value
-
-
-def _wxyz(quaternions: Float32Array, order: str) -> Float32Array:
-    return (quaternions if order == "wxyz" else quaternions[:, [3, 0, 1, 2]]).ravel()

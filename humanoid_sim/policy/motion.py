@@ -11,8 +11,9 @@ read that it was made with.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Literal, get_args
@@ -31,7 +32,6 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
-from humanoid_sim.strict_yaml import read_yaml
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
@@ -41,7 +41,7 @@ MOTION_ATTACHMENT = "motion.mcap"
 _TOPIC = "/motion"
 _LIBRARY = "humanoid_sim"
 _NANOSECONDS = 1e9
-_SEVERAL = "; `play --motion-topic` takes one of several"
+_FRAME = f"{FLOAT32_MULTI_ARRAY} (cdr)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 
 
 def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
-    """Read and check a motion file, or a folder of rosbag2.
+    """Read and check a motion file, a recording, or a folder of rosbag2.
 
     Raises `InputError` with the file and what is wrong with it.
 
@@ -124,126 +124,102 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
         topic: of the motion, where there are others; None: it has to be the only one.
     """
     path = Path(path)
-    with blaming(f"{path}: cannot be read", OSError):
-        if (path / _METADATA).is_file():  # a folder that rosbag2 has written
-            return _motion(path, _read_rows(path, bag_streams(path), topic))
-        path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2", None)
-        with path.open("rb") as file:
-            return _motion(path, _read_rows(path, [(path, McapStream(file))], topic))
+    # rosbag2 numbers its files; the shorter name is the lower number.
+    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if not files:
+        files = [regular_file(path, "a motion file (.mcap) or a folder of rosbag2 with MCAP files", None)]
+    with ExitStack() as opened, blaming(f"{path}: cannot be read", OSError):
+        return _motion(path, [McapStream(opened.enter_context(file.open("rb"))) for file in files], topic)
 
 
 def parse_motion(data: bytes, name: str) -> Motion:
     """Return a motion from the bytes of its file; `name` is what to call it in messages."""
-    return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
+    return _motion(Path(name), [McapStream(BytesIO(data))], None)
 
 
-_Rows = tuple[list[Float32Array], list[int], Mapping[str, str]]
-"""Frames in file order, their log times in ns, and the metadata record `motion`."""
+@dataclass
+class _Content:
+    """What files hold that may be a motion."""
+
+    kinds: dict[str, str] = field(default_factory=dict)
+    """Type of each topic."""
+    messages: dict[str, list[Message]] = field(default_factory=dict)
+    """Frames by topic, of those topics that hold frames."""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    attached: bytes = b""
+    """The motion that a recording was made with: the last one, of the policy that was loaded last."""
+
+    def read(self, stream: McapStream) -> None:
+        schemas: dict[int, str] = {}
+        channels: dict[int, str] = {}
+        for record in stream:
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record.topic
+                kind = f"{schemas.get(record.schema_id, 'no schema')} ({record.message_encoding})"
+                self.kinds[record.topic] = kind
+            elif isinstance(record, Message) and self.kinds.get(channels.get(record.channel_id, "")) == _FRAME:
+                self.messages.setdefault(channels[record.channel_id], []).append(record)
+            elif isinstance(record, Metadata) and record.name == "motion":
+                self.metadata = record.metadata
+            elif isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT:
+                self.attached = record.data
+
+    def frames(self, topic: str | None) -> list[Message]:
+        """Return the messages of the topic; None: of the only one."""
+        if topic is None and len(self.kinds) > 1:
+            listed = ", ".join(f"'{name}' {kind}" for name, kind in self.kinds.items())
+            raise FieldError(
+                f"has {listed}, expected one topic of {_FRAME}; `play --motion-topic` takes one of several"
+            )
+        if topic is not None and topic not in self.kinds:
+            raise FieldError(known_names("topic", topic, self.kinds))
+        for name in (topic,) if topic is not None else self.kinds:
+            if self.kinds[name] != _FRAME:
+                raise FieldError(f"topic '{name}' is {self.kinds[name]}, expected one topic of {_FRAME}")
+            if name in self.messages:
+                return self.messages[name]
+        raise FieldError(f"holds no frames, expected one topic of {_FRAME}")
 
 
-def _motion(path: Path, found: _Rows) -> Motion:
-    rows, times, metadata = found
-    layout = metadata.get("layout", "bodies_b")
+def _motion(path: Path, streams: Sequence[McapStream], topic: str | None) -> Motion:
+    content = _Content()
+    for stream in streams:
+        content.read(stream)
+    if content.attached and topic is None:
+        return parse_motion(content.attached, str(path))
+    for stream in streams:
+        if stream.damage:
+            raise InputError(f"{path}: {stream.damage}")
     with blaming(path):
+        chosen, metadata = content.frames(topic), content.metadata
+        times = [message.log_time for message in chosen]
+        rows: list[Float32Array] = []
+        for i, message in enumerate(chosen):
+            with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
+                rows.append(decode_float32_array(message.data))
+            if len(rows[i]) != len(rows[0]):
+                raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
+            if i and times[i] < times[i - 1]:
+                raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
         return Motion(
             frames=np.stack(rows),
             body_names=names(metadata.get("body_names", "")),
             policy_dt=_policy_dt(metadata, times),
             task_type=metadata.get("task_type", ""),
             robot=metadata.get("robot", ""),
-            layout=layout,  # type: ignore[arg-type]  # checked at construction
+            layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
             joint_names=names(metadata.get("joint_names", "")),
         )
-
-
-def _read_rows(
-    path: Path,
-    streams: Iterable[tuple[Path, McapStream]],
-    topic: str | None = None,
-    *,
-    is_inner: bool = False,
-) -> _Rows:
-    metadata: dict[str, str] = {}
-    rows: list[Float32Array] = []
-    times: list[int] = []
-    kinds: dict[str, str] = {}
-    """Type of each topic."""
-    for file, stream in streams:
-        schemas: dict[int, str] = {}
-        channels: dict[int, Channel] = {}
-        for record in stream:
-            if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT and topic is None:
-                if is_inner:
-                    raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
-                attached = [one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT]
-                last = [record, *attached][-1]  # of the policy that was loaded last
-                return _read_rows(path, [(file, McapStream(BytesIO(last.data)))], is_inner=True)
-            if isinstance(record, Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-                kinds[record.topic] = schemas.get(record.schema_id, "no schema")
-                _check_channel(path, record, kinds, topic)
-            elif isinstance(record, Metadata) and record.name == "motion":
-                metadata = record.metadata
-            elif isinstance(record, Message) and _is_frame(path, record, channels, topic, rows):
-                if times and record.log_time < times[-1]:
-                    raise InputError(f"{path}: time goes back at frame {len(rows)}; a motion file holds one episode")
-                rows.append(_row(path, record, rows))
-                times.append(record.log_time)
-        if stream.damage:
-            raise InputError(f"{file}: {stream.damage}")
-    if not rows:
-        if topic is not None and topic not in kinds:
-            raise InputError(f"{path}: {known_names('topic', topic, kinds)}")
-        raise InputError(f"{path}: holds no frames, expected one topic of {FLOAT32_MULTI_ARRAY}")
-    return rows, times, metadata
-
-
-def _is_frame(
-    path: Path, message: Message, channels: Mapping[int, Channel], topic: str | None, rows: Sequence[object]
-) -> bool:
-    """Return whether a message is on the motion's topic."""
-    if message.channel_id not in channels:
-        raise InputError(f"{path}: frame {len(rows)} is on a channel that the file does not define")
-    return topic in (None, channels[message.channel_id].topic)
-
-
-def _row(path: Path, record: Message, before: list[Float32Array]) -> Float32Array:
-    """One frame, as wide as those before it."""
-    frame = len(before)
-    try:
-        values = decode_float32_array(record.data)
-    except CdrError as error:
-        raise InputError(f"{path}: frame {frame} is not a {FLOAT32_MULTI_ARRAY}: {error}") from None
-    if before and len(values) != len(before[0]):
-        raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(before[0])}")
-    return values
-
-
-def _check_channel(path: Path, channel: Channel, kinds: Mapping[str, str], topic: str | None) -> None:
-    """Refuse a topic of another type, and one that is not the only one where none is named."""
-    kind = kinds[channel.topic]
-    if topic not in (None, channel.topic):
-        return
-    if kind != FLOAT32_MULTI_ARRAY or channel.message_encoding != "cdr":
-        raise InputError(
-            f"{path}: topic '{channel.topic}' is {kind} ({channel.message_encoding}), "
-            f"expected one topic of {FLOAT32_MULTI_ARRAY} (cdr){_SEVERAL}"
-        )
-    for other in kinds if topic is None else ():
-        if other != channel.topic:
-            raise InputError(f"{path}: has the topics '{other}' and '{channel.topic}', expected exactly one{_SEVERAL}")
 
 
 def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
     """Return the frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
     text = metadata.get("policy_dt")
     if text is not None:
-        try:
+        with blaming(f"policy_dt: is '{text}', expected a positive number of seconds", ValueError, FieldError):
             return float(text)
-        except ValueError:
-            raise FieldError(f"policy_dt: is '{text}', expected a positive number of seconds") from None
     steps = np.diff(times)
     if len(steps) == 0 or steps.min() <= 0 or steps.max() - steps.min() > 0.01 * steps.mean():
         raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced in time")
@@ -272,25 +248,3 @@ def motion_bytes(motion: Motion) -> bytes:
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
     writer.finish()
     return stream.getvalue()
-
-
-_METADATA = "metadata.yaml"
-
-
-def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream]]:
-    """Yield each of a bag's MCAP files, in order, with its records."""
-    place = folder / _METADATA
-    document = read_yaml(place)
-    information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
-    if not isinstance(information, dict):
-        raise InputError(f"{place}: has no rosbag2_bagfile_information, expected the metadata of a rosbag2 bag")
-    storage, names = information.get("storage_identifier"), information.get("relative_file_paths")
-    if storage != "mcap":
-        raise InputError(f"{place}: storage_identifier: is {storage!r}, expected 'mcap'")
-    if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
-        raise InputError(f"{place}: relative_file_paths: is {names!r}, expected the names of the bag's files")
-    for name in names:
-        # Older versions of rosbag2 repeat the folder's name.
-        file = regular_file(folder / Path(name).name, "a file of the bag", None)
-        with file.open("rb") as opened:
-            yield file, McapStream(opened)

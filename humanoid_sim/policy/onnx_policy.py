@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,14 @@ ONNX_SECONDS = 10.0
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
+_LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
+_SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
+_OF_TRAINERS = {
+    ".pt": ("a PyTorch checkpoint", "export it to ONNX first"),
+    ".pth": ("a PyTorch checkpoint", "export it to ONNX first"),
+    ".zip": ("a stable-baselines3 checkpoint", "give the policy.onnx beside it"),
+}
+"""By a file's suffix: what trainers call so, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +62,8 @@ class OnnxModel:
     def __init__(self, path: Path, graph: bytes | None = None) -> None:
         """Load a model.
 
-        Raises `InputError` if the file is not an ONNX model, or its external tensors are missing.
+        Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or its graph is of a
+        kind that no policy here can have: a LEAPP bundle's, or a recurrent network's.
 
         Args:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
@@ -69,21 +79,17 @@ class OnnxModel:
             source = str(path) if graph is None else graph
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
-            if isinstance(error, UnicodeDecodeError):
-                raise InputError(f"{path}: a name in its graph is not text (UTF-8)") from None
             raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
         self.path = path
-        try:
-            self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
-            self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
-            self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
-        except UnicodeDecodeError:
-            raise InputError(f"{path}: its metadata, or a tensor's name, is not text (UTF-8)") from None
+        self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
+        self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
         self._session = session
         self.time_limit = ONNX_SECONDS
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
         self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
         """True if the graph has an operator that repeats others, as often as its inputs say."""
+        self._refuse_other_kinds()
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
@@ -110,18 +116,27 @@ class OnnxModel:
             watch.join()
         return values
 
-
-_LOOPS = (b"Loop", b"Scan", b"SequenceMap")
-"""Operators that repeat others, as their names stand in a file."""
+    def _refuse_other_kinds(self) -> None:
+        """Refuse graphs that would need more than one observation."""
+        if len(self.inputs) < 2:
+            return
+        names, outputs = [tensor.name for tensor in self.inputs], [tensor.name for tensor in self.outputs]
+        bundle = self.path.with_suffix(".yaml")
+        text = bundle.read_text(encoding="utf-8", errors="replace") if is_file(bundle) else ""
+        if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
+            raise InputError(
+                f"{self.path}: is a LEAPP bundle, which {bundle.name} beside it describes; a graph of {len(names)} "
+                f"inputs ({', '.join(names)}) is not supported: export the network with one observation"
+            )
+        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
+        state = fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]
+        if state:
+            raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
 
 
 def _can_loop(path: Path) -> bool:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         return any(content.find(name) >= 0 for name in _LOOPS)
-
-
-_SILENT = 4
-"""ONNX Runtime's severity of what it prints: fatal errors only."""
 
 
 def onnx_runtime() -> Any:
@@ -156,18 +171,7 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     except Exception as error:  # protobuf's exception type is not part of onnx's interface
         raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
     metadata = {entry.key: entry.value for entry in model.metadata_props}
-    outputs = tuple(output.name for output in model.graph.output)
-    if not all(isinstance(text, str) for text in (*metadata, *metadata.values(), *outputs)):  # protobuf gives bytes
-        raise InputError(f"{path}: its metadata, or a tensor's name, is not text (UTF-8)")
-    return metadata, outputs
-
-
-_OF_TRAINERS = {
-    ".pt": ("a PyTorch checkpoint", "export it to ONNX first"),
-    ".pth": ("a PyTorch checkpoint", "export it to ONNX first"),
-    ".zip": ("a stable-baselines3 checkpoint", "give the policy.onnx beside it"),
-}
-"""By a file's suffix: what trainers call so, and what to do."""
+    return metadata, tuple(output.name for output in model.graph.output)
 
 
 def check_file(path: Path) -> None:
@@ -205,25 +209,27 @@ class OnnxPolicy:
         self.model = OnnxModel(model) if isinstance(model, Path) else model
         tensors = TensorNames() if tensors is None else tensors
         path, inputs, outputs = self.model.path, self.model.inputs, self.model.outputs
-        time_step = _time_step(path, inputs, tensors.time_step)
+        time_step = _named(path, "input", inputs, tensors.time_step) if tensors.time_step else None
+        if time_step is None and len(inputs) > 1:
+            time_step = next((tensor for tensor in inputs if tensor.name == _TIME_STEP), None)
         others = [tensor for tensor in inputs if tensor is not time_step]
-        observation = _named(path, "input", inputs, tensors.observation) if tensors.observation else None
-        if observation is None:
-            observation = others[0] if len(others) == 1 else None
-        surplus = [tensor.name for tensor in others if tensor is not observation]
-        if observation is None or surplus or not outputs:
+        if tensors.observation:
+            _named(path, "input", inputs, tensors.observation)
+        if len(others) != 1 or tensors.observation not in ("", others[0].name) or not outputs:
             names = ", ".join(tensor.name for tensor in inputs) or "none"
             raise InputError(
                 f"{path}: has the inputs {names} and {len(outputs)} outputs, expected one input, or one and "
                 f"'{_TIME_STEP}', and an output"
             )
+        if time_step is not None and (time_step.type not in _NUMBERS or time_step.width != 1):
+            raise _wrong_form(path, "input", time_step, "a number of shape (1, 1)")
         usual = [tensor for tensor in outputs if tensor.name in _ACTIONS]
         action = _named(path, "output", outputs, tensors.action) if tensors.action else (usual or outputs)[0]
-        self.observation_width = _vector_width(path, "input", observation)
+        self.observation_width = _vector_width(path, "input", others[0])
         self.action_width = _vector_width(path, "output", action)
         self.has_time_step = time_step is not None
         self.action_name = action.name
-        self._observation = observation.name
+        self._observation = others[0].name
         self._time_step = "" if time_step is None else time_step.name
         self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
 
@@ -246,19 +252,6 @@ class OnnxPolicy:
         return inputs
 
 
-def _time_step(path: Path, inputs: tuple[Tensor, ...], name: str) -> Tensor | None:
-    """Return the input that selects a frame, by its name; by default the one that is called time_step."""
-    tensor = _named(path, "input", inputs, name) if name else None
-    if tensor is None:
-        tensor = next((tensor for tensor in inputs if tensor.name == _TIME_STEP and len(inputs) > 1), None)
-    if tensor is not None and (tensor.type not in _NUMBERS or tensor.width != 1):
-        raise InputError(
-            f"{path}: input '{tensor.name}' is {tensor.type} of shape {list(tensor.shape)}, "
-            "expected a number of shape (1, 1)"
-        )
-    return tensor
-
-
 def _named(path: Path, kind: str, tensors: tuple[Tensor, ...], name: str) -> Tensor:
     for tensor in tensors:
         if tensor.name == name:
@@ -267,8 +260,11 @@ def _named(path: Path, kind: str, tensors: tuple[Tensor, ...], name: str) -> Ten
 
 
 def _vector_width(path: Path, kind: str, tensor: Tensor) -> int:
-    if tensor.type != "tensor(float)":
-        raise InputError(f"{path}: {kind} '{tensor.name}' is {tensor.type}, expected tensor(float)")
-    if tensor.width is None:
-        raise InputError(f"{path}: {kind} '{tensor.name}' has shape {list(tensor.shape)}, expected (1, width)")
+    if tensor.type != "tensor(float)" or tensor.width is None:
+        raise _wrong_form(path, kind, tensor, "tensor(float) of shape (1, width)")
     return tensor.width
+
+
+def _wrong_form(path: Path, kind: str, tensor: Tensor, expected: str) -> InputError:
+    what = f"{tensor.type} of shape {list(tensor.shape)}"
+    return InputError(f"{path}: {kind} '{tensor.name}' is {what}, expected {expected}")

@@ -46,8 +46,6 @@ class Note:
     """s"""
     velocity: int = 64
     """1 to 127, how hard it was struck."""
-    track: int = 0
-    """Track of the file, counted from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,35 +99,23 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
         if not 0 <= track < len(names):
             listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names))
             raise InputError(f"{path}: has no track {track}; tracks: {listed}")
-    clock = _Clock(file)
-    notes = [note for i in chosen for note in _track_notes(file.tracks[i], i, clock, sustain)]
+    tempo = [mido.MidiTrack(map(_tempo_alone, track)) for track in file.tracks]
+    notes: list[Note] = []
+    for i in chosen:
+        alone = [file.tracks[i], *tempo[:i], *tempo[i + 1 :]]
+        notes += _notes(mido.MidiFile(ticks_per_beat=file.ticks_per_beat, tracks=alone), sustain)
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
     return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
 
 
-class _Clock:
-    """Seconds of ticks, through all changes of tempo."""
-
-    def __init__(self, file: Any) -> None:
-        changes = {0: 500_000}
-        for track in file.tracks:
-            tick = 0
-            for message in track:
-                tick += message.time
-                if message.type == "set_tempo":
-                    changes[tick] = message.tempo
-        self._ticks = np.array(sorted(changes), dtype=np.float64)
-        self._rates = np.array([changes[int(tick)] * 1e-6 / file.ticks_per_beat for tick in self._ticks])
-        passed = np.diff(self._ticks) * self._rates[:-1]
-        self._seconds = np.concatenate([[0.0], np.cumsum(passed)])
-
-    def seconds(self, tick: int) -> float:
-        i = int(np.searchsorted(self._ticks, tick, side="right")) - 1
-        return float(self._seconds[i] + (tick - self._ticks[i]) * self._rates[i])
+def _tempo_alone(message: Any) -> Any:
+    """Return a message that takes as long and does nothing but set the tempo, which holds for all tracks."""
+    return message if message.type == "set_tempo" else mido.MetaMessage("text", time=message.time)
 
 
-def _track_notes(track: Iterable[Any], number: int, clock: _Clock, sustain: bool) -> list[Note]:
+def _notes(messages: Iterable[Any], sustain: bool) -> list[Note]:
+    """Return the notes of messages whose `time` is in s, since the one before."""
     notes: list[Note] = []
     held: dict[tuple[int, int], tuple[float, int]] = {}
     released: dict[tuple[int, int], tuple[float, int]] = {}
@@ -138,12 +124,11 @@ def _track_notes(track: Iterable[Any], number: int, clock: _Clock, sustain: bool
     def end(sounding: dict[tuple[int, int], tuple[float, int]], at: tuple[int, int], now: float) -> None:
         start, velocity = sounding.pop(at)
         if now > start:
-            notes.append(Note(at[1] - FIRST_NOTE, start, now, velocity, number))
+            notes.append(Note(at[1] - FIRST_NOTE, start, now, velocity))
 
-    tick, now = 0, 0.0
-    for message in track:
-        tick += message.time
-        now = clock.seconds(tick)
+    now = 0.0
+    for message in messages:
+        now += message.time
         if message.type == "control_change" and message.control == _SUSTAIN and sustain:
             pedal[message.channel] = message.value >= _PEDAL_DOWN
             if not pedal[message.channel]:

@@ -32,8 +32,16 @@ STATE_ARRAYS = (
 """What the robot reports, apart from the live inputs."""
 EXTERN, REFERENCE = "extern/", "reference/"
 """Prefixes of the names of live inputs, and of the motion's terms."""
-_OTHER_NAMES = {"observation": "obs", "action": "actions", mit.VELOCITY_COMMAND: "cmd"}
-_MEMORY_WIDTHS: Mapping[str, tuple[int, ...]] = {"frame": (), "walked": (), "alignment": (7,)}
+MUJOCO_VERSION = "mujoco_version"
+"""Text in the file of a trace: the version that simulated it."""
+_NAMES = {"obs": "observation", "actions": "action", "cmd": mit.VELOCITY_COMMAND}
+_MEMORY: Mapping[str, type[np.generic]] = {
+    "last_action": np.float32,
+    "frame": np.int64,
+    "walked": np.float64,
+    "history": np.float32,
+    "alignment": np.float64,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +60,8 @@ class Trace:
     model that does not carry it."""
     frame_count: int = 1
     """Frames of that motion."""
+    mujoco_version: str = ""
+    """Of the simulation; empty if the file does not say."""
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
@@ -77,11 +87,7 @@ class Trace:
 
     def memory(self, i: int, memory: PolicyMemory) -> PolicyMemory:
         """Return a policy's memory with what is known of it in step i."""
-        known: dict[str, Any] = {
-            name: self.arrays[name][i]
-            for name in ("last_action", "frame", "walked", "history", "alignment")
-            if name in self.arrays
-        }
+        known: dict[str, Any] = {name: self.arrays[name][i] for name in _MEMORY if name in self.arrays}
         for name in {"history", "alignment"} & known.keys():
             if np.isnan(known[name]).any():
                 known[name] = None
@@ -98,13 +104,16 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
     Args:
         bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
     """
-    file = _File(path, read_arrays(path))
+    file = _File(path, {_NAMES.get(name, name): array for name, array in read_arrays(path).items()})
     action = file.table("action", contract.action_count)
     file.steps = len(action)
-    names = file.names()
+    names = file.joint_names()
     # A free joint has 7 values, and any other 1; it has a name of its own, or none.
     surplus = file.arrays["qpos"].shape[-1] - len(names) if "qpos" in file.arrays else 0
     hinges = names[1:] if surplus == 6 else names
+    missing = [name for name in contract.joint_names if name not in hinges]
+    if missing:
+        raise file.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
     points = {point_velocity(point): point for point in contract.velocity_points}
     known = _states(file, hinges, 7 if surplus in (6, 7) else 0, points, bodies)
     widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, **dict.fromkeys(points, 3)}
@@ -112,26 +121,23 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
         widths[mit.HEIGHT_SCAN] = contract.height_scan.count
     live = (*widths, mit.KEY_PRESSED)
     # What the file says itself comes before what follows from its qpos.
-    for name in (*live, *STATE_ARRAYS[2:]):
-        if name in file:
-            known[name] = file.table(name, widths.get(name))
+    known |= {name: file.table(name, widths.get(name)) for name in (*live, *STATE_ARRAYS[2:]) if name in file.arrays}
     for term in contract.terms:
         array = contract.kind(term).input(term)
         if array and array not in known:
             hint = ", or the robot, whose model tells it from qpos" if array != mit.VELOCITY_COMMAND else ""
             raise file.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
-    missing = [name for name in contract.joint_names if name not in hinges]
-    if missing:
-        raise file.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
     joints = tuple(name for name in hinges if name in contract.joint_names)
     columns = [hinges.index(name) for name in joints]
     known.setdefault("imu_linear_acceleration", np.zeros((file.steps, 3)))
-    arrays = {name: known[name][:, columns] if name.startswith("joint_") else known[name] for name in STATE_ARRAYS}
+    arrays: dict[str, npt.NDArray[Any]] = {name: known[name] for name in STATE_ARRAYS}
+    arrays |= {name: known[name][:, columns] for name in STATE_ARRAYS[:2]}
     arrays |= {EXTERN + name: known[name] for name in live if name in known}
     arrays |= {"observation": file.table("observation").astype(np.float32), "action": action.astype(np.float32)}
-    if "target" in file:
+    if "target" in file.arrays:
         arrays["target"] = file.table("target", len(hinges))[:, columns]
-    return Trace(path.name, joints, {**arrays, **_memory(file, contract.action_count)})
+    arrays |= {name: file.memory(name, kind) for name, kind in _MEMORY.items() if name in file.arrays}
+    return Trace(path.name, joints, arrays, mujoco_version=str(file.arrays.get(MUJOCO_VERSION, "")))
 
 
 @dataclass
@@ -143,21 +149,12 @@ class _File:
     steps: int = 0
     """Steps of the run, once they are known."""
 
-    def __contains__(self, name: str) -> bool:
-        return name in self.arrays or _OTHER_NAMES.get(name, "") in self.arrays
-
-    def numbers(self, name: str) -> npt.NDArray[Any]:
-        values = self.arrays[name if name in self.arrays else _OTHER_NAMES[name]]
-        if values.dtype.kind not in "fiub":
-            raise self.wrong(name, f"has type {values.dtype}", "numbers")
-        return values
-
     def table(self, name: str, width: int | None = None) -> FloatArray:
-        """Shape (F, width), float64; one row for all steps is spread out."""
+        """Return an array as shape (F, width), float64; one row for all steps is spread out."""
         expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
-        if name not in self:
-            raise self.wrong(name, "is missing", expected)
-        values = self.numbers(name)
+        values = self.arrays.get(name)
+        if values is None or values.dtype.kind not in "fiub":
+            raise self.wrong(name, "is missing" if values is None else f"has type {values.dtype}", expected)
         if values.ndim == 1 and self.steps and name != "observation":
             values = np.broadcast_to(values, (self.steps, len(values)))
         steps = self.steps or len(values)
@@ -168,7 +165,16 @@ class _File:
             raise self.wrong(name, f"is not finite in row {row}", expected)
         return values.astype(np.float64)
 
-    def names(self) -> tuple[str, ...]:
+    def memory(self, name: str, kind: type[np.generic]) -> npt.NDArray[Any]:
+        """Return what a run says of the policy's memory: F rows, or one alignment for all."""
+        values = self.arrays[name]
+        if name == "alignment" and values.ndim == 1:
+            values = np.broadcast_to(values, (self.steps, len(values)))
+        if values.ndim == 0 or len(values) != self.steps:
+            raise self.wrong(name, f"has shape {values.shape}", f"{self.steps} rows")
+        return values.astype(kind)
+
+    def joint_names(self) -> tuple[str, ...]:
         names = self.arrays.get("joint_names")
         if names is None or names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
             shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
@@ -187,7 +193,7 @@ def _states(
 ) -> dict[str, FloatArray]:
     """Return what a run says of the robot: as arrays, or as far as it follows from `qpos` and `qvel`."""
     joints = len(hinges)
-    if "qpos" not in file:
+    if "qpos" not in file.arrays:
         widths = dict(zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False))
         return {name: file.table(name, width) for name, width in widths.items()}
     qpos, qvel = file.table("qpos", free + joints), file.table("qvel", max(free - 1, 0) + joints)
@@ -199,23 +205,3 @@ def _states(
         return found | {"imu_quaternion": upright, "imu_angular_velocity": np.zeros((file.steps, 3))}
     found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
     return found | {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]} | {n: qvel[:, :3] for n, p in points.items() if p == mit.IMU}
-
-
-def _memory(file: _File, actions: int) -> Arrays:
-    """Return what a run that does not start at activation says of the policy's memory."""
-    found: dict[str, npt.NDArray[Any]] = {}
-    widths = {**_MEMORY_WIDTHS, "last_action": (actions,)}
-    for name in ("last_action", "frame", "walked", "alignment", "history"):
-        if name not in file:
-            continue
-        table = file.numbers(name)
-        if name == "alignment" and table.ndim == 1:
-            table = np.broadcast_to(table, (file.steps, len(table)))
-        if name == "history":
-            if table.ndim != 3 or len(table) != file.steps:
-                raise file.wrong(name, f"has shape {table.shape}", f"({file.steps}, steps, width of one step)")
-        elif table.shape != (file.steps, *widths[name]):
-            raise file.wrong(name, f"has shape {table.shape}", f"{(file.steps, *widths[name])}")
-        kind = np.int64 if name == "frame" else np.float32 if name in ("last_action", "history") else np.float64
-        found[name] = table.astype(kind)
-    return found

@@ -7,11 +7,10 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.checkpoint import load_checkpoint, zero_policy
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
-from humanoid_sim.policy.motion import Motion, motion_bytes, read_motion
 
 JOINTS = models.JOINTS
 BODIES = ("pelvis", "torso")
@@ -65,13 +64,20 @@ def saved(path, motion, made=None, *, clamps=True):
     return path
 
 
-def test_a_motion_is_read_as_the_graph_has_it(tmp_path):
+@pytest.mark.parametrize("clamps", [True, False])
+def test_a_motion_is_read_as_the_graph_has_it(tmp_path, clamps):
+    """To the frame that is held, or to the last that there is."""
     motion = tables()
-    checkpoint = load_checkpoint(saved(tmp_path / "t.onnx", motion))
+    checkpoint = load_checkpoint(saved(tmp_path / "t.onnx", motion, clamps=clamps))
     read = checkpoint.motion
     rows = [motion[name].reshape(7, -1) for name in motion]
     assert read.frames.tobytes() == np.concatenate(rows, axis=1).tobytes()
     assert (read.joint_names, read.body_names, read.policy_dt) == (JOINTS, BODIES, 0.02)
+
+
+def test_a_pause_is_not_the_end(tmp_path):
+    motion = {name: np.repeat(table, [1, 1, 130, 1, 1, 60, 1], axis=0) for name, table in tables().items()}
+    assert len(load_checkpoint(saved(tmp_path / "t.onnx", motion)).motion.frames) == 195
 
 
 def test_the_reference_shows_the_anchor_body(tmp_path):
@@ -110,7 +116,7 @@ def test_a_model_that_gives_the_anchor_alone(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"body_names": ("pelvis",), "anchor_body": "pelvis"}, "output 'body_quat_w' has 8 values, expected 4"),
+        ({"body_names": ("pelvis",), "anchor_body": "pelvis"}, "output 'body_pos_w' has 6 values, expected 3"),
         ({"anchor_body": "head"}, "anchor_body is 'head', expected one of body_names: pelvis, torso"),
     ],
 )
@@ -118,40 +124,6 @@ def test_outputs_that_do_not_fit_are_named(tmp_path, changes, message):
     path = saved(tmp_path / "t.onnx", tables(), contract(**changes))
     with pytest.raises(InputError, match=message):
         load_checkpoint(path)
-
-
-FILE = {
-    "frames": np.arange(2.0 * 20).reshape(2, 20),
-    "body_names": BODIES,
-    "joint_names": JOINTS,
-    "policy_dt": 0.02,
-    "layout": "joints_bodies_w",
-}
-
-
-def test_a_motion_file_with_joints_and_world_poses(tmp_path):
-    motion = Motion(**FILE, robot="g1")
-    (tmp_path / "m.mcap").write_bytes(motion_bytes(motion))
-    read = read_motion(tmp_path / "m.mcap")
-    assert read.frames.tobytes() == motion.frames.tobytes()
-    assert (read.layout, read.joint_names, read.body_names) == ("joints_bodies_w", JOINTS, BODIES)
-    loaded = load_policy(contract(joint_names=("c", "a", "b")), zero_policy(2), read)
-    assert loaded.reference.term("reference_joint_pos", 0).tolist() == [2.0, 0.0, 1.0]
-    assert loaded.reference.term("reference_joint_vel", 0).tolist() == [5.0, 3.0, 4.0]
-    assert loaded.reference.term("anchor_pos", 1).tolist() == [29.0, 30.0, 31.0]
-    assert loaded.reference.term("anchor_quat", 1).tolist() == [36.0, 37.0, 38.0, 39.0]
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"joint_names": ("a", "b")}, "20 values per frame, expected 18, that is 2 for each of 2 joints and 7"),
-        ({"layout": "joints"}, "layout: is 'joints', expected one of bodies_b, joints_bodies_w"),
-    ],
-)
-def test_a_motion_of_another_form_is_refused(changes, message):
-    with pytest.raises(FieldError, match=message):
-        Motion(**{**FILE, **changes})
 
 
 def test_named_tensors_are_used(tmp_path):
