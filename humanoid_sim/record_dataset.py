@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 from collections.abc import Iterator
@@ -11,14 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, needing
 
 if TYPE_CHECKING:
     from humanoid_sim.policy.motion import Motion
     from humanoid_sim.recording.episodes import Episode
     from humanoid_sim.recording.reader import Recording
 
-_PURPOSE = "record dataset"
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip
 
@@ -49,7 +49,6 @@ class RecordDataset:
 
 def record_dataset(config: RecordDataset) -> int:
     """Write the dataset; returns the exit status. Raises `InputError` if it cannot be made."""
-    from humanoid_sim.prepare.lerobot_dataset import import_lerobot  # noqa: PLC0415 - brings PyTorch
     from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
 
     if config.output.exists():
@@ -71,7 +70,7 @@ def record_dataset(config: RecordDataset) -> int:
                 f"{recording.path}: is of robot '{recording.header.robot}', {recordings[0].path} of '{first.robot}'; "
                 "a dataset holds one robot with one order of joints"
             )
-    library = import_lerobot("datasets.lerobot_dataset", _PURPOSE, offline=True)
+    library = _import_lerobot()
     staging = config.output.resolve().with_name(f".{config.output.resolve().name}.{os.getpid()}.tmp")
     try:
         counts = _write(library, staging, repo_id, recordings, config)
@@ -83,6 +82,13 @@ def record_dataset(config: RecordDataset) -> int:
         shutil.rmtree(staging, ignore_errors=True)
     print(f"{config.output}: {len(counts)} episodes, {sum(counts)} frames, as {repo_id}")
     return 0
+
+
+def _import_lerobot() -> Any:
+    """Return the module of LeRobot's datasets, which does not ask the hub for what a local one lacks."""
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")  # read when the hub's package is imported
+    with needing("lerobot", "lerobot", "record dataset"):
+        return importlib.import_module("lerobot.datasets.lerobot_dataset")
 
 
 def _write(library: Any, root: Path, repo_id: str, recordings: list[Recording], config: RecordDataset) -> list[int]:

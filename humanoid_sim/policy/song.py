@@ -6,7 +6,6 @@ holds for all tracks. Key 0 is A0, MIDI note 21, and key 87 is C8, MIDI note 108
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -65,15 +64,6 @@ def key_name(key: int) -> str:
     """Such as `C4` for key 39, middle C."""
     note = key + FIRST_NOTE
     return f"{_NAMES[note % 12]}{note // 12 - 1}"
-
-
-def key_number(name: str) -> int | None:
-    """Return the key of a name such as `C4`, `F#3` or `Bb3`; None if the piano has no such key."""
-    match = re.fullmatch(r"([A-Ga-g])([#b]?)(-?\d)", name.strip())
-    if match is None:
-        return None
-    note = _NAMES.index(match[1].upper()) + {"#": 1, "b": -1, "": 0}[match[2]] + 12 * (int(match[3]) + 1)
-    return note - FIRST_NOTE if 0 <= note - FIRST_NOTE < KEY_COUNT else None
 
 
 def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain: bool = False) -> Song:

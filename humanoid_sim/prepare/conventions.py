@@ -1,150 +1,153 @@
-"""Meaning of a motion's columns, joint by joint and body by body: written down, then applied."""
+"""Meaning of a motion's columns: what the source says, else the options; assumed only where kinematics can confirm."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Literal
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
+import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.terms import QuaternionOrder
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import conjugate, multiply, quaternion_from_matrix, rotate, seen_from
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare import PrepareOptions
-from humanoid_sim.prepare.skeleton import Orders, Skeleton
-from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
+from humanoid_sim.prepare.sources import SourceMotion
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
 
 
-@dataclass(frozen=True, slots=True)
-class Conventions:
-    """Meaning of a motion's columns."""
+class Skeleton:
+    """Names and geometry of a robot's bodies, from the base on, and the orders in which motions have them."""
 
-    joint_names: tuple[str, ...]
-    """Names of the joint columns; empty if there are none."""
-    body_names: tuple[str, ...]
-    """Names of the bodies; empty if there are none."""
-    quaternions: QuaternionOrder
-    angle_unit: Literal["rad", "deg"] = "rad"
-    """Unit of joint positions and velocities."""
-    joints_said_by: str = ""
-    """Origin of `joint_names`, for the report."""
-    bodies_said_by: str = ""
-    quaternions_said_by: str = ""
+    def __init__(self, description: RobotDescription, contract: PolicyContract) -> None:
+        model = build_model(description, scene=False)
+        base = base_body(model, description)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        by_level = breadth_first(model, base)
+        self.description = description
+        self.base: str = model.body(base).name
+        self.base_pose: FloatArray = np.concatenate([data.xpos[base], data.xquat[base]])
+        """Shape (7,), m and w x y z, world frame, where the model has it."""
+        self.joints = description.joint_names
+        self.bodies: tuple[str, ...] = tuple(model.body(body).name for body in sorted(by_level))
+        self.joint_orders = {
+            "contract": contract.joint_names,
+            "robot": self.joints,
+            "mjcf": joints_of(model, sorted(by_level), self.joints),
+            "breadth_first": joints_of(model, by_level, self.joints),
+        }
+        self.body_orders = {
+            "contract": contract.body_names,
+            "mjcf": self.bodies,
+            "breadth_first": tuple(model.body(body).name for body in by_level),
+        }
+        self._forward = ForwardKinematics(description, self.bodies)
+
+    def poses(self, joints: FloatArray, bodies: tuple[str, ...]) -> FloatArray:
+        """Return where joint positions (F, n), rad, put bodies: (F, B, 7), m and w x y z, base frame."""
+        columns = [self.bodies.index(name) for name in bodies]
+        position, rotation = self._forward(joints)
+        return np.concatenate([position[:, columns], quaternion_from_matrix(rotation[:, columns])], axis=-1)
 
 
-def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: PrepareOptions) -> Conventions:
-    """Return what the source says, else what the options say, else what the format is known to do.
+def interpret(
+    source: SourceMotion, skeleton: Skeleton, options: PrepareOptions
+) -> tuple[SourceMotion, tuple[str, ...]]:
+    """Return the motion as the robot has it, and the options that were assumed.
 
-    Raises `InputError` if an option contradicts names in the source, or a number of columns fits no order.
+    Joints are in the robot's order, rad; quaternions w x y z; bodies in the base frame. The pose of the base is that of
+    its body where the motion has it. Raises `InputError` where something is not known, or fits no body or joint.
     """
-    positions, usual = source.joint_position, "robot" if source.kind.startswith("csv") else "contract"
-    orders, option = skeleton.joint_orders, options.joint_order
-    joints, joints_by = _columns(source, "joint", positions, source.joint_names, orders, option, usual)
-    positions, orders, option = source.body_position, skeleton.body_orders, options.body_order
-    usual = "contract" if positions is not None and positions.shape[1] == len(orders["contract"]) else "mjcf"
-    bodies, bodies_by = _columns(source, "body", positions, source.body_names, orders, option, usual)
-    order, order_by, given = source.quaternion_order, source.quaternion_order_source, options.quaternions
-    if given is not None and order_by != "column names":
-        order, order_by = given, "--quaternions"
-    elif given not in (None, order):
-        raise InputError(f"--quaternions: is {given}, but the column names of {source.source} say which is which")
-    return Conventions(
-        joint_names=joints,
-        body_names=bodies,
-        quaternions=order,
-        angle_unit=options.angle_unit,
-        joints_said_by=joints_by,
-        bodies_said_by=bodies_by,
-        quaternions_said_by=order_by,
-    )
+    assumed: list[str] = []
 
+    def settle(option: str, own: str | tuple[str, ...] | None, given: str | None, usual: str) -> str:
+        known = ",".join(own) if isinstance(own, tuple) else own
+        if known is not None and given not in (None, known):
+            raise InputError(f"{option}: is {given}, but {source.source} says {known}")
+        if known is None and given is None:
+            if source.bodies is None:
+                reason = f"{source.source} does not say, and has no body poses that would show a mistake"
+                raise InputError(f"{option}: is missing; {reason}")
+            assumed.append(f"{option} {usual}")
+        return known or given or usual
 
-def _columns(
-    source: SourceMotion,
-    what: Literal["joint", "body"],
-    array: FloatArray | None,
-    own: tuple[str, ...] | None,
-    orders: Orders,
-    option: str | None,
-    usual: str,
-) -> tuple[tuple[str, ...], str]:
-    """Names of the columns of joints or bodies, and where they come from."""
-    if array is None:
-        return (), ""
-    plural = {"joint": "joints", "body": "bodies"}[what]
-    if own:
-        if option is not None:
-            raise InputError(f"--{what}-order: is given, but {source.source} names its {plural}")
-        return own, "names in the file"
-    chosen, count = option or usual, array.shape[1]
-    names = named_order(f"--{what}-order", chosen, orders)
-    if len(names) != count:
-        known = f", and the order '{chosen}' has {len(names)} ({', '.join(names)})"
-        if what == "body":
-            known = f"; the contract has {len(orders['contract'])}, the robot {len(orders['mjcf'])}"
-        raise InputError(
-            f"{source.source}: has {count} {plural} per frame{known}; say which they are with --{what}-order"
-        )
-    return names, f"--{what}-order {chosen}" if option else f"assumed: {chosen}"
-
-
-def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
-    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves."""
-    if value in known:
-        return known[value]
-    names = tuple(name.strip() for name in value.split(","))
-    if len(names) < 2 or not all(names):
-        raise InputError(f"{option}: is '{value}', expected {', '.join(known)}, or names separated by commas")
-    return names
-
-
-def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[str], who: str) -> list[int]:
-    """Places of the `wanted` names among `names`."""
-    listed = list(names)
-    for name in wanted:
-        if name not in listed:
-            raise InputError(f"{source}: {known_names(what, name, listed)} ({who} needs it)")
-    return [listed.index(name) for name in wanted]
-
-
-def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> SourceMotion:
-    """Return the motion with its columns named: joints in the robot's order, SI units, quaternions w x y z.
-
-    The pose of the base is taken from the bodies where they hold it in the world. Raises `InputError` if the robot has
-    a joint that the motion does not, or the other way round; likewise for bodies.
-    """
-    position, velocity = source.joint_position, source.joint_velocity
-    if conventions.angle_unit == "deg":
-        position, velocity = (None if array is None else np.radians(array) for array in (position, velocity))
-    if position is not None:
-        match_names(source.source, "joint of the motion", skeleton.joints, conventions.joint_names, "the motion")
-        columns = match_names(source.source, "joint", conventions.joint_names, skeleton.joints, "the robot")
-        position = position[:, columns]
-        velocity = None if velocity is None else velocity[:, columns]
-    bodies = conventions.body_names
-    match_names(source.source, "body", skeleton.bodies, bodies, "the motion")
-    body_quaternion = _wxyz(source.body_quaternion, conventions)
-    base_position, base_quaternion = source.base_position, _wxyz(source.base_quaternion, conventions)
-    has_base = source.frame == "world" and skeleton.base in bodies
-    if has_base and source.body_position is not None and body_quaternion is not None:
-        base = bodies.index(skeleton.base)
-        base_position, base_quaternion = source.body_position[:, base], body_quaternion[:, base]
-    return replace(
+    joints, velocity = source.joints, source.joint_velocity
+    if joints is not None:
+        order = settle("--joint-order", source.joint_names, options.joint_order, "contract")
+        names = _named(source, "joint", order, skeleton.joint_orders, joints.shape[1], skeleton.joints)
+        require_known("joint", skeleton.joints, names, f"{source.source}: ")
+        columns = [names.index(joint) for joint in skeleton.joints]
+        is_degrees = settle("--angle-unit", source.angle_unit, options.angle_unit, "rad") == "deg"
+        scale = math.radians(1.0) if is_degrees else 1.0
+        joints = scale * joints[:, columns]
+        velocity = None if velocity is None else scale * velocity[:, columns]
+    bodies: tuple[str, ...] = ()
+    if source.bodies is not None:
+        count = source.bodies.shape[1]
+        usual = "contract" if count == len(skeleton.body_orders["contract"]) else "mjcf"
+        order = settle("--body-order", source.body_names, options.body_order, usual)
+        bodies = _named(source, "body", order, skeleton.body_orders, count, skeleton.bodies)
+    turned: dict[str, Any] = {}
+    for name in ("base", "bodies"):
+        pose = getattr(source, name)
+        if pose is not None:
+            order = settle("--quaternions", source.quaternion_order, options.quaternions, "wxyz")
+            quaternion = np.roll(pose[..., 3:], 1, axis=-1) if order == "xyzw" else pose[..., 3:]
+            quaternion = quaternion / np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
+            turned[name] = np.concatenate([pose[..., :3], quaternion], axis=-1)
+    motion = replace(
         source,
-        joint_position=position,
+        joints=joints,
         joint_velocity=velocity,
         joint_names=skeleton.joints,
         body_names=bodies,
-        body_quaternion=body_quaternion,
-        base_position=base_position,
-        base_quaternion=base_quaternion,
         quaternion_order="wxyz",
+        angle_unit="rad",
+        **turned,
     )
+    return _in_base_frame(motion, skeleton, bodies), tuple(dict.fromkeys(assumed))
 
 
-def _wxyz(quaternion: FloatArray | None, conventions: Conventions) -> FloatArray | None:
-    """From the body to the world."""
-    if quaternion is None:
-        return None
-    return np.ascontiguousarray(swap_quaternion_order(quaternion, conventions.quaternions))
+def _named(
+    source: SourceMotion,
+    what: str,
+    order: str,
+    orders: Mapping[str, tuple[str, ...]],
+    count: int,
+    known: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Return the names of the columns of joints or bodies: of a known order, or those given with commas."""
+    names = orders.get(order) or tuple(name.strip() for name in order.split(","))
+    if len(names) != count:
+        counts = ", ".join(f"{name} ({len(listed)})" for name, listed in orders.items())
+        found = f"--{what}-order: {order} has {len(names)} names, and {source.source} {count} columns"
+        raise InputError(f"{found}; expected one of {counts}, or names with commas")
+    require_known(what, names, known, f"{source.source}: ")
+    return names
+
+
+def _in_base_frame(motion: SourceMotion, skeleton: Skeleton, names: tuple[str, ...]) -> SourceMotion:
+    """Return the motion with its bodies in the frame of the base, and the base's own pose in the world."""
+    base, bodies = motion.base, motion.bodies if motion.frame == "world" else None
+    if bodies is not None and skeleton.base in names:
+        base = bodies[:, names.index(skeleton.base)]
+    elif base is None and not skeleton.description.is_floating:
+        fixed = skeleton.base_pose
+        if bodies is not None and motion.joints is not None:
+            # A base that does not move is where the first body of the first frame puts it.
+            seen, first = skeleton.poses(motion.joints[:1], names[:1])[0, 0], bodies[0, 0]
+            turn = multiply(first[3:], conjugate(seen[3:]))
+            fixed = np.concatenate([first[:3] - rotate(turn, seen[:3]), turn])
+        base = np.repeat(fixed[None], len(motion.times), axis=0)
+    if bodies is None:
+        return replace(motion, base=base)
+    if base is None:
+        raise InputError(f"{motion.source}: has no pose of the floating base '{skeleton.base}', which is needed")
+    relative = seen_from(base[:, :3], base[:, 3:], bodies[..., :3], bodies[..., 3:])
+    return replace(motion, base=base, bodies=np.concatenate(relative, axis=-1), frame="base")

@@ -1,4 +1,4 @@
-"""From a motion whose columns have names to the frames of a motion file: in the policy's layout, at its rate."""
+"""From a motion as the robot has it to a motion file: at the policy's rate, in its layout."""
 
 from __future__ import annotations
 
@@ -8,147 +8,78 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import continuous, matrix, multiply, quaternion_from_matrix, rotate, slerp
+from humanoid_sim.controllers.rotation import continuous, matrix, multiply, rotate, slerp
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
-from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source_motion import SourceMotion
+from humanoid_sim.policy.motion import Motion, body_frames
+from humanoid_sim.prepare.conventions import Skeleton
+from humanoid_sim.prepare.sources import SourceMotion, derivative
 
-FROM_SOURCE = "the source"
-FROM_KINEMATICS = "forward kinematics"
-
-_EQUAL = 1e-4
-"""Relative difference of rates that writing them as decimals explains: half a frame in a hundred seconds at 50 Hz."""
+_OFF_RATE = 0.1  # share of a policy step by which a frame's time may be off
 
 
-def has_rate(fps: float, policy_dt: float) -> bool:
-    """Return whether frames come once per policy step."""
-    return abs(fps * policy_dt - 1.0) <= _EQUAL
-
-
-def resample(motion: SourceMotion, policy_dt: float) -> SourceMotion:
+def at_rate(motion: SourceMotion, policy_dt: float, *, resample: bool) -> SourceMotion:
     """Return the motion with a frame every `policy_dt` s, from its first frame to at most its last.
 
-    Positions are interpolated linearly, orientations along the shortest arc, joint velocities as they are: rates per
-    second.
+    Positions are interpolated linearly, orientations along the shortest arc. Raises `InputError` if the frames do not
+    come at this rate, and `resample` is False.
     """
-    count = motion.frame_count
-    # The margin keeps the last frame where both rates fall together but for rounding.
-    frames = int(np.floor((count - 1) / motion.fps / policy_dt + 1e-6)) + 1
-    place = np.minimum(np.arange(frames) * policy_dt * motion.fps, count - 1)
-    lower = np.minimum(place.astype(np.intp), max(count - 2, 0))
-    weight = place - lower
-    upper = np.minimum(lower + 1, count - 1)
+    times = motion.times - motion.times[0]
+    steps = policy_dt * np.arange(len(times))
+    if np.abs(times - steps).max() <= _OFF_RATE * policy_dt:
+        return motion
+    if not resample:
+        raise InputError(
+            f"{motion.source}: has {motion.rate:.4g} frames per second, the policy takes {1.0 / policy_dt:g} evenly "
+            "spaced steps; add --resample to interpolate"
+        )
+    count = int(times[-1] / policy_dt + 1e-6) + 1  # the last frame stays where only rounding is in the way
+    place = np.minimum(policy_dt * np.arange(count), times[-1])
+    upper = np.clip(np.searchsorted(times, place, side="right"), 1, len(times) - 1)
+    lower = upper - 1
+    weight = (place - times[lower]) / (times[upper] - times[lower])
     mixed: dict[str, Any] = {}
     for name, array in motion.arrays().items():
         w = weight.reshape(-1, *[1] * (array.ndim - 1))
-        if name.endswith("quaternion"):
-            mixed[name] = slerp(array[lower], array[upper], w)
-        else:
-            mixed[name] = (1.0 - w) * array[lower] + w * array[upper]
-    return replace(motion, fps=1.0 / policy_dt, **mixed)
+        mixed[name] = (1.0 - w) * array[lower] + w * array[upper]
+        if name in ("base", "bodies"):
+            mixed[name][..., 3:] = slerp(array[lower][..., 3:], array[upper][..., 3:], w)
+    return replace(motion, times=place, **mixed)
 
 
-def layout_of(contract: PolicyContract) -> MotionLayout:
-    """`bodies_b` for policies that see bodies in the base frame, `joints_bodies_w` for those with anchor terms."""
-    return "bodies_b" if contract.requires("body_names") else "joints_bodies_w"
+def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) -> Motion:
+    """Return the content of a motion file: `bodies_b` for policies that observe bodies in the base frame.
 
-
-def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
-    """Return the content of a file for a motion at the policy's rate, and whose its body poses are.
-
-    Raises `InputError` if the motion does not hold what the layout needs.
+    Else `joints_bodies_w`, for those with anchor terms. Raises `InputError` if the motion lacks what the layout needs.
     """
-    layout = layout_of(contract)
-    bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
-    if layout == "bodies_b":
-        position, rotation, origin = _base_frame(motion, bodies, skeleton)
-        frames = body_frames(position, rotation)
-        joints: tuple[str, ...] = ()
+    names = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
+    own, bodies, joints = motion.body_names or (), motion.bodies, motion.joints
+    in_base_frame = contract.requires("body_names")
+    if joints is None and not (in_base_frame and set(names) <= set(own)):
+        raise InputError(f"{motion.source}: lacks joint positions, or bodies of {', '.join(names)}, which are needed")
+    if bodies is not None and set(names) <= set(own):
+        bodies = bodies[:, [own.index(name) for name in names]]
+    elif joints is not None:
+        bodies = skeleton.poses(joints, names)
+    assert bodies is not None
+    if in_base_frame:
+        frames = body_frames(bodies[..., :3], matrix(bodies[..., 3:]))
     else:
-        if motion.joint_position is None:
-            raise InputError(f"{motion.source}: holds no joint positions, which the policy's reference needs")
-        position, quaternion, origin = _world_frame(motion, bodies, skeleton)
+        assert joints is not None
+        if motion.base is None:
+            raise InputError(f"{motion.source}: has no pose of the floating base '{skeleton.base}', which is needed")
+        turn = np.broadcast_to(motion.base[:, None, 3:], bodies[..., 3:].shape)
+        position = rotate(turn, bodies[..., :3]) + motion.base[:, None, :3]
+        quaternion = continuous(multiply(turn, bodies[..., 3:]))
+        velocity = derivative(joints, motion.times) if motion.joint_velocity is None else motion.joint_velocity
         order = [skeleton.joints.index(joint) for joint in contract.joint_names]
-        count = len(position)
-        parts = (
-            motion.joint_position[:, order],
-            _velocity(motion)[:, order],
-            position.reshape(count, -1),
-            continuous(quaternion).reshape(count, -1),
-        )
-        frames, joints = np.concatenate(parts, axis=1), contract.joint_names
-    return (
-        Motion(
-            frames=frames.astype(np.float32),
-            body_names=bodies,
-            policy_dt=contract.policy_dt,
-            task_type=contract.task_type,
-            robot=skeleton.description.name,
-            layout=layout,
-            joint_names=joints,
-        ),
-        origin,
+        parts = (joints[:, order], velocity[:, order], position, quaternion)
+        frames = np.concatenate([part.reshape(len(joints), -1) for part in parts], axis=1)
+    return Motion(
+        frames=frames.astype(np.float32),
+        body_names=names,
+        policy_dt=contract.policy_dt,
+        task_type=contract.task_type,
+        robot=skeleton.description.name,
+        layout="bodies_b" if in_base_frame else "joints_bodies_w",
+        joint_names=() if in_base_frame else contract.joint_names,
     )
-
-
-def _velocity(motion: SourceMotion) -> FloatArray:
-    """Shape (F, n), rad/s: the source's, else central differences, one-sided at the ends."""
-    if motion.joint_velocity is not None:
-        return motion.joint_velocity
-    assert motion.joint_position is not None
-    if len(motion.joint_position) < 2:
-        return np.zeros_like(motion.joint_position)
-    rate: FloatArray = np.gradient(motion.joint_position, 1.0 / motion.fps, axis=0)
-    return rate
-
-
-def _own_poses(motion: SourceMotion, bodies: tuple[str, ...]) -> tuple[FloatArray, FloatArray] | None:
-    """Positions (F, B, 3), m, and quaternions (F, B, 4) of bodies, in the motion's frame; None if it lacks some."""
-    if motion.body_position is None or motion.body_quaternion is None or not set(bodies) <= set(motion.body_names):
-        return None
-    columns = [motion.body_names.index(name) for name in bodies]
-    return motion.body_position[:, columns], motion.body_quaternion[:, columns]
-
-
-def _base_frame(
-    motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
-) -> tuple[FloatArray, FloatArray, str]:
-    """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3) in the base frame."""
-    poses = _own_poses(motion, bodies)
-    if poses is not None and (motion.frame == "base" or motion.base_quaternion is not None):
-        position, rotation = poses[0], matrix(poses[1])
-        if motion.base_position is not None and motion.base_quaternion is not None and motion.frame == "world":
-            base = matrix(motion.base_quaternion)
-            position = np.einsum("tji,tbj->tbi", base, position - motion.base_position[:, None])
-            rotation = np.einsum("tji,tbjk->tbik", base, rotation)
-        return position, rotation, FROM_SOURCE
-    if motion.joint_position is None:
-        missing = [name for name in bodies if name not in motion.body_names]
-        raise InputError(
-            f"{motion.source}: holds no joint positions, and its bodies lack {', '.join(missing) or 'orientations'}, "
-            "which the policy follows"
-        )
-    return *skeleton.poses(motion.joint_position, bodies), FROM_KINEMATICS
-
-
-def _world_frame(
-    motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
-) -> tuple[FloatArray, FloatArray, str]:
-    """Positions (F, B, 3), m, and quaternions (F, B, 4), w x y z, in the world frame."""
-    poses = _own_poses(motion, bodies)
-    if motion.frame == "world" and poses is not None:
-        return *poses, FROM_SOURCE
-    position, rotation, origin = _base_frame(motion, bodies, skeleton)
-    base_position, base_quaternion = motion.base_position, motion.base_quaternion
-    if base_position is None or base_quaternion is None:
-        if skeleton.description.is_floating:
-            raise InputError(f"{motion.source}: holds no pose of the floating base '{skeleton.base}', which is needed")
-        # A fixed base stands where the robot's model has it.
-        base_position, base_quaternion = (
-            np.repeat(value[None], len(position), axis=0)
-            for value in (skeleton.base_position, skeleton.base_quaternion)
-        )
-    turn = np.broadcast_to(base_quaternion[:, None], (*position.shape[:2], 4))
-    return (rotate(turn, position) + base_position[:, None], multiply(turn, quaternion_from_matrix(rotation)), origin)

@@ -1,174 +1,125 @@
-"""One run of `prepare`, from options to files."""
+"""One run of `prepare`, from options to a motion file."""
 
 from __future__ import annotations
 
-import math
 import re
-import sys
-from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
-from humanoid_sim.assets import policy_path
-from humanoid_sim.errors import InputError
+from humanoid_sim.assets import policy_path, song_path
+from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.motion import motion_bytes
+from humanoid_sim.policy.motion import Motion, motion_bytes
+from humanoid_sim.policy.song import left_out, playable, read_song, song_motion, transpose
 from humanoid_sim.prepare import PrepareOptions
-from humanoid_sim.prepare.acceptance import accept
-from humanoid_sim.prepare.conventions import choose_conventions
-from humanoid_sim.prepare.convert import convert, has_rate, resample
-from humanoid_sim.prepare.lerobot_dataset import parse_roles, read_hub_dataset, read_local_dataset
-from humanoid_sim.prepare.motion_files import read_csv, read_npz
-from humanoid_sim.prepare.motion_fit import Tolerance
-from humanoid_sim.prepare.outputs import Content, MotionReport, OutputFolder, checkpoint_files
-from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.song import SONG_RATE, prepare_song
-from humanoid_sim.prepare.source_motion import SourceMotion
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.prepare.check import check
+from humanoid_sim.prepare.conventions import Skeleton, interpret
+from humanoid_sim.prepare.convert import at_rate, convert
+from humanoid_sim.prepare.lerobot_dataset import dataset_folder, parse_roles, read_dataset
+from humanoid_sim.prepare.sources import SourceMotion, read_csv, read_joint_states, read_npz
+from humanoid_sim.prepare.wandb_run import fetch_checkpoint
+from humanoid_sim.robots.description import RobotDescription, load_robot
+
+_SONG_RATE = 50.0  # Hz of the goals where neither a policy nor the user gives a rate
 
 
 def prepare(options: PrepareOptions) -> int:
-    """Run, and return the exit status. Raises `InputError` before any file is written."""
-    _refuse_conflicts(options)
-    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
-    outputs = OutputFolder(Path(options.output), options.overwrite)
-    if options.song is not None and options.policy is None and options.wandb_run_path is None:
-        outputs.write(prepare_song(options, 1.0 / (options.fps or SONG_RATE), console), console)
-        return 0
-    path = _checkpoint_path(options, console)
-    description = load_robot(options.robot)
-    contract_file = None if options.contract is None else Path(options.contract)
-    checkpoint = load_checkpoint(path, contract_file, description.joint_names)
-    has_source = options.motion is not None or options.dataset is not None
-    task = checkpoint.contract.task_type
-    if (task == "piano") is (options.song is None):
-        needed = "plays songs: give one with --song" if task == "piano" else "plays no songs, and --song is given"
-        raise InputError(f"{path}: is a policy of task_type {task}, which {needed}")
+    """Run, and return the exit status. Raises `InputError` before a motion file is written."""
+    if options.motion is not None and options.song is not None:
+        raise InputError("--motion and --song: both are given, expected one of them")
+    if options.fps is not None and not options.fps > 0.0:
+        raise InputError(f"--fps: is {options.fps:g}, expected a number > 0")
+    folder = Path(options.output)
+    robot = load_robot(options.robot)
+    checkpoint = _checkpoint(options, folder, robot)
     if options.song is not None:
-        _write(outputs, prepare_song(options, checkpoint.contract.policy_dt, console), checkpoint, path, console)
+        policy_dt = 1.0 / (options.fps or _SONG_RATE) if checkpoint is None else checkpoint.contract.policy_dt
+        motion, lines, name = _song(options, song_path(options.song), policy_dt, robot)
+    elif checkpoint is None:
+        raise InputError("--policy: is missing; it, --wandb-run-path or --song is needed")
+    elif checkpoint.motion is not None and options.motion is None:
+        print(f"{checkpoint.source} carries its motion itself: there is nothing else to prepare")
         return 0
-    if task == "locomotion" and has_source:
-        option = "--motion" if options.motion is not None else "--dataset"
-        raise InputError(f"{option}: is given, but {path} follows no motion")
-    if task == "locomotion" or (checkpoint.motion is not None and not has_source):
-        why = "follows no motion" if task == "locomotion" else "carries its motion itself"
-        _write(outputs, {}, checkpoint, path, console)
-        console.print(f"{path.name}: {why}; nothing else to prepare", markup=False)
-        return 0
-    skeleton = Skeleton(description, checkpoint.contract)
-    source = _read(options, checkpoint, skeleton, console)
-    if options.velocities == "positions":
-        if source.joint_position is None:
-            raise InputError(f"--velocities: is positions, but {source.source} holds no joint positions")
-        source = replace(source, joint_velocity=None)
-    report = _make(options, checkpoint, skeleton, source)
-    # The same check as `play` makes: terms, widths, bodies and rate.
-    checkpoint.following(report.motion, source.source)
-    name = options.name or _name(options, source)
-    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(report.motion), f"{name}.json": report.json_bytes()}
-    outputs.refuse_existing(files)
-    report.print(console)
-    _write(outputs, files, checkpoint, path, console)
+    else:
+        motion, lines, name = _motion(options, checkpoint, robot)
+    if checkpoint is not None:
+        checkpoint.following(motion, name)  # the same check as `play` makes: terms, widths, bodies and rate
+    stem = re.sub(r"[^\w.-]+", "_", options.name or name)
+    target = folder / f"{stem}.mcap"
+    if target.exists() and not options.overwrite:
+        raise InputError(f"--output: '{target}' exists; choose another --name, or add --overwrite")
+    with blaming(f"--output: '{folder}' cannot be written", OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    with whole_file(target) as file:
+        file.write(motion_bytes(motion))
+    rate = f"{len(motion.frames)} frames at {1.0 / motion.policy_dt:g} Hz, {motion.duration:.2f} s"
+    print("\n".join((*lines, f"wrote {target}: {rate}")))
     return 0
 
 
-def _write(
-    outputs: OutputFolder, files: dict[str, Content], checkpoint: Checkpoint, path: Path, console: Console
-) -> None:
-    copies = checkpoint_files(checkpoint, path)
-    if not copies:
-        console.print(f"{path} is not copied: its contract is complete only with the files next to it", markup=False)
-    outputs.write(files | copies, console)
+def _checkpoint(options: PrepareOptions, folder: Path, robot: RobotDescription) -> Checkpoint | None:
+    if options.policy is not None and options.wandb_run_path is not None:
+        raise InputError("--policy and --wandb-run-path: both are given, expected one of them")
+    if options.wandb_run_path is not None:
+        path = fetch_checkpoint(options.wandb_run_path, options.wandb_file, folder)
+        print(f"checkpoint {path}")
+    elif options.policy is not None:
+        path = policy_path(options.policy)
+    else:
+        return None
+    contract_file = None if options.contract is None else Path(options.contract)
+    checkpoint = load_checkpoint(path, contract_file, robot.joint_names)
+    task = checkpoint.contract.task_type
+    wanted = "tracking" if options.song is None else "piano"
+    if task != wanted:
+        raise InputError(f"{path}: is a policy of task_type {task}, expected {wanted} for a motion to be prepared")
+    return checkpoint
 
 
-def _refuse_conflicts(options: PrepareOptions) -> None:
-    if (options.policy is None) == (options.wandb_run_path is None) and (options.song is None or options.policy):
-        state = "both are given" if options.policy is not None else "neither is given"
-        raise InputError(f"--policy and --wandb-run-path: {state}, expected one of them")
-    if options.wandb_file is not None and options.wandb_run_path is None:
-        raise InputError("--wandb-file: needs --wandb-run-path")
-    given = [name for name in ("motion", "dataset", "song") if getattr(options, name) is not None]
-    if len(given) > 1:
-        raise InputError(f"--{given[0]} and --{given[1]}: both are given, expected one of them")
-    if options.voices is not None and options.voices < 1:
-        raise InputError(f"--voices: is {options.voices}, expected at least 1")
-    values = {
-        "--tolerance": options.tolerance,
-        "--angle-tolerance": options.angle_tolerance,
-        "--timeout": options.timeout,
-    }
-    if options.fps is not None:
-        values["--fps"] = options.fps
-    for option, value in values.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{option}: is {value}, expected a finite number > 0")
-    if options.name is not None and not re.fullmatch(r"[\w.-]+", options.name):
-        raise InputError(f"--name: is '{options.name}', expected letters, digits, '.', '_' and '-'")
+def _song(
+    options: PrepareOptions, path: Path, policy_dt: float, robot: RobotDescription
+) -> tuple[Motion, list[str], str]:
+    """Return the goals of a song, a row every `policy_dt` s, what to print of it, and its name."""
+    whole = read_song(path, tracks=options.tracks or None, sustain=options.sustain)
+    song, dropped = playable(transpose(whole, options.transpose), robot)
+    if not song.notes:
+        raise InputError(f"{path}: none of its notes is within reach of '{robot.name}': {left_out(dropped)}")
+    lines = ["tracks: " + ", ".join(f"{i} {name or 'unnamed'}" for i, name in enumerate(whole.tracks))]
+    lines.append(f"{len(song.notes)} of {len(whole.notes)} notes, {song.seconds:.1f} s")
+    if dropped:
+        lines.append(f"left out, beyond reach or too many at a time: {left_out(dropped)}; --transpose moves the song")
+    return song_motion(song, policy_dt, robot), lines, path.stem
 
 
-def _checkpoint_path(options: PrepareOptions, console: Console) -> Path:
-    if options.wandb_run_path is None:
-        assert options.policy is not None  # one of the two is given
-        return policy_path(options.policy)
-    from humanoid_sim.prepare.wandb_run import fetch_checkpoint  # noqa: PLC0415 - only for this option
-
-    path, notice = fetch_checkpoint(options.wandb_run_path, options.wandb_file, timeout=options.timeout)
-    if notice:
-        console.print(notice, markup=False)
-    console.print(f"checkpoint {path}", markup=False)
-    return path
-
-
-def _read(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, console: Console) -> SourceMotion:
-    """Return the source: a path, a dataset by id, or else the dataset that the checkpoint names."""
-    roles = parse_roles(options.features)
-    if options.motion is not None:
-        return _read_path(options, Path(options.motion), roles, skeleton)
-    dataset = options.dataset or checkpoint.contract.dataset_repo_id
-    if not dataset:
-        raise InputError(f"--motion: is missing, and {checkpoint.source} names no dataset")
-    if options.dataset is None:
-        console.print(f"motion: the dataset {dataset} that the checkpoint names", markup=False)
-    return read_hub_dataset(dataset, options.episode, roles, skeleton.joints, options.timeout)
-
-
-def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skeleton: Skeleton) -> SourceMotion:
-    if path.is_dir():
-        return read_local_dataset(path, options.episode, roles, skeleton.joints)
-    if not path.exists():
-        raise InputError(f"--motion: '{path}' does not exist, expected an .npz or .csv file or a dataset's folder")
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        floating = skeleton.description.is_floating
-        return read_csv(path, skeleton.joints, options.fps, floating=floating, quaternions=options.quaternions)
-    if suffix != ".npz":
-        raise InputError(f"--motion: '{path}' is neither an .npz or .csv file nor a folder")
-    if options.fps is not None:
-        raise InputError(f"--fps: is given, but {path} states its frame rate")
-    return read_npz(path)
-
-
-def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, source: SourceMotion) -> MotionReport:
-    """Check, resample and convert."""
+def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescription) -> tuple[Motion, list[str], str]:
+    """Return the motion, what to print of it, and its name."""
     contract = checkpoint.contract
-    tolerance = Tolerance(options.tolerance, math.radians(options.angle_tolerance))
-    conventions = choose_conventions(source, skeleton, options)
-    found = accept(source, conventions, skeleton, tolerance)
-    same_rate = has_rate(source.fps, contract.policy_dt)
-    if not same_rate and not options.resample:
-        raise InputError(
-            f"{source.source}: has {source.fps:g} frames per second, the policy takes {1.0 / contract.policy_dt:g} "
-            "steps; add --resample to interpolate"
-        )
-    named = found.motion if same_rate else resample(found.motion, contract.policy_dt)
-    motion, origin = convert(named, contract, skeleton)
-    return MotionReport(source, checkpoint.source, conventions, tolerance, found, motion, origin, not same_rate)
+    skeleton = Skeleton(robot, contract)
+    given = options.motion or contract.dataset_repo_id
+    if not given:
+        raise InputError("--motion: is missing, and the checkpoint names no dataset")
+    source = _read(options, Path(given), skeleton.joints)
+    motion, assumed = interpret(source, skeleton, options)
+    summary = f"{source.source}: {source.kind}, {len(source.times)} frames at {source.rate:.4g} per second"
+    lines = [summary, *check(motion, skeleton, options.tolerance)]
+    if assumed:
+        lines.append(f"assumed, and confirmed by the bodies: {', '.join(assumed)}")
+    name = f"{Path(given).name}_{options.episode or 0}" if source.kind == "lerobot" else Path(given).stem
+    return convert(at_rate(motion, contract.policy_dt, resample=options.resample), contract, skeleton), lines, name
 
 
-def _name(options: PrepareOptions, source: SourceMotion) -> str:
-    """Return a file name from the source's: `waltz` for waltz.npz, `dances_3` for episode 3 of a dataset of dances."""
-    if options.motion is not None and Path(options.motion).is_file():
-        return Path(options.motion).stem
-    stem = re.sub(r"[^\w-]+", "_", source.source.rpartition("/")[2])
-    return stem.replace("_episode_", "_").strip("_") or "motion"
+def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> SourceMotion:
+    if path.suffix == ".csv":
+        return read_csv(path, joints, options.fps)
+    if options.fps is not None:
+        raise InputError(f"--fps: is given, but {path} has times of its own")
+    if path.suffix == ".npz":
+        return read_npz(path)
+    if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
+        return read_joint_states(path, options.topic, joints)
+    if path.is_dir() or str(path).count("/") == 1:
+        return read_dataset(dataset_folder(str(path)), options.episode, parse_roles(options.features), joints)
+    raise InputError(
+        f"--motion: is '{path}', expected an .npz, .csv or .mcap file, a folder of rosbag2, or a LeRobot dataset: "
+        "its folder, or user/name on the hub"
+    )

@@ -8,9 +8,6 @@ import numpy as np
 
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.policy.motion import body_frames
-from humanoid_sim.prepare.conventions import Conventions, interpret
-from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
@@ -45,50 +42,21 @@ def joint_path(frames: int = FRAMES, seed: int = 0) -> np.ndarray:
     return home + room * np.sin(2 * np.pi * rng.uniform(0.4, 1.4, 14) * t + rng.uniform(0, 2 * np.pi, 14))
 
 
-def state_of(q: np.ndarray, bodies: tuple[str, ...] | None = None, fps: float = FPS) -> dict[str, Any]:
-    """The arrays of an .npz: a robot whose base stands, turned, somewhere in the world; by default all its bodies."""
-    position, rotation = ForwardKinematics(lite(), Skeleton(lite()).bodies if bodies is None else bodies)(q)
+def state_of(q: np.ndarray, bodies: tuple[str, ...], fps: float = FPS) -> dict[str, Any]:
+    """The arrays of an .npz: a robot whose base stands, turned, somewhere in the world."""
+    position, rotation = ForwardKinematics(lite(), bodies)(q)
     cos, sin = np.cos(0.7), np.sin(0.7)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    position = position @ turn.T + np.array([1.0, 2.0, 0.5])
     return {
         "fps": np.array([fps]),
         "joint_pos": q.astype(np.float32),
         "joint_vel": np.gradient(q, 1.0 / fps, axis=0).astype(np.float32),
-        "body_pos_w": position.astype(np.float32),
+        "body_pos_w": (position @ turn.T + np.array([1.0, 2.0, 0.5])).astype(np.float32),
         "body_quat_w": quaternion_from_matrix(turn @ rotation).astype(np.float32),
-        "body_lin_vel_w": np.zeros_like(position, dtype=np.float32),
-        "body_ang_vel_w": np.zeros_like(position, dtype=np.float32),
     }
 
 
-def source_of(bodies: tuple[str, ...]) -> SourceMotion:
-    """The same as a file's content whose conventions are not known yet."""
-    state = state_of(joint_path(), bodies)
-    return SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
-
-
-def motion_of(bodies: tuple[str, ...]) -> SourceMotion:
-    """The same, read as what it is."""
-    skeleton = Skeleton(lite())
-    return interpret(source_of(bodies), Conventions(skeleton.joints, bodies, "wxyz"), skeleton)
-
-
-@cache
-def sample_state() -> dict[str, Any]:
-    return state_of(joint_path())
-
-
-def write_npz(path: Path, **changes: Any) -> Path:
-    """A motion of the Lite; changes replace arrays, and None removes one."""
-    state = sample_state() | changes
-    np.savez(path, **{key: value for key, value in state.items() if value is not None})
+def write_npz(path: Path, state: dict[str, Any], **changes: Any) -> Path:
+    """Changes replace arrays, and None removes one."""
+    np.savez(path, **{key: value for key, value in (state | changes).items() if value is not None})
     return path

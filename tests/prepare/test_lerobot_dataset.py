@@ -1,90 +1,159 @@
+"""Datasets of LeRobot's format v3.0, as its writer lays out their files."""
+
+import json
+import sys
+import types
+
 import numpy as np
 import pytest
+from motion_samples import BODIES, joint_frames, joint_path, lite, state_of
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.lerobot_dataset import episode_motion, parse_roles
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.prepare import main
+from humanoid_sim.prepare.lerobot_dataset import dataset_folder
 
-JOINTS = ("hip", "knee")
-STATE = np.arange(12.0).reshape(3, 4)
-POSITION = np.arange(18.0).reshape(3, 6)
-TIMES = np.arange(3) / 50.0
-
-
-def read(columns, names=None, **roles):
-    return episode_motion("dances episode 0", columns, names or {}, 50.0, roles, JOINTS)
-
-
-def test_joints_by_the_names_of_the_state():
-    names = {"observation.state": {"motors": ["knee.vel", "knee.pos", "gripper.pos", "hip.pos"]}}
-    motion = read({"observation.state": STATE, "timestamp": TIMES}, names)
-    assert motion.joint_names == ("knee", "hip")
-    assert motion.joint_position.tolist() == STATE[:, [1, 3]].tolist()
-
-
-def test_joints_without_names():
-    motion = read(
-        {"observation.joint_pos": STATE[:, :2], "joint_vel": STATE[:, 2:]}, {"observation.joint_pos": ["0", "1"]}
-    )
-    assert motion.joint_names is None
-    assert motion.joint_velocity.tolist() == STATE[:, 2:].tolist()
+POLICY = asset_path("policies", "lite_tracking.onnx")
+ORDER = np.random.default_rng(2).permutation(14)
+Q = joint_path()
+FRAMES = joint_frames(lite(), Q)
+WORLD = state_of(Q, ("chest", *BODIES))
+NAMES = {
+    "observation.state": {"motors": [f"{lite().joint_names[i]}.pos" for i in ORDER]},
+    "qpos.state": {"motors": [f"{name}.pos" for name in lite().joint_names[:13]]},
+    "body_pos_w": [f"{body}.{axis}" for body in ("chest", *BODIES) for axis in "xyz"],
+}
+JOINTS = {"observation.state": Q[:, ORDER]}
+IN_WORLD = {name: WORLD[name].reshape(len(Q), -1) for name in ("body_pos_w", "body_quat_w")}
+IN_BASE = {"motion_body_pos_b": FRAMES[:, :12], "motion_body_ori_b": FRAMES[:, 12:]}
 
 
-def test_a_feature_by_its_role():
-    motion = read({"measured": STATE[:, :2], "observation.state": STATE}, joint_pos="measured")
-    assert motion.joint_position.shape == (3, 2)
+def write(root, *episodes, fps=50, version="v3.0"):
+    """Files as `lerobot` 0.4 writes them: one of all episodes' frames, one of the episodes, and what they hold."""
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows, listed = {}, []
+    for index, columns in enumerate(episodes):
+        length = len(next(iter(columns.values())))
+        own = {"timestamp": np.arange(length, dtype=np.float32) / fps, "frame_index": np.arange(length)}
+        for key, values in {**columns, **own, "episode_index": np.full(length, index)}.items():
+            rows.setdefault(key, []).extend(values.tolist())
+        listed.append({"episode_index": index, "length": length, "data/chunk_index": 0, "data/file_index": 0})
+    features = {
+        key: {"dtype": "float32", "shape": values[0].shape, "names": NAMES.get(key)}
+        for key, values in episodes[0].items()
+    }
+    features |= {key: {"dtype": "int64", "shape": [1], "names": None} for key in ("frame_index", "episode_index")}
+    features |= {"timestamp": {"dtype": "float32", "shape": [1], "names": None}, "image": {"dtype": "video"}}
+    path = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+    for folder in ("data/chunk-000", "meta/episodes/chunk-000"):
+        (root / folder).mkdir(parents=True)
+    info = {"codebase_version": version, "fps": fps, "features": features, "data_path": path}
+    (root / "meta" / "info.json").write_text(json.dumps(info))
+    parquet.write_table(pa.table(rows), root / "data" / "chunk-000" / "file-000.parquet")
+    parquet.write_table(pa.Table.from_pylist(listed), root / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    return root
 
 
-@pytest.mark.parametrize("flat", [True, False])
-def test_bodies_in_the_base_frame(flat):
-    rows = np.tile([1.0, 0.0, 0.0, 1.0, 0.0, 0.0], (3, 2))
-    position = POSITION if flat else POSITION.reshape(3, 2, 3)
-    names = {"motion_body_pos_b": [f"{body}.{axis}" for body in ("left_hand", "right_hand") for axis in "xyz"]}
-    motion = read({"motion_body_pos_b": position, "motion_body_ori_b": rows}, names)
-    assert (motion.frame, motion.body_names) == ("base", ("left_hand", "right_hand"))
-    assert motion.body_position.shape == (3, 2, 3)
-    np.testing.assert_allclose(motion.body_quaternion, np.tile([1.0, 0.0, 0.0, 0.0], (3, 2, 1)), atol=1e-12)
+def prepare(tmp_path, motion, *options):
+    given = ["--policy", str(POLICY), "--motion", str(motion), "--output", str(tmp_path / "out")]
+    return run_program(main, [*given, *options])
 
 
-def test_bodies_in_the_world():
-    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (3, 2))
-    motion = read({"joint_pos": STATE[:, :2], "body_pos_w": POSITION, "body_quat_w": quaternion})
-    assert (motion.frame, motion.body_names) == ("world", ())
-    assert motion.body_quaternion.shape == (3, 2, 4)
-
-
-def test_the_reference_comes_before_what_the_robot_did():
-    rows = np.tile([1.0, 0.0, 0.0, 1.0, 0.0, 0.0], (3, 2))
-    columns = {"reference.motion_body_pos_b": POSITION, "reference.motion_body_ori_b": rows, "observation.state": STATE}
-    motion = read(columns, {"observation.state": ["hip.pos", "knee.pos", "a", "b"]})
-    assert motion.joint_position is None
-    assert motion.body_position is not None
+def refusal(capsys, tmp_path, motion, *options):
+    capsys.readouterr()
+    assert prepare(tmp_path, motion, *options) == 2
+    return capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("columns", "names", "reason"),
+    ("columns", "options", "method"),
     [
-        ({"image": STATE}, {}, "has no feature with joint positions or body poses; it has image"),
+        (JOINTS | IN_WORLD, [], "forward kinematics"),
+        (IN_BASE, [], "inverse kinematics"),
+        (JOINTS | {f"reference.{name}": values for name, values in IN_BASE.items()}, [], "inverse kinematics"),
+        (JOINTS, ["--angle-unit", "rad"], "note: without body poses"),
         (
-            {"observation.state": STATE},
-            {"observation.state": ["hip.pos", "a", "b", "c"]},
-            "'observation.state' has no knee",
-        ),
-        ({"body_pos_b": STATE}, {}, r"'body_pos_b' has shape \(4,\) per frame, expected 3 values per body"),
-        (
-            {"joint_pos": STATE, "timestamp": [0.0, 0.02, 0.06]},
-            {},
-            r"timestamp rises by 0\.04 s after frame 1, but fps is 50",
+            {"measured": Q},
+            ["--angle-unit", "rad", "--joint-order", "robot", "--features", "joint_pos=measured"],
+            "note",
         ),
     ],
 )
-def test_columns_that_are_no_motion(columns, names, reason):
-    with pytest.raises(InputError, match=reason):
-        read({key: np.asarray(value) for key, value in columns.items()}, names)
+def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, options, method):
+    root = write(tmp_path / "dances", {key: values[::-1] for key, values in columns.items()}, columns)
+    assert prepare(tmp_path, root, "--episode", "1", *options) == 0
+    assert method in capsys.readouterr().out
+    np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_1.mcap").frames, FRAMES, atol=2e-6)
 
 
-def test_roles():
-    assert parse_roles(["joint_pos=a.b"]) == {"joint_pos": "a.b"}
-    with pytest.raises(InputError, match="expected ROLE=FEATURE with a role of joint_pos"):
-        parse_roles(["pos=a"])
-    with pytest.raises(InputError, match="--features: dances episode 0 has no feature 'a'"):
-        read({"joint_pos": STATE}, joint_pos="a")
+def test_bodies_in_each_others_place_cannot_be_reached(tmp_path, capsys):
+    position = IN_BASE["motion_body_pos_b"].reshape(-1, 4, 3)[:, [0, 3, 2, 1]].reshape(-1, 12)
+    root = write(tmp_path / "dances", IN_BASE | {"motion_body_pos_b": position})
+    assert "from where inverse kinematics puts it" in refusal(capsys, tmp_path, root)
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "reason"),
+    [
+        (JOINTS, [], "--angle-unit: is missing"),
+        ({"qpos.state": Q[:, :13]}, ["--angle-unit", "rad"], f"unknown joint '{lite().joint_names[13]}'"),
+        ({"measured": Q}, [], "holds no motion"),
+        ({"joint_pos": Q, "observation.joint_pos": Q}, [], "choose with --features"),
+        (JOINTS | {"body_pos_w": IN_WORLD["body_pos_w"]}, [], "expected both"),
+        (JOINTS, ["--features", "pos=a"], "unknown role 'pos'"),
+        (JOINTS, ["--features", "joint_pos=a"], "unknown feature 'a'"),
+        (JOINTS, ["--episode", "1"], "--episode: is 1, expected one of the 1 episodes"),
+    ],
+)
+def test_what_is_missing_or_ambiguous_is_named(tmp_path, capsys, columns, options, reason):
+    error = refusal(capsys, tmp_path, write(tmp_path / "dances", columns), *options)
+    assert reason in error
+    assert error.count("\n") == 1
+
+
+def test_frames_that_are_missing(tmp_path, capsys):
+    root = write(tmp_path / "dances", IN_BASE)
+    path = root / "data" / "chunk-000" / "file-000.parquet"
+    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(parquet.read_table(path).slice(0, 20), path)
+    assert "episode 0 has 20 frames, not 40" in refusal(capsys, tmp_path, root)
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "cannot be read as a LeRobot dataset" in refusal(capsys, tmp_path, root)
+
+
+@pytest.mark.parametrize("module", ["datasets/v30", "scripts", None])
+def test_older_formats_name_the_converter_that_is_installed(tmp_path, capsys, monkeypatch, module):
+    package = tmp_path / "site" / "lerobot"
+    (package / (module or "")).mkdir(parents=True)
+    (package / "__init__.py").touch()
+    if module:
+        (package / module / "convert_dataset_v21_to_v30.py").touch()
+    monkeypatch.syspath_prepend(str(package.parent))
+    error = refusal(capsys, tmp_path, write(tmp_path / "dances", IN_BASE, version="v2.1"))
+    assert "has LeRobot's format v2.1, expected v3.0" in error
+    name = "convert_dataset_v21_to_v30"
+    expected = f"python -m lerobot.{module.replace('/', '.')}.{name}" if module else f"{name}, which is not installed"
+    assert expected in error
+
+
+def test_a_dataset_of_the_hub(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "home"))
+    kept = write(tmp_path / "home" / "lab" / "kept", IN_BASE)
+    assert dataset_folder("lab/kept") == kept
+    hub = types.ModuleType("huggingface_hub")
+    fetched = write(tmp_path / "hub", IN_BASE)
+    hub.snapshot_download = lambda name, **_: {"lab/dances": str(fetched)}[name]
+    monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
+    assert prepare(tmp_path, "lab/dances") == 0
+    np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, FRAMES, atol=2e-6)
+    assert "'lab/gone' cannot be fetched from the hub" in refusal(capsys, tmp_path, "lab/gone")
+
+
+def test_without_its_packages_one_line_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
+    assert run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out")]) == 2  # the policy's own
+    error = capsys.readouterr().err
+    assert "'local/lite_sample_motions'" in error
+    assert "pip install 'humanoid_sim[lerobot]'" in error

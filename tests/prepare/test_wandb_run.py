@@ -1,123 +1,105 @@
+"""Checkpoints of W&B runs, by a stand-in for the part of the `wandb` package that is used."""
+
 import sys
+import threading
+import types
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
-from fake_wandb import Artifact, CommError, File, Service
+from motion_samples import joint_path, lite, state_of, write_npz
 
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.prepare.wandb_run import cache_folder, fetch_checkpoint
+from humanoid_sim.prepare import main, wandb_run
+from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 
 RUN = "lab/arms/7xk2"
+POLICY = asset_path("policies", "lite_tracking.onnx")
+
+
+@dataclass
+class File:
+    name: str
+
+    def download(self, root, replace):
+        assert replace
+        path = Path(root) / self.name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(POLICY.read_bytes())
+        return path.open()
 
 
 @pytest.fixture
-def service(monkeypatch, tmp_path):
-    service = Service()
-    monkeypatch.setitem(sys.modules, "wandb", service.module())
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    yield service
-    service.released.set()
+def service(monkeypatch):
+    """Runs by path, with their files' names; an exception instead is raised, an event waited for."""
+    runs = {}
+
+    class Api:
+        def __init__(self, timeout):
+            assert timeout >= 1
+
+        def run(self, path):
+            if isinstance(runs[path], Exception):
+                raise runs[path]
+            if isinstance(runs[path], threading.Event):
+                runs[path].wait(20.0)
+            return types.SimpleNamespace(files=lambda: [File(name) for name in runs[path]])
+
+    module = types.ModuleType("wandb")
+    module.Api = Api
+    monkeypatch.setitem(sys.modules, "wandb", module)
+    return runs
 
 
-def fetch(name=None, timeout=5.0, **options):
-    return fetch_checkpoint(RUN, name, timeout=timeout, **options)[0]
-
-
-def test_the_newest_model_by_its_number(service):
-    service.add(RUN, "config.yaml", "model_900.onnx", "model_1500.onnx", "model_1500.pt", "other_9999.onnx")
-    path = fetch()
-    assert path == cache_folder() / RUN / "model_1500.onnx"
-    assert path.read_bytes() == b"model model_1500.onnx" * 10
-    assert service.downloads == ["model_1500.onnx"]
-    assert [file.name for file in path.parent.iterdir()] == ["model_1500.onnx"]
-
-
-def test_a_file_by_name_and_its_external_tensors(service):
-    service.add(RUN, "exported/policy.onnx", "exported/policy.onnx.data", "model_3.onnx")
-    path = fetch("exported/policy.onnx")
-    assert path == cache_folder() / RUN / "exported" / "policy.onnx"
-    assert path.with_name("policy.onnx.data").is_file()
-
-
-def test_what_is_in_the_cache_is_not_fetched_again(service):
-    run = service.add(RUN, "model_3.onnx")
-    fetch()
-    fetch()
-    assert service.downloads == ["model_3.onnx"]
-    run.inside[0].data = b"trained on"
-    assert fetch().read_bytes() == b"trained on"
-    assert service.downloads == ["model_3.onnx"] * 2
-
-
-def test_a_run_whose_checkpoint_is_an_artifact(service):
-    run = service.add(RUN, "config.yaml")
-    older, newer = (File(f"model_{number}.onnx", b"weights", service) for number in (100, 50))
-    run.artifacts = [Artifact([older]), Artifact([newer]), Artifact([File("table.json", b"{}", service)])]
-    assert fetch().name == "model_50.onnx"  # the newest artifact's, whatever its number
+def test_the_newest_model_by_its_number(service, tmp_path):
+    service[RUN] = ["config.yaml", "model_900.onnx", "model_1500.onnx", "model_1500.onnx.data", "other_9999.onnx"]
+    assert fetch_checkpoint(RUN, None, tmp_path) == tmp_path / "model_1500.onnx"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model_1500.onnx", "model_1500.onnx.data"]
+    assert fetch_checkpoint(RUN, "model_900.onnx", tmp_path).is_file()
 
 
 @pytest.mark.parametrize(
     ("files", "name", "reason"),
     [
-        (["model_3.pt"], None, r"has no \.onnx file \(export the checkpoint\); it has: model_3\.pt"),
-        (["a.onnx", "b.onnx"], None, r"has several \.onnx files; choose with --wandb-file: a\.onnx, b\.onnx"),
-        (["../a.onnx"], None, r"has a file '\.\./a\.onnx', expected a name inside a folder"),
-        (["/a.onnx"], None, r"has a file '/a\.onnx', expected a name inside a folder"),
-        (["a.onnx"], "c.onnx", r"--wandb-file: run lab/arms/7xk2 has no 'c\.onnx'; it has: a\.onnx"),
+        (["model_3.pt"], None, r"has no \.onnx file; it has: model_3\.pt"),
+        (
+            ["a.onnx", "b.onnx"],
+            None,
+            r"has several \.onnx files; choose one with --wandb-file; it has: a\.onnx, b\.onnx",
+        ),
+        (["../a.onnx"], None, "expected a name inside the run's folder"),
+        (["a.onnx"], "c.onnx", r"has no 'c\.onnx'; it has: a\.onnx"),
+        (ConnectionError("name resolution"), None, "run lab/arms/7xk2 cannot be read: name resolution"),
     ],
 )
-def test_a_run_without_the_checkpoint(service, files, name, reason):
-    service.add(RUN, *files)
+def test_a_run_without_the_checkpoint(service, tmp_path, files, name, reason):
+    service[RUN] = files
     with pytest.raises(InputError, match=reason):
-        fetch(name)
+        fetch_checkpoint(RUN, name, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
-def test_a_run_that_does_not_exist(service):
-    with pytest.raises(InputError, match="--wandb-run-path: Could not find run"):
-        fetch()
+def test_no_answer_is_no_hang(service, tmp_path, monkeypatch):
+    monkeypatch.setattr(wandb_run, "WAIT", 0.6)
+    service[RUN] = event = threading.Event()
+    with pytest.raises(InputError, match=r"no answer within 0\.6 s"):
+        fetch_checkpoint(RUN, None, tmp_path)
+    event.set()
 
 
-@pytest.mark.parametrize("path", ["run", "lab/run", "lab/arms/7xk2/more", "lab//x", "lab/my project/x"])
-def test_a_path_that_is_none(service, path):
+def test_what_is_no_run_and_a_missing_package(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="expected entity/project/run"):
-        fetch_checkpoint(path, None, timeout=1.0)
-
-
-def test_no_answer_is_no_hang(service):
-    service.hangs = True
-    with pytest.raises(InputError, match=r"run lab/arms/7xk2 cannot be reached: no answer within 0\.2 s"):
-        fetch(timeout=0.2)
-
-
-def test_a_download_that_is_torn(service):
-    service.add(RUN, "model_3.onnx").inside[0].torn = True
-    with pytest.raises(InputError, match=r"'model_3\.onnx' of run lab/arms/7xk2 arrived incomplete"):
-        fetch()
-    assert list((cache_folder() / RUN).iterdir()) == []
-
-
-def test_offline(service):
-    service.add(RUN, "model_3.onnx", "model_4.onnx")
-    fetch("model_3.onnx")
-    service.fails = ConnectionError("name resolution")
-    with pytest.raises(
-        InputError, match=r"no connection; fetched before: model_3\.onnx \(choose one with --wandb-file\)"
-    ):
-        fetch()
-    path, notice = fetch_checkpoint(RUN, "model_3.onnx", timeout=1.0)
-    assert path.is_file()
-    assert "no connection; model_3.onnx is the copy in" in notice
-
-
-def test_offline_inside_the_package_s_own_error(service):
-    service.fails = CommError("Network error")
-    service.fails.__cause__ = ConnectionError()
-    with pytest.raises(InputError, match="cannot be reached: no connection; --policy takes a file"):
-        fetch()
-
-
-def test_without_the_package(monkeypatch):
+        fetch_checkpoint("lab/run", None, tmp_path)
     monkeypatch.setitem(sys.modules, "wandb", None)
-    with pytest.raises(
-        MissingPackageError, match=r"'wandb', which is not installed: pip install 'humanoid_sim\[wandb\]'"
-    ):
-        fetch()
+    with pytest.raises(MissingPackageError, match=r"pip install 'humanoid_sim\[wandb\]'"):
+        fetch_checkpoint(RUN, None, tmp_path)
+
+
+def test_a_motion_for_a_run_s_checkpoint(service, tmp_path):
+    service[RUN] = ["model_300.onnx"]
+    motion = write_npz(tmp_path / "dance.npz", state_of(joint_path(), ("chest", *lite().hands)))
+    arguments = ["--wandb-run-path", RUN, "--motion", str(motion), "--output", str(tmp_path / "out")]
+    assert run_program(main, [*arguments, "--body-order", ",".join(("chest", *lite().hands))]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["dance.mcap", "model_300.onnx"]

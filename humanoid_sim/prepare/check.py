@@ -1,0 +1,87 @@
+"""Does a motion fit the robot: its bodies, and its joints' limits and speeds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.conventions import Skeleton
+from humanoid_sim.prepare.sources import SourceMotion, derivative
+from humanoid_sim.robots.guards import speed_limit
+from humanoid_sim.simulation.kinematics import InverseKinematics
+
+_ANGLE = math.radians(2.0)  # largest angle between a body and where kinematics puts it
+_BEYOND = 0.035  # rad beyond a limit, by which motions that nothing else confirms may be off
+_MOST_POSES = 120  # frames for which joint positions are sought
+
+
+def check(motion: SourceMotion, skeleton: Skeleton, tolerance: float) -> list[str]:
+    """Return what a user should know about a motion that fits; raises `InputError` for one that does not.
+
+    Args:
+        motion: with joints in the robot's order, and bodies in the base frame.
+        tolerance: m, largest distance of a body from where kinematics puts it.
+    """
+    lines: list[str] = []
+    if motion.bodies is not None:
+        lines.append(_check_bodies(motion, motion.bodies, skeleton, tolerance))
+    elif motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
+        raise InputError(f"{motion.source}: its base is upside down most of the time; are --quaternions right?")
+    if motion.joints is not None:
+        lines += _check_joints(motion, motion.joints, skeleton)
+    if motion.bodies is None:
+        lines.append("note: without body poses nothing confirms the meaning of its columns but the joints' limits")
+    return lines
+
+
+def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton, tolerance: float) -> str:
+    """Compare the bodies with forward kinematics, or with the nearest pose where the motion has no joints."""
+    names, joints, method, step = motion.body_names or (), motion.joints, "forward kinematics", 1
+    if joints is None:
+        step, method = math.ceil(len(bodies) / _MOST_POSES), "inverse kinematics"
+        bodies = bodies[::step]
+        solver = InverseKinematics(skeleton.description, names)
+        start = np.array(skeleton.description.initial_position)
+        joints = solver.solve_path(bodies[..., :3], matrix(bodies[..., 3:]), start)
+    expected = skeleton.poses(joints, names)
+    offset = bodies[..., :3] - expected[..., :3]
+    distance = np.sqrt((offset * offset).sum(axis=-1))
+    angle = rotation_angle(matrix(bodies[..., 3:]), matrix(expected[..., 3:]))
+    excess = np.maximum(distance / tolerance, angle / _ANGLE)
+    i, body = np.unravel_index(int(excess.argmax()), excess.shape)
+    error = f"{1000.0 * distance[i, body]:.1f} mm and {math.degrees(angle[i, body]):.1f}°"
+    text = f"body '{names[body]}' is {error} from where {method} puts it in frame {step * i}"
+    if excess[i, body] > 1.0:
+        off = int((excess.max(axis=0) > 1.0).sum())
+        raise InputError(
+            f"{motion.source}: {text}; {off} of {len(names)} bodies are off; is it this robot's motion, and are "
+            "--joint-order, --body-order, --quaternions and --angle-unit right?"
+        )
+    return f"{len(names)} bodies fit: at most, {text}"
+
+
+def _check_joints(motion: SourceMotion, joints: FloatArray, skeleton: Skeleton) -> list[str]:
+    lines, robot, names = [], skeleton.description, skeleton.joints
+    beyond = np.maximum(robot.lower - joints, joints - robot.upper)
+    frame, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    if beyond[frame, joint] > 0.0:
+        limits = f"{robot.lower[joint]:.3g} to {robot.upper[joint]:.3g}"
+        text = f"joint '{names[joint]}' is at {joints[frame, joint]:.3f} rad in frame {frame}, beyond {limits}"
+        if motion.bodies is None and beyond[frame, joint] > _BEYOND:
+            raise InputError(f"{motion.source}: {text}; are --joint-order and --angle-unit right?")
+        lines.append(f"note: {text}")
+    rate = derivative(joints, motion.times)
+    limit = speed_limit(robot)
+    frame, joint = np.unravel_index(int((np.abs(rate) / limit).argmax()), rate.shape)
+    if abs(rate[frame, joint]) > limit[joint]:
+        speed = f"{abs(rate[frame, joint]):.3g} rad/s in frame {frame}, the robot's limit is {limit[joint]:.3g}"
+        lines.append(f"note: joint '{names[joint]}' moves at {speed}")
+    if motion.joint_velocity is not None:
+        off, usual = (float(np.sqrt((each * each).mean())) for each in (motion.joint_velocity - rate, rate))
+        if off > 0.5 * usual:
+            lines.append(f"note: joint velocities are {off:.2g} rad/s rms from the derivatives of the positions")
+    return lines

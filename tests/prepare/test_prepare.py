@@ -1,0 +1,294 @@
+"""`prepare` from its options to its file: each kind of source, what has to be said of it, and what is refused."""
+
+import numpy as np
+import pytest
+from motion_samples import BODIES, FRAMES, joint_frames, joint_path, lite, state_of, write_npz
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.play import main as play
+from humanoid_sim.policy.checkpoint import read_contract
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.prepare import main
+from humanoid_sim.prepare.conventions import Skeleton
+
+POLICY = asset_path("policies", "lite_tracking.onnx")
+SKELETON = Skeleton(lite(), read_contract(POLICY))
+SAMPLE = state_of(joint_path(), SKELETON.bodies)
+ANGLES, SPEEDS, POINTS, TURNS = (SAMPLE[name] for name in ("joint_pos", "joint_vel", "body_pos_w", "body_quat_w"))
+LEVELS = [SKELETON.joints.index(name) for name in SKELETON.joint_orders["breadth_first"]]
+BODY_LEVELS = [SKELETON.bodies.index(name) for name in SKELETON.body_orders["breadth_first"]]
+ISAACS = {
+    "joint_pos": ANGLES[:, LEVELS],
+    "joint_vel": SPEEDS[:, LEVELS],
+    "body_pos_w": POINTS[:, BODY_LEVELS],
+    "body_quat_w": TURNS[:, BODY_LEVELS],
+}
+LEAD = np.roll(np.arange(14), 1)
+
+
+def prepare(tmp_path, motion, *options):
+    given = ["--policy", str(POLICY), "--motion", str(motion), "--output", str(tmp_path / "out")]
+    return run_program(main, [*given, *options])
+
+
+def refusal(capsys, tmp_path, motion, *options):
+    """The one line of a refused run, which leaves nothing behind."""
+    assert prepare(tmp_path, motion, *options) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+    return error
+
+
+def made(tmp_path, name="dance"):
+    return read_motion(tmp_path / "out" / f"{name}.mcap")
+
+
+def assert_sample(tmp_path, tolerance=2e-6):
+    """The motion file holds what the joints of the sample do."""
+    np.testing.assert_allclose(made(tmp_path).frames, joint_frames(lite(), joint_path()), atol=tolerance)
+
+
+def npz(tmp_path, **changes):
+    return write_npz(tmp_path / "dance.npz", SAMPLE, **changes)
+
+
+def csv(tmp_path, rows, *names):
+    lines = [",".join(names), *(",".join(f"{value:.7f}" for value in row) for row in rows)]
+    path = tmp_path / "dance.csv"
+    path.write_text("\n".join(line for line in lines if line) + "\n", encoding="utf-8")
+    return path
+
+
+PUBLISHED = ("gripper", *lite().joint_names)
+
+
+def bag(tmp_path, q, *topics, names=PUBLISHED, unstamped=False):
+    """A folder of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    state = store.types["sensor_msgs/msg/JointState"]
+    jitter = np.random.default_rng(3).integers(0, 1_000_000, len(q))
+    with Writer(tmp_path / "dance", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in topics or ("/joint_states",):
+            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
+            for i, row in enumerate(q):
+                time = 10**18 + 5_000_000 * i + int(jitter[i])
+                sent = stamp(0, 0) if unstamped else stamp(*divmod(time, 10**9))
+                position = np.array([0.5, *row])[: len(names)]
+                message = state(header(sent, ""), list(names), position, np.zeros(0), np.zeros(0))
+                writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
+    return tmp_path / "dance"
+
+
+def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
+    assert prepare(tmp_path, npz(tmp_path)) == 0
+    motion = made(tmp_path)
+    assert (motion.body_names, motion.policy_dt, motion.robot, motion.layout) == (BODIES, 0.02, "lite", "bodies_b")
+    assert_sample(tmp_path)
+    printed = capsys.readouterr().out
+    assert "18 bodies fit" in printed
+    assert "assumed, and confirmed by the bodies: --joint-order contract" in printed
+    options = ["--record", "none", "--html", "none", "--viewer", "none", "--policy-seconds", "0.5"]
+    assert play(["--policy", str(POLICY), "--motion", str(tmp_path / "out" / "dance.mcap"), *options]) == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "options"),
+    [
+        (
+            ISAACS | {"body_quat_w": np.roll(TURNS[:, BODY_LEVELS], -1, -1)},
+            ["--joint-order", "breadth_first", "--body-order", "breadth_first", "--quaternions", "xyzw"],
+        ),
+        (
+            {"joint_pos": ANGLES[:, LEAD], "joint_vel": SPEEDS[:, LEAD]},
+            ["--joint-order", ",".join(lite().joint_names[i] for i in LEAD)],
+        ),
+        ({"joint_pos": ANGLES[:, LEAD], "joint_names": np.array(lite().joint_names)[LEAD]}, []),
+        ({"joint_pos": np.degrees(ANGLES), "joint_vel": np.degrees(SPEEDS)}, ["--angle-unit", "deg"]),
+        (
+            {"body_pos_w": POINTS[:, [7, 1]], "body_quat_w": TURNS[:, [7, 1]]},
+            ["--body-order", f"{SKELETON.bodies[7]},{SKELETON.bodies[1]}"],
+        ),
+    ],
+    ids=["Isaac's orders", "joints by name", "names in the file", "degrees", "two bodies"],
+)
+def test_what_the_file_does_not_say_the_options_do(tmp_path, changes, options):
+    assert prepare(tmp_path, npz(tmp_path, **changes), *options) == 0
+    assert_sample(tmp_path, 1e-5)
+
+
+LIFTED = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
+OFF = "bodies are off"
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"joint_pos": ANGLES[:, LEAD]}, OFF),
+        ({"joint_pos": ISAACS["joint_pos"]}, OFF),
+        ({"body_pos_w": ISAACS["body_pos_w"], "body_quat_w": ISAACS["body_quat_w"]}, OFF),
+        ({"body_quat_w": np.roll(TURNS, -1, -1)}, OFF),
+        ({"joint_pos": np.degrees(ANGLES)}, OFF),
+        ({"body_pos_w": 100.0 * POINTS}, OFF),
+        ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
+        ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "bodies is nan in frame 0"),
+        ({"body_quat_w": 0.5 * TURNS}, "quaternions of norm 0.5"),
+        ({"joint_pos": ANGLES[1:]}, "joint velocities of another shape"),
+        ({"joint_vel": None}, "has no joint_vel"),
+        ({"fps": np.array([0.0])}, "fps is 0"),
+        ({"joint_pos": ANGLES[0], "joint_vel": SPEEDS[0]}, "joint_pos is float32 of shape (14,)"),
+        ({"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]}, "--joint-order: contract has 14 names"),
+        ({"body_pos_w": POINTS[:, :9], "body_quat_w": TURNS[:, :9]}, "--body-order: mjcf has 18 names"),
+        ({"joint_names": np.array([f"joint_{i}" for i in range(14)])}, "unknown joint 'joint_0'"),
+    ],
+)
+def test_an_npz_that_is_not_this_robots_is_refused(tmp_path, capsys, changes, reason):
+    assert reason in refusal(capsys, tmp_path, npz(tmp_path, **changes))
+
+
+def test_a_wider_tolerance_lets_a_small_error_through(tmp_path):
+    assert prepare(tmp_path, npz(tmp_path, body_pos_w=LIFTED), "--tolerance", "0.025") == 0
+
+
+def test_velocities_of_other_joints_are_noted(tmp_path, capsys):
+    assert prepare(tmp_path, npz(tmp_path, joint_vel=SPEEDS[:, ::-1])) == 0
+    assert "note: joint velocities are" in capsys.readouterr().out
+
+
+def test_another_rate_is_resampled_only_on_request(tmp_path, capsys):
+    path = write_npz(tmp_path / "dance.npz", state_of(joint_path()[::2], SKELETON.bodies, fps=25.0))
+    assert "has 25 frames per second, the policy takes 50" in refusal(capsys, tmp_path, path)
+    assert prepare(tmp_path, path, "--resample") == 0
+    motion = made(tmp_path)
+    assert (len(motion.frames), motion.policy_dt) == (39, 0.02)
+    np.testing.assert_allclose(motion.frames[::2], joint_frames(lite(), joint_path()[::2]), atol=2e-6)
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()[:39]), atol=0.01)
+
+
+TIMES = np.arange(FRAMES)[:, None] / 50.0
+BASE = np.tile([1.0, 2.0, 0.5, np.cos(0.35), 0.0, 0.0, np.sin(0.35)], (FRAMES, 1))
+BASE_NAMES = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
+XYZW = BASE[:, [0, 1, 2, 4, 5, 6, 3]]
+ROWS = joint_path()
+NAMED = ["--fps", "50", "--angle-unit", "rad"]
+BARE = [*NAMED, "--joint-order", "robot"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "names", "options"),
+    [
+        ([ROWS], lite().joint_names, NAMED),
+        (
+            [TIMES, ROWS[:, ::-1]],
+            ("time", *(f"{name}.pos" for name in lite().joint_names[::-1])),
+            ["--angle-unit", "rad"],
+        ),
+        ([BASE, ROWS], (*BASE_NAMES, *lite().joint_names), NAMED),
+        ([np.degrees(ROWS)], lite().joint_names, ["--fps", "50", "--angle-unit", "deg"]),
+        ([ROWS], (), BARE),
+        ([ROWS[:, LEVELS]], (), [*NAMED, "--joint-order", "breadth_first"]),
+        ([XYZW, ROWS], (), [*BARE, "--quaternions", "xyzw"]),
+    ],
+    ids=["named", "times", "base", "degrees", "bare", "breadth first", "LAFAN1"],
+)
+def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, options):
+    path = csv(tmp_path, np.concatenate(rows, axis=1), *names)
+    for i in range(0, len(options), 2):  # nothing of it is guessed
+        assert f"{options[i]}: is " in refusal(capsys, tmp_path, path, *options[:i], *options[i + 2 :])
+    assert prepare(tmp_path, path, *options) == 0
+    assert "note: without body poses nothing confirms" in capsys.readouterr().out
+    assert_sample(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "names", "options", "reason"),
+    [
+        (ROWS[:, LEVELS], (), BARE, "beyond"),
+        (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --angle-unit right?"),
+        (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
+        (ROWS[:, :12], (), BARE, "has 12 columns, expected 14 joints, or 7 of the base before"),
+        (ROWS, ("hip", *lite().joint_names[1:]), NAMED, "unknown column 'hip'"),
+        (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"lacks columns, or has one twice: {lite().joint_names[0]}"),
+        (ROWS[:0], lite().joint_names, NAMED, "has no frames"),
+        (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), NAMED[2:], "does not increase"),
+        (np.concatenate([TIMES, ROWS], axis=1), ("time", *lite().joint_names), NAMED, "--fps: is 50"),
+    ],
+)
+def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
+    assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
+
+
+def test_a_csv_of_text(tmp_path, capsys):
+    path = tmp_path / "dance.csv"
+    path.write_text(",".join(lite().joint_names) + "\n" + ",".join(["x"] * 14))
+    assert "is not a table of numbers" in refusal(capsys, tmp_path, path, *NAMED)
+
+
+Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
+
+
+@pytest.mark.parametrize("unstamped", [False, True])
+@pytest.mark.parametrize("single_file", [False, True])
+def test_joint_states_of_another_robot_s_driver(tmp_path, capsys, unstamped, single_file):
+    path = bag(tmp_path, Q_200_HZ, unstamped=unstamped)
+    path = next(path.glob("*.mcap")) if single_file else path
+    assert "add --resample" in refusal(capsys, tmp_path, path)
+    assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
+    motion = made(tmp_path)
+    assert motion.frames.shape == (50, 36)
+    assert motion.policy_dt == 0.02
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
+
+
+def test_joint_states_that_are_not_enough(tmp_path, capsys):
+    several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
+    assert "expected one: /left, /right; --topic chooses" in refusal(capsys, tmp_path, several)
+    assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
+    assert "has 0 topics" in (prepare(tmp_path, several, "--topic", "/r"), capsys.readouterr().err)[1]
+
+
+def test_joint_states_that_lack_a_joint(tmp_path, capsys):
+    path = bag(tmp_path, Q_200_HZ[:3], names=("gripper", *lite().joint_names[:-1]))
+    assert f"unknown joint '{lite().joint_names[-1]}'" in refusal(capsys, tmp_path, path)
+
+
+def test_a_motion_file_is_no_recording_of_joint_states(tmp_path, capsys):
+    assert "has 0 topics of sensor_msgs/msg/JointState" in refusal(capsys, tmp_path, asset_path("motions", "wave.mcap"))
+
+
+def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
+    path = npz(tmp_path)
+    assert prepare(tmp_path, path) == 0
+    before = (tmp_path / "out" / "dance.mcap").read_bytes()
+    capsys.readouterr()
+    assert prepare(tmp_path, path) == 2
+    assert "exists; choose another --name, or add --overwrite" in capsys.readouterr().err
+    assert prepare(tmp_path, path, "--overwrite") == 0
+    assert (tmp_path / "out" / "dance.mcap").read_bytes() == before
+    assert prepare(tmp_path, path, "--name", "again") == 0
+    assert made(tmp_path, "again").duration == pytest.approx(0.78)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--wandb-run-path", "a/b/c"], "--policy and --wandb-run-path: both are given"),
+        (["--motion", "gone.npz"], "gone.npz: no such file"),
+        (["--motion", "dance.bvh"], "--motion: is 'dance.bvh', expected"),
+        (["--motion", "x.npz", "--song", "ode_to_joy"], "--motion and --song: both are given"),
+        (["--motion", "x.npz", "--fps", "50"], "--fps: is given, but x.npz has times of its own"),
+        (["--motion", "x.csv", "--fps", "-1"], "--fps: is -1"),
+        (["--motion", "x.npz", "--robot", "nobody"], "unknown robot 'nobody'"),
+        (["--policy", "lite_biped_velocity", "--robot", "lite_biped"], "is a policy of task_type locomotion"),
+    ],
+)
+def test_options_that_make_no_sense(tmp_path, capsys, options, reason):
+    given = [] if "--policy" in options else ["--policy", str(POLICY)]
+    assert run_program(main, [*given, "--output", str(tmp_path / "out"), *options]) == 2
+    assert reason in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
