@@ -16,7 +16,7 @@ from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, ready, steps
-from humanoid_sim.frontends.gamepad.device import Pad, Pads
+from humanoid_sim.frontends.gamepad.device import Pad, Pads, missing_reason
 from humanoid_sim.frontends.gamepad.layout import PadLayout, SpeedRange, Sticks, chosen_layout, policy_speeds
 from humanoid_sim.messages import Intent
 
@@ -156,7 +156,7 @@ def _list(pads: Pads, joy: JoyBindings) -> int:
         note = f"; cannot be used: {problem}" if problem else "" if pad.is_known else f"; {_UNKNOWN}"
         print(f"{pad}; down: {', '.join(down) or 'none'}{note}")
     if not found:
-        print("no gamepad is plugged in")
+        print(missing_reason())
     return 0 if "" in problems else 1
 
 

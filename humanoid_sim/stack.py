@@ -7,7 +7,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Literal, NoReturn
+from typing import Any, NoReturn
 
 import msgspec
 import numpy as np
@@ -23,7 +23,6 @@ from humanoid_sim.controllers.base import (
 )
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
-from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
@@ -38,7 +37,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
-from humanoid_sim.robots.guards import GuardRecord, guards_of
+from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import body_documents
 
@@ -48,14 +47,10 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
 
     remote: bool
     action_limit: float
-    guards: GuardRecord | None
-    """Guards of the run; None for a run without guards."""
+    guards: bool | dict[str, Any] | None
+    """True for a run with the guards of the robot's description; older recordings hold their parameters."""
     needs_producer: bool = False
     """START_REMOTE required a producer."""
-
-
-ChosenGuards = Guards | Literal["description"] | None
-"""Guards with parameters of their own, those of the robot's description, or none."""
 
 
 def build_supervisor(
@@ -66,7 +61,7 @@ def build_supervisor(
     remote: bool = False,
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
-    guards: ChosenGuards = "description",
+    guards: bool = True,
     needs_producer: bool = False,
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
@@ -100,7 +95,7 @@ def build_supervisor(
             stale_command_timeout_ms=remote_settings.stale_command_timeout_ms,
             damping=description.passive_damping,
         )
-    watching = _chosen(guards, description)
+    watching = guards_of(description) if guards else None
     return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer)
 
 
@@ -128,10 +123,6 @@ def policy_controller(
         )
 
 
-def _chosen(guards: ChosenGuards, description: RobotDescription) -> Guards | None:
-    return guards_of(description) if guards == "description" else guards
-
-
 def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyController:
     return StandbyController(
         joints,
@@ -152,7 +143,7 @@ def run_header(
     start_time_ns: int = 0,
     remote: bool = False,
     action_limit: float | None = None,
-    guards: ChosenGuards = "description",
+    guards: bool = True,
     needs_producer: bool = False,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
@@ -166,7 +157,6 @@ def run_header(
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
-    watching = _chosen(guards, description)
     documents = body_documents(description) | {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),
@@ -174,7 +164,7 @@ def run_header(
             {
                 "remote": remote,
                 "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
-                "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
+                "guards": guards,
                 **({"needs_producer": True} if needs_producer else {}),
             }
         ),
@@ -261,14 +251,12 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     except (msgspec.DecodeError, RecursionError) as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
-    with blaming("recording: its header's 'controllers' is damaged"):
-        guards = None if controllers.guards is None else controllers.guards.on(description)
     return build_supervisor(
         description,
         header.control_period,
         recorded_policy(header, policy),
         remote=controllers.remote,
         action_limit=controllers.action_limit,
-        guards=guards,
+        guards=bool(controllers.guards),
         needs_producer=controllers.needs_producer,
     )

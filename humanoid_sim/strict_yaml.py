@@ -98,6 +98,10 @@ def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[A
     if is_type:
         accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
         problem = f"is {_shown(value_at(document, place))}, expected {accepted}"
+    elif problem.startswith("Expected `"):
+        kind, _, bound = problem.removeprefix("Expected `").partition("` ")
+        accepted = f"{_ACCEPTED.get(kind, kind)} {'that is not empty' if kind == 'str' else bound}"
+        problem = f"is {_shown(value_at(document, place))}, expected {accepted}"
     elif problem.startswith("Object contains unknown field"):
         known = [name for name in type_at(struct, place).__struct_fields__ if name != hidden]
         problem = known_names("field", problem.split("`")[1], known)
@@ -132,7 +136,7 @@ def value_at(document: Any, place: str) -> Any:
     """Get the value at a place as msgspec names it, such as `joints[3].upper`, or the last that is there on the way."""
     for key in _keys(place):
         try:
-            document = document[int(key) if isinstance(document, list) else key]
+            document = document[int(key) if isinstance(document, list | tuple) else key]
         except (KeyError, IndexError, TypeError, ValueError):
             return document
     return document

@@ -1,30 +1,65 @@
-"""`robot describe`: what it prints of an MJCF, and the file that it writes."""
+"""`robot describe` and `robot convert`: what they print, and the files that they write."""
 
+import mujoco
+import numpy as np
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.robot import main
+from humanoid_sim.robots.description import load_robot
 
 
-def test_what_is_read_is_printed(hopper, capsys):
-    hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
-    hopper.write_text(hopper.read_text().replace('forcerange="-30 40"', ""))
-    assert main(["describe", str(hopper)]) == 0
+def described(capsys, *arguments):
+    """The cells of each table's rows by joint, and the text of each heading."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "160")
+        assert main(["describe", *map(str, arguments)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    rows = {
-        cells[2].strip(): [cell.strip() for cell in cells[3:-1]]
-        for cells in (line.split("│") for line in lines)
-        if len(cells) > 3
-    }
-    assert rows["hip"] == ["-1 to 1", "20", "policy's", "policy's", "none", "0"]
-    assert rows["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.25", "0.2"]
-    told = dict(
-        line.split("  ", 1) for line in lines if "  " in line and "│" not in line and not line.startswith("joints")
-    )
-    assert told["base"] == "floating, body 'trunk', starts with its lowest part on the floor"
-    assert told["IMU"] == "site 'my_imu' on the base 'trunk' (the site of a gyro)"
-    assert told["passive joints"] == "spring"
-    assert told["without effort limit"] == "knee"
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
+    texts = dict(line.split("  ", 1) for line in lines if "  " in line and "│" not in line and "━" not in line)
+    rows = [{row[0]: row[1:] for row in cells if len(row) == width} for width in (9, 6)]
+    return *rows, {name: text for name, text in texts.items() if not name.startswith(("joints of", "the model"))}
+
+
+def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
+    text = hopper.read_text()
+    for old, new in (
+        ('name="knee" axis', 'name="knee" damping="0.25" frictionloss="0.1" axis'),
+        ('kp="100" forcerange="-30 40"', 'kp="100" kv="3" inheritrange="1"'),
+        ("<sensor>", '<equality><joint joint1="spring" joint2="hip" polycoef="0.1 -2 0 0 0"/></equality><sensor>'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    hopper.write_text(text)
+    joints, actuators, texts = described(capsys, hopper)
+    assert joints["hip"] == ["-1 to 1", "20", "policy's", "policy's", "0.02", "0", "0", "0"]
+    assert joints["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.02", "0.1", "0.25", "0.2"]
+    assert actuators["knee"] == ["servo", "100", "3", "any", "0.2 to 2"]
+    assert actuators["hip"] == ["motor", "0", "0", "-20 to 20", "any"]
+    assert "position_clip: joint_limits for 1 of 2 joints" in texts["position clip"]
+    assert texts["base"] == "floating, body 'trunk', starts with its lowest part on the floor"
+    assert texts["IMU"] == "site 'my_imu' on the base 'trunk' (the site of a gyro)"
+    assert texts["CAN motors"].startswith("none")
+    assert texts["passive joints"] == "spring"
+    assert texts["without effort limit"] == "knee"
+    assert texts["equalities"] == "spring = 0.1 -2 · hip"
+
+
+def test_motors_of_a_shipped_robot_are_shown(capsys):
+    joints, actuators, texts = described(capsys, "lite_biped")
+    assert joints["left_knee_pitch"][1:4] == ["36", "80", "2"]
+    assert not actuators
+    assert "position clip" not in texts
+    assert texts["CAN motors"] == "6 rs-06, 2 rs-02, 4 rs-00, 2 rs-05"
+
+
+def test_the_written_file_is_the_same_robot_and_each_line_can_be_used(hopper, capsys):
+    output = hopper.parent / "mine.yaml"
+    described(capsys, hopper, "-o", output)
+    assert load_robot(output) == load_robot(hopper)
+    _, _, *lines = output.read_text().splitlines()
+    output.write_text("\n".join(line.removeprefix("# ") for line in lines))
+    assert load_robot(output).joints == load_robot(hopper).joints
 
 
 @pytest.mark.parametrize(
@@ -34,13 +69,86 @@ def test_what_is_read_is_printed(hopper, capsys):
         (["describe", "lite", "-o", "x.yaml"], "--output: is for an MJCF (.xml), and 'lite' is none"),
         (["describe", "{hopper}", "-o", "x.txt"], "--output: "),
         (["describe", "{hopper}", "--imu-site", "head"], "imu of 'hopper': unknown site or body 'head'; known: my_imu"),
+        (["convert", "{hopper}", "--base", "fixed", "-o", "x.xml"], "is not a .urdf"),
     ],
 )
-def test_mistakes(hopper, words, error, capsys, monkeypatch):
+def test_mistakes_are_one_line_and_nothing_is_written(hopper, words, error, capsys, monkeypatch):
     monkeypatch.chdir(hopper.parent)
     assert run_program(main, [word.format(hopper=hopper) for word in words]) == 2
     captured = capsys.readouterr()
-    assert captured.out == ""
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    assert error in captured.err
+    assert list(hopper.parent.glob("x.*")) == []
+
+
+LINK = """<link name="{name}"><inertial><mass value="{mass}"/><origin xyz="0 0 -0.1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry>{shape}</geometry></collision></link>"""
+URDF = f"""<robot name="walker">
+{LINK.format(name="pelvis", mass=4, shape='<box size="0.2 0.2 0.2"/>')}
+{LINK.format(name="head", mass=1, shape='<sphere radius="0.1"/>')}
+{LINK.format(name="leg", mass=2, shape='<mesh filename="package://walker/meshes/leg.obj"/>')}
+<joint name="neck" type="fixed"><parent link="pelvis"/><child link="head"/><origin xyz="0 0 0.3"/></joint>
+<joint name="hip" type="revolute"><parent link="pelvis"/><child link="leg"/><origin xyz="0 0 -0.1"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="0.5" effort="40" velocity="10"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    """In a package, two folders below it; its mesh in the folder beside."""
+    for name in ("meshes", "urdf"):
+        (tmp_path / "walker" / name).mkdir(parents=True)
+    text = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 -0.4\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    (tmp_path / "walker" / "meshes" / "leg.obj").write_text(text)
+    path = tmp_path / "walker" / "urdf" / "walker.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def test_a_converted_urdf_floats_and_keeps_every_link(urdf, tmp_path, capsys):
+    output = tmp_path / "elsewhere.xml"
+    assert main(["convert", str(urdf), "--base", "floating", "--imu", "head", "--output", str(output)]) == 0
+    model = mujoco.MjModel.from_xml_path(str(output))
+    assert [model.body(i).name for i in range(model.nbody)] == ["world", "pelvis", "head", "leg"]
+    assert (model.nv, model.joint("hip").range.tolist()) == (7, [-1.0, 0.5])
+    assert model.body_subtreemass[0] == pytest.approx(7.0)
+    assert 'file="walker/meshes/leg.obj"' in output.read_text()
+    robot = load_robot(output)
+    assert (robot.is_floating, robot.base.body, robot.imu) == (True, "pelvis", "imu")
+    assert robot.joints[0].effort_limit == 40.0
+    printed = capsys.readouterr().out
+    assert "armature: 1 joints have none" in printed
+    assert "contacts: 3 geoms collide with everything" in printed
+    assert "IMU" not in printed
+
+
+def test_a_fixed_base_stays_where_it_is(urdf, capsys):
+    assert main(["convert", str(urdf), "--base", "fixed"]) == 0
+    model = mujoco.MjModel.from_xml_path(str(urdf.with_suffix(".xml")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert model.nv == 1
+    np.testing.assert_allclose(data.body("head").xpos, [0.0, 0.0, 0.3], atol=1e-9)
+    assert "IMU: no site; --imu LINK adds one" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "error"),
+    [
+        (("leg.obj", "knee.obj"), [], "does not find package://walker/meshes/knee.obj"),
+        (("", ""), ["--imu", "skull"], "--imu: unknown link 'skull'; known: pelvis, head, leg"),
+        (("<robot", "<robot><"), [], "not a valid URDF"),
+    ],
+)
+def test_a_urdf_that_cannot_be_converted_is_one_line(urdf, change, options, error, capsys):
+    urdf.write_text(URDF.replace(*change, 1))
+    assert run_program(main, ["convert", str(urdf), "--base", "floating", *options]) == 2
+    captured = capsys.readouterr()
     assert error in captured.err
     assert captured.err.count("\n") == 1
-    assert list(hopper.parent.glob("x.*")) == []
+
+
+def test_a_urdf_given_as_a_robot_names_the_command(urdf, capsys):
+    assert run_program(main, ["describe", str(urdf)]) == 2
+    assert "humanoid_sim.robot convert" in capsys.readouterr().err

@@ -173,12 +173,8 @@ def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none():
         build_supervisor(load_robot("lite"), 0.005, loaded, live={})
 
 
-def test_a_header_says_which_guards_ran_and_gives_them_again():
+def test_a_recorded_run_is_rebuilt_with_its_guards():
     head = header(None)
-    document = json.loads(head.documents["controllers"])["guards"]
-    assert document["following"]["time"] == 0.15
-    assert document["following"]["effort"][3] == pytest.approx(11.2)
-    assert (document["limit"]["margin"][0], document["speed"]["time"]) == (0.15, 0.02)
     again = rebuild_supervisor(head, zero_policy(0))
     first = build_supervisor(LITE, 0.005, None)
     assert fingerprint(again.guards) == fingerprint(first.guards)

@@ -11,7 +11,6 @@ from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.schema import JointDescription
 from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import FloatingBase, move_support
@@ -116,8 +115,7 @@ class MotorPlant:
         data.qfrc_applied[self._dof_index] = joint_torque
         if self._is_lifted and self._base is not None:
             self._base.lift(data, self.timestep)
-        with mujoco_silenced:  # `fault` tells of a bad state
-            self._plant.physics_step()
+        self._plant.physics_step()
         self._sense()
 
     def fault(self) -> str:

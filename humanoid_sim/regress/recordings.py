@@ -70,7 +70,9 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     answers = (step.action[0] for step in steps if step.action is not None)  # one by one, as they were given
     loaded = load_policy(contract, lambda *_: next(answers), case.motion)
     # The episode ran without guards, and goes on where one would have ended it.
-    supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit, guards=None)
+    supervisor = build_supervisor(
+        description, contract.policy_dt, loaded, action_limit=suite.action_limit, guards=False
+    )
     header = run_header(
         description,
         contract.policy_dt,
@@ -78,7 +80,7 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
         case.motion,
         settings=_settings(case, episode),
         action_limit=suite.action_limit,
-        guards=None,
+        guards=False,
     )
     temporary = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.tmp")
     recorder = McapRecorder(temporary)

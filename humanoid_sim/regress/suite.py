@@ -20,8 +20,7 @@ from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName, has_metric
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.results import MetricInfo
-from humanoid_sim.robots.checks import refused_values
-from humanoid_sim.robots.schema import Accepted, NotNegative, Positive
+from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
@@ -73,9 +72,9 @@ class Disturbance:
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Worsening against the baseline that a metric may have: the larger of the two."""
 
-    relative: NotNegative = 0.0
+    relative: float = 0.0
     """Share of the baseline."""
-    absolute: NotNegative = 0.0
+    absolute: float = 0.0
     """Worsening in the metric's unit."""
 
 
@@ -88,14 +87,14 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     robot: str = ""
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
     cases: tuple[Case, ...]
-    seeds: Annotated[int, Accepted(2)]
+    seeds: int
     """Number of seeds of each case."""
-    first_seed: Annotated[int, Accepted(0, below=SEEDS)] = 0
+    first_seed: int = 0
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
-    confidence: Annotated[float, Accepted(0.5, below=1.0)] = 0.95
+    confidence: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = 0.95
     """Probability that none of a candidate's intervals misses its change."""
-    resamples: Annotated[int, Accepted(2)] = 10_000
+    resamples: Annotated[int, msgspec.Meta(ge=2)] = 10_000
     """Resamples of the bootstrap."""
     start: Start = Start()
     randomisation: Mapping[str, float | tuple[float, float]] = {}
@@ -192,7 +191,14 @@ def suite_problems(suite: Suite) -> Iterator[str]:
     """Yield what types cannot say, each as `place: what is wrong`."""
     yield from _case_problems(suite)
     yield from _name_problems(suite)
-    yield from refused_values(suite)
+    if suite.seeds < 2:
+        yield f"seeds: is {suite.seeds}, expected at least 2"
+    if not 0 <= suite.first_seed < SEEDS:
+        yield f"first_seed: is {suite.first_seed}, expected at least 0, less than {SEEDS}"
+    for name, tolerance in suite.tolerances.items():
+        for field in ("relative", "absolute"):
+            if not 0.0 <= getattr(tolerance, field) < math.inf:
+                yield f"tolerances.{name}.{field}: is {getattr(tolerance, field)}, expected a finite number >= 0"
     try:
         drawn = suite.disturbance.randomisation
     except InputError as error:

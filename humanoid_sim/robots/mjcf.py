@@ -1,9 +1,4 @@
-"""MJCF files, and a robot description from nothing but one: any user's robot by path.
-
-`describe_mjcf` reads from the model: the actuated hinge joints in its order (all hinge joints, if it has no actuators),
-their limits, effort limits as far as it gives them, the base, and the IMU. Other joints stay passive. Gains are 0: they
-come from the policy's contract, see `humanoid_sim.robots.description`.
-"""
+"""MJCF files: any user's robot by path, its own actuators, and the frame that is its IMU."""
 
 from __future__ import annotations
 
@@ -12,8 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Lock
 from typing import Literal
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -31,109 +26,45 @@ from humanoid_sim.robots.schema import (
     StandbySettings,
 )
 
-_UNNAMED = "MuJoCo Model"
-"""The name that MuJoCo gives to a model that has none."""
-
+_UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
-
 _STANDBY_SECONDS = 2.0
-_NO_ROOM = (MemoryError, RuntimeError, mujoco.FatalError)
-"""Errors that MuJoCo raises where it finds no memory, or does not know what went wrong."""
-_FINITE = (
-    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
-    *("geom_pos", "geom_quat", "geom_size", "site_pos", "jnt_pos", "jnt_axis"),
-)
-"""Arrays of a model in which MuJoCo lets NaN and infinity pass."""
+_MUJOCO_ERRORS = (ValueError, mujoco.FatalError)
 _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
 """An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
-_OWNER = {"body": "body", "geom": "geom", "site": "site", "jnt": "joint"}
-
-
-NO_RANGE = (-math.inf, math.inf)
-
-
-@dataclass(frozen=True, slots=True)
-class OwnActuator:
-    """What the actuators of a model itself do to a joint, at the joint; simulations leave them out."""
-
-    joint: str
-    kind: Literal["servo", "motor", "other"]
-    """`servo`: its control is a target of a position or a velocity; `motor`: its control is a force."""
-    stiffness: float
-    """N·m/rad, K_p; 0 for a motor."""
-    damping: float
-    """N·m·s/rad, K_d; 0 for a motor."""
-    force_range: tuple[float, float]
-    """N·m, `NO_RANGE` where there is none."""
-    target_range: tuple[float, float]
-    """rad, to which a servo clips its target (`ctrlrange`, `inheritrange`); `NO_RANGE` where it does not."""
-
-
-class _Silence:
-    """`with mujoco_silenced:` nothing is written to stderr, and no file MUJOCO_LOG.TXT; `MjData.warning` still counts.
-
-    MuJoCo has one handler of warnings for the whole process, and several simulations may be stepped at the same time:
-    who enters takes it, the last to leave puts back what there was. A handler that somebody else set meanwhile counts
-    as what there was: it is put back, and does not hear of what is simulated here.
-    """
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._users = 0
-        self._handler: object = None
-
-    def __enter__(self) -> None:
-        with self._lock:
-            present = mujoco.get_mju_user_warning()
-            if present is not _ignore:
-                self._handler = present
-                mujoco.set_mju_user_warning(_ignore)
-            self._users += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._users -= 1
-            if self._users == 0 and mujoco.get_mju_user_warning() is _ignore:
-                mujoco.set_mju_user_warning(self._handler)
-
-
-def _ignore(message: str) -> None:
-    del message
-
-
-mujoco_silenced = _Silence()
+_PACKAGE = re.compile(r"package:/+([^/]+)/(.*)")
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
-    """Read the editable model of an MJCF file, its includes resolved, its names without a prefix common to all.
+    """Read the editable model of an MJCF or a URDF, without a prefix that all names have in common.
 
     mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Raises `InputError`
-    where there is no such file, or it is not an MJCF.
+    with what is wrong, or which file is missing.
     """
-    spec = _read(path)
-    prefix = _common_prefix(spec, path)
-    if not prefix:
-        return spec
-    word = re.compile(rf"(?<!\S){re.escape(prefix)}")
-    text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
-    what = f"{path}: not a valid MJCF model without the prefix {prefix!r}"
-    with blaming(what, (ValueError, *_NO_ROOM)), mujoco_silenced:
-        renamed = mujoco.MjSpec.from_string(text)
-    renamed.modelfiledir = spec.modelfiledir
-    return renamed
+    _silence_warnings()
+    regular_file(path, "the robot's MJCF model")
+    spec = _parsed(path)
+    if prefix := _common_prefix(spec, path):
+        word = re.compile(rf"(?<!\S){re.escape(prefix)}")
+        text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
+        folder = spec.modelfiledir
+        with blaming(f"{path}: without the prefix '{prefix}'", _MUJOCO_ERRORS):
+            spec = mujoco.MjSpec.from_string(text)
+        spec.modelfiledir = folder
+    find_files(spec, path)
+    return spec
 
 
 def prefix_line(path: Path) -> str:
     """Return the note on a prefix that `read_spec` removes, '' if there is none."""
-    prefix = _common_prefix(_read(path), path)
+    prefix = _common_prefix(_parsed(path), path)
     return f"all names in {path.name} begin with '{prefix}', which is left out" if prefix else ""
 
 
-def _read(path: Path) -> mujoco.MjSpec:
-    regular_file(path, "the robot's MJCF model")
+def _parsed(path: Path) -> mujoco.MjSpec:
     kind = "URDF" if path.suffix == ".urdf" else "MJCF model"
-    with blaming(f"{path}: not a valid {kind}", (ValueError, *_NO_ROOM)), mujoco_silenced:
+    with blaming(f"{path}: not a valid {kind}", _MUJOCO_ERRORS):
         return mujoco.MjSpec.from_file(str(path))
 
 
@@ -147,73 +78,53 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
     return prefix if prefix and path.suffix == ".xml" and "<include" not in path.read_text(encoding="utf-8") else ""
 
 
-def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """Compile; `path` is what to call it in messages. Raises `InputError` where that fails."""
-    with blaming(f"{path}: does not compile", (ValueError, *_NO_ROOM)), mujoco_silenced:
-        model = spec.compile()
-    for name in _FINITE:
-        values = getattr(model, name)
-        if not (np.abs(values) <= mujoco.mjMAXVAL).all():  # written so that NaN fails it
-            what, _, field = name.partition("_")
-            bad = int(np.argwhere(~(np.abs(values) <= mujoco.mjMAXVAL))[0][0])
-            owner = f"{what} {bad} '{getattr(model, _OWNER[what])(bad).name}'"
-            raise InputError(f"{path}: {owner}: {field} is {values[bad]}, expected numbers within ±{mujoco.mjMAXVAL:g}")
-    return model
+def find_files(spec: mujoco.MjSpec, path: Path) -> None:
+    """Point the meshes and textures of a model to files that exist. Raises `InputError` with all that are missing.
 
-
-def describe_mjcf(path: Path) -> RobotDescription:
-    """Describe the robot in an MJCF file; its IMU is what `find_imu` finds.
-
-    Raises `InputError` if it is not an MJCF, has no hinge joints, or lacks names of joints or base.
+    `package://NAME/…` is in the folder above the file that is the package NAME; what is not in the model's folder of
+    meshes is looked up beside the file.
     """
-    spec = read_spec(path)
-    model = compile_spec(spec, path)
-    joints = _joints(model)
-    if not joints:
-        raise InputError(f"{path}: has no hinge joint, expected a robot")
-    for joint in joints:
-        if not model.joint(joint).name:
-            body = model.body(model.jnt_bodyid[joint]).name
-            raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
-    base = _root(model, joints[0])
-    if not model.body(base).name:
-        raise InputError(f"{path}: the body that carries '{model.joint(joints[0]).name}' has no name; it is the base")
-    is_floating = _has_free_joint(model, base)
-    n = len(joints)
-    limited = model.jnt_limited[joints].astype(bool)  # the others turn freely
-    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
-    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
-    pose = tuple(float(q) for q in np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper))
-    standby = StandbySettings(
-        target_stiffness=(0.0,) * n,
-        target_damping=(0.0,) * n,
-        segment_durations=(_STANDBY_SECONDS,),
-        pose_segments=(pose,),
-    )
-    efforts = _effort_limits(model, joints)
-    return RobotDescription(
-        name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
-        mjcf=path.name,
-        folder=str(path.resolve().parent),
-        joints=tuple(
-            JointDescription(
-                name=model.joint(joint).name,
-                lower=float(lower[i]),
-                upper=float(upper[i]),
-                effort_limit=efforts[i],
-                stiffness=0.0,
-                damping=0.0,
-            )
-            for i, joint in enumerate(joints)
-        ),
-        initial_position=pose,
-        imu=find_imu(model, base)[0],
-        base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
-        simulation=_simulation(model, is_floating),
-        damping_controller=DampingSettings(damping_scalar=0.0),
-        standby_controller_a=standby,
-        standby_controller_b=standby,
-    )
+    here, missing = path.resolve().parent, []
+    for folder, assets in ((spec.meshdir, spec.meshes), (spec.texturedir, spec.textures)):
+        for asset in (asset for asset in assets if asset.file):
+            package = _PACKAGE.match(asset.file)
+            name = package[2] if package else asset.file
+            places = [here / folder / name, here / name, here / folder / Path(name).name]
+            if package:
+                places = [root / name for root in _package_folders(package[1], here)] + places
+            found = next((place for place in places if place.is_file()), None)
+            if found is None:
+                missing.append(asset.file)
+            elif package or found != here / folder / asset.file:
+                asset.file = str(found)
+    if missing:
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        where = ", ".join(sorted({str(here / folder) for folder in (spec.meshdir, spec.texturedir)}))
+        raise InputError(f"{path}: does not find {', '.join(missing[:3])}{more}; looked in {where}")
+
+
+def _package_folders(name: str, here: Path) -> list[Path]:
+    """Return the folders from `here` upwards that are the ROS package of this name."""
+    return [folder for folder in (here, *here.parents) if folder.name == name or _package_name(folder) == name]
+
+
+def _package_name(folder: Path) -> str:
+    try:
+        return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
+    except (OSError, ElementTree.ParseError):
+        return ""
+
+
+def _silence_warnings() -> None:
+    """Keep MuJoCo's warnings off stderr and out of MUJOCO_LOG.TXT; `MjData.warning` still counts them."""
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda _: None)
+
+
+def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Compile a model, which messages call `path`. Raises `InputError` where that fails."""
+    with blaming(f"{path}: does not compile", _MUJOCO_ERRORS):
+        return spec.compile()
 
 
 def bare_model(description: RobotDescription) -> mujoco.MjModel:
@@ -223,27 +134,69 @@ def bare_model(description: RobotDescription) -> mujoco.MjModel:
     """
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)
-    known = [model.joint(i).name for i in range(model.njnt)]
-    require_known("joint", description.joint_names, known, f"{path}: ")
+    require_known("joint", description.joint_names, [model.joint(i).name for i in range(model.njnt)], f"{path}: ")
     frames = [model.site(i).name for i in range(model.nsite)] + [model.body(i).name for i in range(1, model.nbody)]
-    named = [name for name in frames if name]
-    require_known("site or body", [description.imu], named, f"{path}: imu of '{description.name}': ")
+    known = [name for name in frames if name]
+    require_known("site or body", [description.imu], known, f"{path}: imu of '{description.name}': ")
     return model
 
 
-def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
-    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
-    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
-    return {name: value for name, value in damping.items() if value}
+def describe_mjcf(path: Path) -> RobotDescription:
+    """Describe the robot in an MJCF file: actuated hinge joints in its order, limits, base, IMU.
+
+    Without actuators all hinge joints are the robot's; other joints stay passive. Gains are 0: they are the policy's.
+    Raises `InputError` if there is no hinge joint, or a name is missing.
+    """
+    spec = read_spec(path)
+    model = compile_spec(spec, path)
+    joints = _robot_joints(model)
+    if not joints:
+        raise InputError(f"{path}: has no hinge joint, expected a robot")
+    names = [model.joint(joint).name for joint in joints]
+    if "" in names:
+        body = model.body(model.jnt_bodyid[joints[names.index("")]]).name
+        raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
+    base = _root(model, joints[0])
+    if not model.body(base).name:
+        raise InputError(f"{path}: the body that carries '{names[0]}' has no name; it is the base")
+    is_floating = _has_free_joint(model, base)
+    limited = model.jnt_limited[joints].astype(bool)  # the others turn freely
+    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
+    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
+    efforts = _effort_limits(model, joints)
+    pose = tuple(np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper).tolist())
+    zeros = (0.0,) * len(joints)
+    standby = StandbySettings(
+        target_stiffness=zeros,
+        target_damping=zeros,
+        segment_durations=(_STANDBY_SECONDS,),
+        pose_segments=(pose,),
+    )
+    return RobotDescription(
+        name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
+        mjcf=path.name,
+        folder=str(path.resolve().parent),
+        joints=tuple(
+            JointDescription(name=name, lower=low, upper=high, effort_limit=effort, stiffness=0.0, damping=0.0)
+            for name, low, high, effort in zip(names, lower.tolist(), upper.tolist(), efforts, strict=True)
+        ),
+        initial_position=pose,
+        imu=find_imu(model, base)[0],
+        base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
+        simulation=SimulationSettings(physics_timestep=_timestep(model, is_floating)),
+        damping_controller=DampingSettings(damping_scalar=0.0),
+        standby_controller_a=standby,
+        standby_controller_b=standby,
+    )
 
 
-def _joints(model: mujoco.MjModel) -> list[int]:
+def _robot_joints(model: mujoco.MjModel) -> list[int]:
     hinges = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE]
-    if model.nu == 0:
-        floating = [i for i in hinges if _has_free_joint(model, _root(model, i))]
-        return floating or hinges  # doors and other furniture have hinges too
-    driven = {int(model.actuator_trnid[i, 0]) for i in _on_joints(model)}
-    return [i for i in hinges if i in driven]
+    if model.nu:
+        driven = own_actuators(model)
+        return [i for i in hinges if model.joint(i).name in driven]
+    floating = [i for i in hinges if _has_free_joint(model, _root(model, i))]
+    return floating or hinges  # doors and other furniture have hinges too
 
 
 def _root(model: mujoco.MjModel, joint: int) -> int:
@@ -255,55 +208,15 @@ def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
-def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
-    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
-    found: dict[str, OwnActuator] = {}
-    for i in _on_joints(model):
-        actuator = _own_actuator(model, i)
-        other = found.get(actuator.joint)
-        found[actuator.joint] = actuator if other is None else _together(other, actuator)
-    return found
-
-
-def _on_joints(model: mujoco.MjModel) -> list[int]:
-    """Actuators that drive a joint."""
-    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    return [i for i in range(model.nu) if int(model.actuator_trntype[i]) in kinds]
-
-
-def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
-    joint, gear = model.joint(int(model.actuator_trnid[i, 0])), float(model.actuator_gear[i, 0])
-    gain = float(model.actuator_gainprm[i, 0])
-    rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
-    has_plain_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-    bias = mujoco.mjtBias(int(model.actuator_biastype[i]))
-    force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
-    control = _range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i]))
-    if has_plain_gain and bias == mujoco.mjtBias.mjBIAS_AFFINE:
-        target = NO_RANGE
-        if stiffness * gear:  # the target of a servo is where it is without force
-            target = _range((gain * np.array(control) - rest) / (stiffness * gear), True)
-        return OwnActuator(joint.name, "servo", stiffness * gear**2, damping * gear**2, force, target)
-    if has_plain_gain and bias == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
-        by_control = _range(np.array(control) * gain * gear, True)  # the control is the force
-        force = (max(force[0], by_control[0]), min(force[1], by_control[1]))
-        return OwnActuator(joint.name, "motor", 0.0, 0.0, force, NO_RANGE)
-    return OwnActuator(joint.name, "other", 0.0, 0.0, force, NO_RANGE)
-
-
-def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
-    return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
-
-
-def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
-    """Several actuators of one joint, such as one of its position and one of its velocity."""
-    leading = max((one, other), key=lambda actuator: actuator.stiffness)
-    return replace(
-        leading,
-        stiffness=one.stiffness + other.stiffness,
-        damping=one.damping + other.damping,
-        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
-    )
+def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
+    """Return the MJCF's own step, s, unless it is too long or does not divide the control period."""
+    longest = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
+    own = float(model.opt.timestep)
+    try:
+        steps_per_period(1.0 / SimulationSettings().control_frequency, own)
+    except InputError:
+        return longest
+    return min(own, longest)
 
 
 def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:
@@ -318,15 +231,75 @@ def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:
     return limits
 
 
-def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:
-    """Return the MJCF's own step, unless it is too long or does not divide the control period."""
-    longest = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
-    own = float(model.opt.timestep)
-    try:
-        steps_per_period(1.0 / SimulationSettings().control_frequency, own)
-    except InputError:
-        own = longest
-    return SimulationSettings(physics_timestep=min(own, longest))
+def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
+    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
+    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
+    return {name: value for name, value in damping.items() if value}
+
+
+NO_RANGE = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnActuator:
+    """What the actuators of a model itself do to a joint, at the joint; simulations leave them out."""
+
+    joint: str
+    kind: Literal["servo", "motor", "other"]
+    """`servo`: its control is a target of a position or a velocity; `motor`: its control is a force."""
+    stiffness: float  # N·m/rad, K_p; 0 for a motor
+    damping: float  # N·m·s/rad, K_d; 0 for a motor
+    force_range: tuple[float, float]  # N·m
+    target_range: tuple[float, float]
+    """rad, to which a servo clips its target (`ctrlrange`, `inheritrange`); `NO_RANGE` where it does not."""
+
+
+def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
+    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
+    found: dict[str, OwnActuator] = {}
+    for i in range(model.nu):
+        if int(model.actuator_trntype[i]) not in _ON_JOINT:
+            continue
+        actuator = _own_actuator(model, i)
+        other = found.get(actuator.joint)
+        found[actuator.joint] = actuator if other is None else _together(other, actuator)
+    return found
+
+
+_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+
+
+def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
+    joint, gear = model.joint(int(model.actuator_trnid[i, 0])).name, float(model.actuator_gear[i, 0])
+    gain = float(model.actuator_gainprm[i, 0])
+    rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
+    force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
+    control = np.array(_range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i])))
+    bias = mujoco.mjtBias(int(model.actuator_biastype[i]))
+    if model.actuator_gaintype[i] != mujoco.mjtGain.mjGAIN_FIXED:
+        return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
+    if bias == mujoco.mjtBias.mjBIAS_AFFINE:
+        is_position = stiffness * gear != 0.0  # its target is where it has no force
+        target = _range((gain * control - rest) / (stiffness * gear), True) if is_position else NO_RANGE
+        return OwnActuator(joint, "servo", stiffness * gear**2, damping * gear**2, force, target)
+    if bias == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
+        low, high = _range(control * gain * gear, True)
+        return OwnActuator(joint, "motor", 0.0, 0.0, (max(force[0], low), min(force[1], high)), NO_RANGE)
+    return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
+
+
+def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
+    return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
+
+
+def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
+    """Several actuators of one joint, such as one of its position and one of its velocity."""
+    return replace(
+        max((one, other), key=lambda actuator: actuator.stiffness),
+        stiffness=one.stiffness + other.stiffness,
+        damping=one.damping + other.damping,
+        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
+    )
 
 
 _GYRO = (mujoco.mjtSensor.mjSENS_GYRO,)
@@ -349,50 +322,42 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     In this order: the site of a gyro on the base, or of the only gyro on the robot; a site of the base named like an
     IMU; the only site on the robot with a sensor of an orientation; the base itself.
     """
-    gyros, frames = _sites(model, base, _GYRO), _sites(model, base, _FRAME)
-    named = [
-        i
-        for i in range(model.nsite)
-        if model.body_rootid[model.site_bodyid[i]] == base and "imu" in model.site(i).name.lower()
-    ]
-    for sites, what in ((_on(model, base, gyros), "a gyro"), (gyros if len(gyros) == 1 else [], "the only gyro")):
+    gyros, frames = _sensor_sites(model, base, _GYRO), _sensor_sites(model, base, _FRAME)
+    names = {i: model.site(i).name for i in range(model.nsite) if model.body_rootid[model.site_bodyid[i]] == base}
+    named = [i for i, name in names.items() if "imu" in name.lower()]
+    choices = (
+        ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
+        (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
+        ([i for i in named if model.site_bodyid[i] == base], "a site of the base named like an IMU"),
+        (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
+    )
+    for sites, why in choices:
         if sites:
-            return model.site(sites[0]).name, f"the site of {what}"
-    if _on(model, base, named):
-        return model.site(_on(model, base, named)[0]).name, "a site of the base named like an IMU"
-    if len(frames) == 1:
-        return model.site(frames[0]).name, "the only site with a sensor of its orientation"
-    others = list(dict.fromkeys(model.site(i).name for i in (*gyros, *frames, *named)))
+            return names[sites[0]], why
+    others = list(dict.fromkeys(names[i] for i in (*gyros, *frames, *named)))
     elsewhere = f"; other sites could be it: {', '.join(others)}" if others else ""
     return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
 
 
-def _sites(model: mujoco.MjModel, base: int, kinds: Sequence[mujoco.mjtSensor]) -> list[int]:
-    """Named sites of the robot that have such a sensor, once each."""
-    found = []
-    for i in range(model.nsensor):
-        if mujoco.mjtSensor(int(model.sensor_type[i])) in kinds and model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_SITE:
-            site = int(model.sensor_objid[i])
-            is_ours = model.body_rootid[model.site_bodyid[site]] == base
-            if is_ours and model.site(site).name and site not in found:
-                found.append(site)
-    return found
-
-
-def _on(model: mujoco.MjModel, base: int, sites: list[int]) -> list[int]:
-    return [site for site in sites if model.site_bodyid[site] == base]
+def _sensor_sites(model: mujoco.MjModel, base: int, kinds: Sequence[mujoco.mjtSensor]) -> list[int]:
+    """Return the named sites of the robot that have such a sensor, once each."""
+    sites = [
+        int(model.sensor_objid[i])
+        for i in range(model.nsensor)
+        if mujoco.mjtSensor(int(model.sensor_type[i])) in kinds and model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_SITE
+    ]
+    ours = [site for site in sites if model.body_rootid[model.site_bodyid[site]] == base and model.site(site).name]
+    return list(dict.fromkeys(ours))
 
 
 def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """Give which frame of a robot's model is its IMU, on which body, and why that one; the model has what it names."""
-    base = int(model.body_rootid[model.jnt_bodyid[model.joint(description.joints[0].name).id]])
+    """Return which frame of a robot's model is its IMU, on which body, and why that one."""
+    base = _root(model, model.joint(description.joints[0].name).id)
     name, (found, why) = description.imu, find_imu(model, base)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    body = int(model.site_bodyid[site]) if site >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-    owner, root = model.body(body).name, model.body(base).name
-    reason = why if name == found else "as it was given"
-    if site < 0:
-        where = f"the base '{owner}' itself" if body == base else f"body '{owner}', not the base '{root}'"
-    else:
-        where = f"site '{name}' on " + (f"the base '{owner}'" if body == base else f"'{owner}', not the base '{root}'")
-    return f"{where} ({reason})"
+    body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
+    root, reason = model.body(base).name, why if name == found else "as it was given"
+    owner = f"the base '{root}'" if body.id == base else f"'{body.name}', not the base '{root}'"
+    if site >= 0:
+        return f"site '{name}' on {owner} ({reason})"
+    return f"{owner} itself ({reason})" if body.id == base else f"body {owner} ({reason})"

@@ -1,8 +1,7 @@
-"""Every motor model: its ratings, and the ranges that its MIT frames can encode. A new model is one row of its family.
+"""Every motor model: its ratings, the ranges that its MIT frames can encode, and traits of its protocol.
 
-Sources: ratings from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233
-and Berkeley-Humanoids, commit d74dd3f). Robstride's K_p and K_d go out as `u16 = trunc(clamp(v, 0, limit) / limit ·
-65535)`, Sito's as float32. And what a family's protocol has, and has not, for whoever describes or drives a robot.
+Ratings are from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233 and
+Berkeley-Humanoids, commit d74dd3f). A new model is one row of its family.
 """
 
 from __future__ import annotations
@@ -16,41 +15,26 @@ from humanoid_sim.errors import InputError, known_names
 
 _FULL_SCALE = 65535
 POSITION_RANGE = 4.0 * math.pi
-"""rad, full scale of a Robstride motor's positions: the manuals' tables and the reference. The manuals' sample code
-writes 12.57, firmware before `humanoid_sim.hardware.robstride.firmware`'s table used 12.5."""
+"""rad, full scale of a Robstride motor's positions: the manuals' tables. Firmware before the table in
+`humanoid_sim.hardware.robstride.firmware` used 12.5."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorModel:
-    """One model. The ranges are full scale of its frames' fields, symmetric for position, velocity and effort.
+    """One model. Ranges are full scale of its frames' fields, symmetric for position, velocity and effort."""
 
-    What lies beyond a range is cut off by the frames' format.
-    """
-
-    name: str
-    """As robot descriptions have it: `rs-02`."""
-    stiffness: float
-    """N·m/rad; from 0."""
-    damping: float
-    """N·m·s/rad; from 0."""
-    velocity: float
-    """rad/s. rs-03 and rs-04 can turn faster without load than this expresses."""
-    effort: float
-    """N·m"""
-    rated_torque: float
-    """N·m, continuous."""
-    peak_torque: float
-    """N·m"""
-    peak_current: float
-    """A, phase, peak."""
-    no_load_velocity: float
-    """rad/s"""
-    fault_temperature: float
-    """°C at which the motor reports over-temperature and stops; where the manuals' languages disagree, the lower."""
-    warning_temperature: float
-    """°C at which the motor warns, in a fault report only."""
-    position: float = POSITION_RANGE
-    """rad; old firmware has another one."""
+    name: str  # in robot descriptions: `rs-02`
+    stiffness: float  # N·m/rad, range, from 0
+    damping: float  # N·m·s/rad, range, from 0
+    velocity: float  # rad/s, range; rs-03 and rs-04 can turn faster without load
+    effort: float  # N·m, range
+    rated_torque: float  # N·m, continuous
+    peak_torque: float  # N·m
+    peak_current: float  # A, phase, peak
+    no_load_velocity: float  # rad/s
+    fault_temperature: float  # °C, reports over-temperature and stops; the lower of the manuals' languages
+    warning_temperature: float  # °C, warns in a fault report only
+    position: float = POSITION_RANGE  # rad, range
     family: str = ""
     """Key of `FAMILIES`, set by the family's row."""
 
@@ -66,7 +50,7 @@ class MotorModel:
 
 
 _ROBSTRIDE = (
-    # full scale of K_p, K_d, velocity, effort; rated and peak torque, peak current, no-load velocity; fault, warning °C
+    # ranges of K_p, K_d, velocity, effort; rated and peak torque, peak current, no-load velocity; fault, warning °C
     MotorModel("rs-00", 500.0, 5.0, 33.0, 14.0, 5.0, 14.0, 15.5, 33.0, 145.0, 135.0),
     MotorModel("rs-01", 500.0, 5.0, 44.0, 17.0, 6.0, 17.0, 23.0, 33.0, 103.0, 93.0),
     MotorModel("rs-02", 500.0, 5.0, 44.0, 17.0, 6.0, 17.0, 23.0, 42.9, 135.0, 135.0),
@@ -75,15 +59,13 @@ _ROBSTRIDE = (
     MotorModel("rs-05", 500.0, 5.0, 50.0, 5.5, 1.6, 5.5, 11.0, 50.3, 135.0, 135.0),
     MotorModel("rs-06", 5000.0, 100.0, 50.0, 36.0, 11.0, 36.0, 57.0, 50.3, 135.0, 135.0),
 )
-SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)
-"""Scale of positions and velocities, at the output."""
+SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)  # of positions and velocities, at the output
 
 
 def _sito(name: str, gear: int) -> MotorModel:
     """Return a model whose ranges are its frames' integers: int16 velocity and current, int32 position.
 
-    Gains have no range in a float32: those here are a host's, about the largest that were ever tried. No data sheet is
-    public: torque is bounded by nothing but the current's range, and temperature is not reported.
+    Gains are float32 without a range: those here are about the largest that were ever tried. No data sheet is public.
     """
     largest, unknown = 2**15 - 1, math.inf
     velocity, effort = largest / SITO_COUNTS_PER_RAD, largest * 0.00009 * gear
@@ -93,30 +75,21 @@ def _sito(name: str, gear: int) -> MotorModel:
 
 @dataclass(frozen=True, slots=True)
 class MotorFamily:
-    """Common traits of all motors of one protocol."""
+    """Traits of all motors of one protocol."""
 
     name: str
-    """As robot descriptions have it."""
     models: tuple[MotorModel, ...]
-    """One row each."""
     ids: range
     """Ids that its frames can address."""
     last_bytes: frozenset[int] = frozenset()
-    """Last bytes of the identifiers of a host's frames, where that is not a motor's id: a motor of a family that is
-    addressed by this byte must not have one of these ids, in case it looks at no other."""
-    has_timeout: bool = True
-    """True where its motors stop by themselves when their host falls silent."""
-    has_torque_limit: bool = True
-    """True where a motor can be told a limit for its torque and its current."""
-    has_questions: bool = False
-    """True where the bench tools can ask its motors who and where they are. Others are listened to, and enabled limp
-    where that is not enough."""
-    gains_apart: bool = False
-    """True where K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
-    stiffness_doubt: float = 1.0
-    """Largest ratio of a motor's K_p to what it was told, where sources disagree: torque is bounded for that."""
-    damping_doubt: float = 1.0
-    """Largest such ratio of its K_d."""
+    """Last bytes of its host's identifiers, where that is no motor's id: a motor of a family that is addressed by this
+    byte must not have one of these ids."""
+    has_timeout: bool = True  # its motors stop by themselves when their host falls silent
+    has_torque_limit: bool = True  # its motors have a limit for torque and current
+    has_questions: bool = False  # the bench tools can ask its motors who and where they are
+    gains_apart: bool = False  # K_p and K_d come in a frame of their own: a command may meet gains that are not its own
+    stiffness_doubt: float = 1.0  # largest ratio of a motor's K_p to the commanded one where sources disagree
+    damping_doubt: float = 1.0  # likewise of its K_d
 
     @property
     def period_frames(self) -> int:
@@ -126,33 +99,32 @@ class MotorFamily:
 
 _HOST_IDS = range(128, 256)
 """Robstride's frames name their host in the byte where Sito's name the motor."""
-FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
-    {
-        "robstride": MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
-        # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
-        # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
-        "sito": MotorFamily(
-            "sito",
-            (_sito("TA40-50", 51), _sito("TA40-100", 101)),
-            range(1, 256),
-            frozenset({0x00, 0x01, 0x09, 0x45}),
-            has_timeout=False,
-            has_torque_limit=False,
-            gains_apart=True,
-            stiffness_doubt=688.58 / 500.0,
-            damping_doubt=1.125 / 0.5,
-        ),
-    }
+_FAMILIES = (
+    MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
+    # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
+    # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
+    MotorFamily(
+        "sito",
+        (_sito("TA40-50", 51), _sito("TA40-100", 101)),
+        range(1, 256),
+        frozenset({0x00, 0x01, 0x09, 0x45}),
+        has_timeout=False,
+        has_torque_limit=False,
+        gains_apart=True,
+        stiffness_doubt=688.58 / 500.0,
+        damping_doubt=1.125 / 0.5,
+    ),
 )
+FAMILIES: Mapping[str, MotorFamily] = MappingProxyType({family.name: family for family in _FAMILIES})
 """By name."""
 MOTORS: Mapping[str, MotorModel] = MappingProxyType(
-    {model.name: replace(model, family=family.name) for family in FAMILIES.values() for model in family.models}
+    {model.name: replace(model, family=family.name) for family in _FAMILIES for model in family.models}
 )
 """By the model's name in robot descriptions."""
 
 
 def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:
-    """Return why a motor must not have this id on a robot with motors of these families; empty when it may."""
+    """Return why a motor must not have this id on a robot with motors of these families; '' if it may."""
     if motor_id not in family.ids:
         return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
     others = [FAMILIES[name] for name in families if name != family.name]
@@ -166,7 +138,6 @@ def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) ->
 
 def motor_model(name: str) -> MotorModel:
     """Return the model of a name. Raises `InputError` listing those that exist."""
-    try:
-        return MOTORS[name]
-    except KeyError:
-        raise InputError(known_names("motor model", name, MOTORS)) from None
+    if name not in MOTORS:
+        raise InputError(known_names("motor model", name, MOTORS))
+    return MOTORS[name]

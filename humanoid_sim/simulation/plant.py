@@ -24,7 +24,6 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
 Actuation = Literal["qfrc_applied", "affine", "implicit"]
@@ -84,13 +83,9 @@ class Plant(ABC):
         torques = {name: scale * getattr(command, name) for name in ("effort", "stiffness", "damping")}
         return replace(command, **torques)
 
+    @abstractmethod
     def step(self, count: int) -> None:
         """Advance physics by `count` steps under the command in force."""
-        with mujoco_silenced:  # a bad state is a safety status
-            self._step(count)
-
-    @abstractmethod
-    def _step(self, count: int) -> None: ...
 
     def physics_step(self) -> None:
         """One physics step under the forces that are applied now."""
@@ -185,7 +180,8 @@ class QfrcPlant(Plant):
         applied: FloatArray = self.data.qfrc_applied[self._dof_index]
         return applied
 
-    def _step(self, count: int) -> None:
+    def step(self, count: int) -> None:
+        """Step with the torque of the MIT law applied at every step."""
         model, data, command, step = self.model, self.data, self._command, mujoco.mj_step
         limit, lower, scratch = self._limit, self._lower, self._scratch
         gathers = not self._is_contiguous
@@ -224,7 +220,8 @@ class AffinePlant(Plant):
         force: FloatArray = self.data.actuator_force
         return force
 
-    def _step(self, count: int) -> None:
+    def step(self, count: int) -> None:
+        """Step with actuators that give the torque of the MIT law."""
         if count > 1:
             mujoco.mj_step(self.model, self.data, count - 1)
         if count:
@@ -236,8 +233,9 @@ class ImplicitPlant(AffinePlant):
 
     actuation = "implicit"
 
-    def _step(self, count: int) -> None:
-        super()._step(count)
+    def step(self, count: int) -> None:
+        """Step likewise, from the accelerations of a rollout."""
+        super().step(count)
         if count:  # as `mujoco.rollout` is told to begin: so one robot goes as it would in a batch
             self.data.qacc_warmstart[:] = self.acceleration
 

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.mjcf import mujoco_silenced
 
 _FLAT = 1e-9
 """m, and 1: planes that differ by less in level and direction are one floor."""
@@ -120,8 +119,7 @@ def clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    with mujoco_silenced:  # of contacts beyond the arena's size those that fit are enough
-        mujoco.mj_collision(model, data)
+    mujoco.mj_collision(model, data)
     pairs = data.contact.geom
     distances = data.contact.dist[is_static[pairs].any(axis=1)] if len(pairs) else np.empty(0)
     return float(distances.min()) if len(distances) else 0.0

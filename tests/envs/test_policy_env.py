@@ -195,7 +195,7 @@ def test_whatever_is_done_the_values_are_those_of_the_spaces(robot, scale, reque
         ({**ARMS, "episode_seconds": "long"}, "^episode_seconds: is long, expected a finite number >= 0"),
         ({**ARMS, "width": 0}, "width: is 0, expected a whole number of pixels >= 1"),
         ({**ARMS, "height": 2.5}, r"height: is 2\.5, expected a whole number of pixels >= 1"),
-        ({**ARMS, "physics_timestep": 0.003}, "physics timestep: 0.003 s does not divide the control period"),
+        ({**ARMS, "physics_timestep": 0.003}, "physics_timestep: 0.003 s does not divide the control period"),
         ({**ARMS, "actuation": "magic"}, "actuation: is 'magic', expected qfrc_applied, affine or implicit"),
         ({**ARMS, "weights": {"speed": 1.0}}, "weights: unknown reward term 'speed'"),
         ({**ARMS, "render_mode": "ansi"}, "render_mode: is 'ansi', expected human, rgb_array or None"),

@@ -1,5 +1,6 @@
 """The gamepad's driver on gamepads that SDL makes, against a session without a loop."""
 
+import os
 import time
 
 import numpy as np
@@ -9,7 +10,7 @@ pytest.importorskip("pygame", reason="pygame-ce is not installed (extra 'gamepad
 
 from virtual_pads import VirtualPad
 
-from humanoid_sim.frontends.gamepad.device import Pads
+from humanoid_sim.frontends.gamepad.device import Pads, missing_reason
 from humanoid_sim.frontends.gamepad.layout import PadLayout, Sticks, chosen_layout, speed_range
 from humanoid_sim.gamepad import Driver, GamepadConfig
 from humanoid_sim.messages import Intent, Mode
@@ -186,3 +187,13 @@ def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(
     time.sleep(0.6)
     desk.look()
     assert desk.mode is Mode.DAMPING
+
+
+def test_a_missing_gamepad_is_explained_by_its_device_nodes(tmp_path, monkeypatch):
+    assert missing_reason(tmp_path / "input") == f"no gamepad is plugged in: {tmp_path / 'input'} has no event nodes"
+    for name in ("event0", "event1"):
+        (tmp_path / name).touch()
+    assert missing_reason(tmp_path) == "no gamepad is plugged in"
+    monkeypatch.setattr(os, "access", lambda path, _: path.name != "event1")
+    text = missing_reason(tmp_path)
+    assert f"1 of 2 event nodes, such as {tmp_path / 'event1'}, are for group '{(tmp_path / 'event1').group()}'" in text

@@ -52,7 +52,7 @@ def test_a_suite_of_ones_own(tmp_path):
         ("{relative: 0.05}", "{relative: -1}", "tolerances.body_position_error.relative: is -1.0, expected"),
         ("mass: [0.9, 1.1]", "mass: [1.1, 0.9]", "randomisation: mass is (1.1, 0.9), expected two finite"),
         ("mass: [0.9, 1.1]", "weight: [1, 1]", "randomisation: unknown field 'weight'; known: mass, "),
-        ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a finite"),
+        ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a number"),
         ("command_delay: [0.0, 0.004]", "command_jitter: 2", "randomisation: command_jitter is 2, expected at"),
         ("", "seeds: [1\n", "not valid YAML"),
         ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),

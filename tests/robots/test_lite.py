@@ -1,123 +1,117 @@
-"""The shipped robots: their models against golden figures, their tables, and poses that touch nothing."""
+"""The shipped robots: their models against published figures, their tables, and poses that touch nothing."""
 
 import json
 from itertools import pairwise
 from pathlib import Path
 
-import msgspec
 import mujoco
 import numpy as np
 import pytest
 
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())
-ROBOTS = ("lite", "lite_neck")
-
+ARMS = pytest.mark.parametrize("robot", [load_robot("lite"), load_robot("lite_neck")], ids=lambda robot: robot.name)
+BIPED = load_robot("lite_biped")
 ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
-NAMES = (
-    *(f"left_{joint}" for joint in ARM),
-    *(f"right_{joint}" for joint in ARM),
-    "neck_yaw",
-    "neck_roll",
-    "neck_pitch",
-)
-
+LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee_pitch", "ankle_yaw", "ankle_pitch", "ankle_roll")
+NECK = ("neck_yaw", "neck_roll", "neck_pitch")
 LOWER = [-3.14159, -1.5708, -1.5708, -2.35619, -1.5708, -0.698132, -0.785398]
 UPPER = [0.785398, 1.91986, 1.5708, 0.0, 1.5708, 0.698132, 0.785398]
-RIGHT_LOWER = [-3.14159, -1.91986, *LOWER[2:]]
-RIGHT_UPPER = [0.785398, 1.5708, *UPPER[2:]]
-NECK = [0.785398, 0.523599, 0.523599]
-
-POSE_A = [0.3, -1.0, 0, -1.7, -1.2, 0, 0.3, 0.3, 1.0, 0, -1.7, 1.2, 0, -0.3]
+MIRROR = np.array([1, -1, -1, 1, -1, 1, -1])
+HOME = [-0.1745, 0.0, 0.0, 0.3491, 0.0, -0.1745, 0.0]
+READY = (0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0.3)
 
 
-@pytest.fixture(params=ROBOTS)
-def robot(request):
-    return load_robot(request.param)
+def sides(joints):
+    return [f"{side}_{joint}" for side in ("left", "right") for joint in joints]
 
 
-def names_of(robot):
-    return NAMES[: 17 if robot.name == "lite_neck" else 14]
-
-
-def test_joints_are_in_canonical_order(robot):
-    assert robot.joint_names == names_of(robot)
+@pytest.mark.parametrize(
+    ("name", "joints"), [("lite", sides(ARM)), ("lite_neck", [*sides(ARM), *NECK]), ("lite_biped", sides(LEG))]
+)
+def test_joints_are_in_canonical_order(name, joints):
+    robot = load_robot(name)
+    assert robot.joint_names == tuple(joints)
     model = build_model(robot, scene=False)
-    assert tuple(model.joint(i).name for i in range(model.njnt)) == names_of(robot)
-    assert joint_addresses(model, robot.joint_names).qpos.tolist() == list(range(robot.joint_count))
+    assert [model.joint(i).name for i in range(model.njnt)][-len(joints) :] == joints
 
 
-def test_motors_are_those_of_the_hardware_map():
-    robot = load_robot("lite_neck")
+@pytest.mark.parametrize(
+    ("name", "ids", "models", "directions", "efforts"),
+    [
+        (
+            "lite_neck",
+            [*range(11, 18), *range(21, 28), 31, 32, 33],
+            ["rs-02", "rs-00", "rs-00", "rs-00", "rs-05", "rs-05", "rs-05"] * 2 + ["rs-00"] * 3,
+            [-1, -1, 1, -1, 1, -1, -1, 1, -1, 1, 1, 1, 1, -1, 1, 1, 1],
+            [17.0, 14.0, 14.0, 14.0, 4.0, 4.0, 4.0] * 2 + [10.0] * 3,
+        ),
+        (
+            "lite_biped",
+            [*range(31, 38), *range(41, 48)],
+            ["rs-06", "rs-06", "rs-02", "rs-06", "rs-00", "rs-00", "rs-05"] * 2,
+            [-1, 1, 1, -1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1],
+            [36.0, 36.0, 17.0, 36.0, 14.0, 14.0, 5.5] * 2,
+        ),
+    ],
+)
+def test_motors_are_those_of_the_hardware_map(name, ids, models, directions, efforts):
+    robot = load_robot(name)
     motors = [joint.motor for joint in robot.joints]
-    assert all(motor is not None for motor in motors)
-    assert [m.can_id for m in motors if m] == [*range(11, 18), *range(21, 28), 31, 32, 33]
-    assert [m.bus for m in motors if m] == [0] * 7 + [1] * 7 + [0] * 3
-    arm = ["rs-02", "rs-00", "rs-00", "rs-00", "rs-05", "rs-05", "rs-05"]
-    assert [m.model for m in motors if m] == [*arm, *arm, "rs-00", "rs-00", "rs-00"]
-    assert [m.direction for m in motors if m] == [-1, -1, 1, -1, 1, -1, -1, 1, -1, 1, 1, 1, 1, -1, 1, 1, 1]
-    arm_torque, arm_current = [17.0, 14.0, 14.0, 14.0, 4.0, 4.0, 4.0], [27.0, 16.0, 16.0, 16.0, 14.0, 14.0, 14.0]
-    assert robot.effort_limit.tolist() == [*arm_torque, *arm_torque, 10.0, 10.0, 10.0]
-    assert [m.torque_limit for m in motors if m] == robot.effort_limit.tolist()
-    assert [m.current_limit for m in motors if m] == [*arm_current, *arm_current, 14.0, 14.0, 14.0]
-    assert robot.stiffness.tolist() == [50.0] * 14 + [30.0] * 3
-    assert robot.damping.tolist() == [2.0] * 14 + [1.0] * 3
+    assert [motor.can_id for motor in motors] == ids
+    assert [motor.bus for motor in motors] == ([0] * 7 + [1] * 7 + [0] * 3)[: len(ids)]
+    assert [motor.model for motor in motors] == models
+    assert [motor.direction for motor in motors] == directions
+    assert [motor.torque_limit for motor in motors] == robot.effort_limit.tolist() == efforts
 
 
-def test_settings(robot):
-    assert (robot.simulation.physics_timestep, robot.simulation.control_frequency) == (0.0005, 200.0)
-    assert (robot.hardware.control_frequency, robot.hardware.rx_timeout_ms) == (50.0, 200.0)
-    assert robot.damping_controller.damping_scalar == robot.remote_policy_controller.damping_scalar == 5.0
-    zeros = (0.0,) * robot.joint_count
-    for standby in (robot.standby_controller_a, robot.standby_controller_b):
-        assert standby.segment_durations == (2.0, 2.0)
-        assert standby.pose_segments[0] == zeros
-        assert list(standby.target_stiffness) == robot.stiffness.tolist()
-        assert list(standby.target_damping) == robot.damping.tolist()
-    assert list(robot.standby_controller_a.pose_segments[1][:14]) == POSE_A
-    pose_b = np.array(robot.standby_controller_b.pose_segments[1])
-    assert np.abs(pose_b[:14] - POSE_A).max() > 0.5
+def test_the_lite_is_the_original_s():
+    lite = load_robot("lite")
+    assert (lite.hardware.control_frequency, lite.hardware.rx_timeout_ms) == (50.0, 200.0)
+    assert (lite.simulation.control_frequency, lite.simulation.physics_timestep) == (200.0, 0.0005)
+    assert lite.mode_damping.tolist() == lite.passive_damping.tolist() == [5.0] * 14
+    for standby in (lite.standby_controller_a, lite.standby_controller_b):
+        assert (standby.segment_durations, standby.pose_segments[0]) == ((2.0, 2.0), (0.0,) * 14)
+        assert (standby.target_stiffness, standby.target_damping) == ((50.0,) * 14, (2.0,) * 14)
+    assert lite.standby_controller_a.pose_segments[1] == READY
+    assert np.abs(np.subtract(lite.standby_controller_b.pose_segments[1], READY)).max() > 0.5
 
 
-def test_joint_ranges_are_radians():
-    """A model read in degrees would have a shoulder of ±3°."""
-    model = mujoco.MjModel.from_xml_path(str(load_robot("lite_neck").mjcf_path))
-    assert model.jnt_range[:, 0].tolist() == [*LOWER, *RIGHT_LOWER, *(-limit for limit in NECK)]
-    assert model.jnt_range[:, 1].tolist() == [*UPPER, *RIGHT_UPPER, *NECK]
-    assert model.jnt_limited.all()
-    built = build_model(load_robot("lite_neck"))
-    assert (built.jnt_range == model.jnt_range).all()
+def test_ranges_masses_and_dynamics_are_the_published_ones():
+    arms = mujoco.MjModel.from_xml_path(str(load_robot("lite").mjcf_path))
+    right = [-1.91986, 1.5708]  # of the roll, which mirrors the left one
+    assert arms.jnt_range[:, 0].tolist() == [*LOWER, LOWER[0], right[0], *LOWER[2:]]
+    assert arms.jnt_range[:, 1].tolist() == [*UPPER, UPPER[0], right[1], *UPPER[2:]]
+    assert arms.body_mass.sum() == pytest.approx(13.692339, abs=1e-9)
+    assert arms.dof_armature.tolist() == [0.005, *[0.002] * 6] * 2
+    assert (set(arms.dof_frictionloss), set(arms.dof_damping)) == ({0.1}, {0.0})
+    legs = build_model(BIPED, scene=False)
+    dof = joint_addresses(legs, BIPED.joint_names).dof
+    assert legs.body_mass.sum() == pytest.approx(11.48, abs=1e-9)
+    assert legs.dof_armature[dof].tolist() == [0.008, 0.008, 0.005, 0.008, 0.002, 0.002, 0.001] * 2
+    assert (set(legs.dof_frictionloss[dof]), set(legs.dof_damping)) == ({0.1}, {0.0})
+    assert BIPED.lower[:7].tolist() == [-2.35619, -0.349066, -1.5708, 0.0, -1.5708, -0.523599, -0.349066]
+    assert BIPED.upper[:7].tolist() == [0.785398, 1.5708, 1.5708, 2.35619, 1.5708, 0.872665, 0.349066]
+    mirrored = np.sort(MIRROR * np.array([BIPED.lower[:7], BIPED.upper[:7]]), axis=0)
+    assert [BIPED.lower[7:].tolist(), BIPED.upper[7:].tolist()] == mirrored.tolist()
 
 
-def test_masses_and_motors_are_the_published_ones(robot):
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    assert model.body_mass.sum() == pytest.approx(13.692339, abs=1e-9)
-    assert model.body("left_shoulder_roll").mass[0] == 0.42
-    assert model.body("right_shoulder_roll").mass[0] == 0.42073
-    assert model.dof_frictionloss.tolist() == [0.1] * model.nv
-    assert model.dof_damping.tolist() == [0.0] * model.nv
-    armature = [0.005, *[0.002] * 6]
-    assert model.dof_armature.tolist() == [*armature, *armature, 0.01, 0.01, 0.01][: model.nv]
-
-
-def test_golden(robot):
-    """Poses, inertia and gravity torques of the reference model at 20 configurations, to its stated tolerance.
-
-    With a rigid neck the arms are unchanged, so the golden figures hold for the first 14 joints.
-    """
+@ARMS
+def test_poses_inertia_and_gravity_of_the_arms_are_the_reference_models(robot):
+    """At 20 configurations, to its stated tolerance. With a rigid neck the figures hold for the first 14 joints."""
     model = build_model(robot)
-    data = mujoco.MjData(model)
-    mass = np.empty((model.nv, model.nv))
+    data, mass = mujoco.MjData(model), np.empty((model.nv, model.nv))
     assert len(GOLDEN["samples"]) == 20
     for sample in GOLDEN["samples"]:
         data.qpos[:] = sample["q"][: model.nq]
         mujoco.mj_forward(model, data)
         for hand in ("left_hand", "right_hand"):
             np.testing.assert_allclose(data.body(hand).xpos, sample[hand]["pos"], rtol=0, atol=1e-9)
-            np.testing.assert_allclose(data.site(hand).xpos, sample[hand]["pos"], rtol=0, atol=1e-9)
             cosine = abs(data.body(hand).xquat @ np.array(sample[hand]["quat"]))
             assert cosine == pytest.approx(1.0, abs=1e-12)
         for tip in ("left_finger2_tip", "right_finger2_tip"):
@@ -127,80 +121,90 @@ def test_golden(robot):
         np.testing.assert_allclose(data.qfrc_bias, sample["qfrc_bias"][: model.nv], rtol=0, atol=1e-7)
 
 
-def touching(model, data, position):
+def touches(model, data, position):
     data.qpos[:] = position
     mujoco.mj_forward(model, data)
-    return [
-        " and ".join(model.body(model.geom_bodyid[geom]).name for geom in (contact.geom1, contact.geom2))
-        for contact in data.contact[: data.ncon]
-    ]
+    return data.ncon > 0
 
 
+@ARMS
 def test_poses_and_the_ways_to_them_touch_nothing(robot):
     model = build_model(robot)
-    data = mujoco.MjData(model)
+    data, shares = mujoco.MjData(model), np.linspace(0.0, 1.0, 201)
     for standby in (robot.standby_controller_a, robot.standby_controller_b):
         way = [np.array(robot.initial_position), *(np.array(pose) for pose in standby.pose_segments)]
-        for start, end in pairwise(way):
-            for share in np.linspace(0.0, 1.0, 201):
-                assert touching(model, data, start + share * (end - start)) == []
-        # After DAMP the next standby starts wherever the joints are: check the way back as well.
-        for share in np.linspace(0.0, 1.0, 201):
-            assert touching(model, data, way[-1] * (1.0 - share)) == []
+        for start, end in (*pairwise(way), (way[-1], 0.0 * way[-1])):  # after DAMP the next begins from anywhere
+            assert not any(touches(model, data, start + share * (end - start)) for share in shares)
     across_the_chest = np.zeros(robot.joint_count)
     across_the_chest[[0, 1, 3]] = -1.5, -1.2, -2.3
-    assert touching(model, data, across_the_chest), "the check can fail"
+    assert touches(model, data, across_the_chest), "the check can fail"
 
 
-def test_the_robot_starts_at_rest_without_torque(robot):
+@ARMS
+def test_the_arms_start_at_rest_without_torque(robot):
     """Friction holds the hanging arms (and the head) where they are: ZERO_TORQUE looks calm from the first tick."""
     model = build_model(robot)
-    data = mujoco.MjData(model)
-    start = np.array(robot.initial_position)
-    assert (start > robot.lower).all()
-    assert (start < robot.upper).sum() == robot.joint_count
+    data, start = mujoco.MjData(model), np.array(robot.initial_position)
     data.qpos[:] = start
-    mujoco.mj_forward(model, data)
-    assert np.abs(data.qfrc_bias).max() < 0.1  # the friction loss of every joint
     for _ in range(6000):
         mujoco.mj_step(model, data)
     assert np.abs(data.qpos - start).max() < np.deg2rad(1.0)
     assert np.abs(data.qvel).max() < 0.01
-
-
-def test_arms_hang_beside_the_torso():
-    robot = load_robot("lite")
-    position, _ = ForwardKinematics(robot)(np.array(robot.initial_position))
-    left, right = position
-    assert left[2] < 0.05  # the shoulders are at 0.39 m
+    left, right = ForwardKinematics(load_robot("lite"))(start[:14])[0]
     np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-4)
-    # Nor does a straight arm reach the floor: 0.39 m from shoulder to wrist, 0.24 m from there to the fingertip.
-    assert robot.simulation.floor_height < 0.39 - 0.39 - 0.24
 
 
-def test_sites_and_looks(robot):
+@ARMS
+def test_what_is_only_shown_does_not_collide(robot):
     model = build_model(robot)
-    for site in ("imu", "left_hand", "right_hand", "left_finger2_tip", "right_finger2_tip"):
-        assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site) >= 0
-    visual = model.geom_group == 2
-    assert visual.sum() > 80
-    assert not model.geom_contype[visual].any()
-    assert not model.geom_conaffinity[visual].any()
+    shown = model.geom_group == 2
+    assert shown.sum() > 80
+    assert not (model.geom_contype | model.geom_conaffinity)[shown].any()
     colliding = {model.body(model.geom_bodyid[i]).name for i in np.flatnonzero(model.geom_contype)}
-    assert colliding == {
-        "world", "chest", "head",
-        "left_shoulder_yaw", "left_wrist_yaw", "left_hand",
-        "right_shoulder_yaw", "right_wrist_yaw", "right_hand",
-    }  # fmt: skip
+    assert colliding == {"world", "chest", "head", *sides(("shoulder_yaw", "wrist_yaw", "hand"))}
 
 
-def test_the_lite_is_the_original_s():
-    lite = load_robot("lite")
-    assert (lite.hardware.control_frequency, lite.simulation.control_frequency) == (50.0, 200.0)
-    for standby in (lite.standby_controller_a, lite.standby_controller_b):
-        assert standby.segment_durations == (2.0, 2.0)
-        assert standby.pose_segments[0] == (0.0,) * 14
-    a, b = (msgspec.structs.asdict(one) for one in (lite.standby_controller_a, lite.standby_controller_b))
-    assert {name for name in a if a[name] != b[name]} == {"pose_segments"}
-    ready = (0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0.3)
-    assert lite.standby_controller_a.pose_segments[1] == ready
+@pytest.mark.parametrize(
+    ("pose", "center", "foot", "height"),
+    [
+        ([0.0] * 7, [-0.0055, 0.0, -0.26766], [-0.015, 0.07, -0.71], 0.775),
+        (HOME, [0.01357, 0.0, -0.26678], [-0.01806, 0.06703, -0.70406], 0.76935),
+    ],
+)
+def test_the_legs_centre_of_mass_feet_and_height_are_the_published_ones(pose, center, foot, height):
+    robot = MujocoRobot(BIPED)
+    model, data = robot.model, robot.data
+    data.qpos[2], data.qpos[7:] = height - 5e-5, pose * 2
+    mujoco.mj_forward(model, data)
+    assert data.body("pelvis").subtree_com - data.body("pelvis").xpos == pytest.approx(center, abs=1e-5)
+    position, _ = ForwardKinematics(BIPED)(np.array(pose * 2))
+    assert position == pytest.approx(np.array([foot, foot * np.array([1, -1, 1])]), abs=2e-5)
+    bodies = model.geom_bodyid[data.contact.geom]
+    touching = np.abs(data.contact.dist) < 1e-4
+    assert set(bodies[touching].ravel().tolist()) == {0, *(model.body(name).id for name in BIPED.hands)}
+    assert (data.contact.dist > -1e-4).all(), "nothing overlaps, of legs and pelvis either"
+
+
+@pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
+def test_the_legs_carry_themselves_for_ten_seconds(actuation):
+    """At K_p 80 and K_d 2, held for a second and then released on their feet."""
+    robot = MujocoRobot(BIPED, actuation=actuation, base_yaw=0.7)
+    assert (robot.supported, robot.warnings) == (True, ())
+    zeros = np.zeros(14)
+    stand = MITCommand(np.array(BIPED.initial_position), zeros, zeros, BIPED.stiffness, BIPED.damping)
+    heights, tilts, efforts = [], [], []
+    for tick in range(11 * 200):
+        if tick == 200:
+            robot.set_support(False)
+        robot.write(stand)
+        base = robot.base_state
+        heights.append(base.height)
+        tilts.append(base.tilt)
+        efforts.append(np.abs(robot.read()[0].joint_effort))
+    assert 0.765 < min(heights) < max(heights) < 0.770
+    assert max(tilts) < np.deg2rad(2.0)
+    assert (np.max(efforts, axis=0) < 0.3 * BIPED.effort_limit).all()
+    assert base.yaw == pytest.approx(0.7, abs=0.01)
+    for _ in range(300):
+        robot.write(MITCommand.zeros(14))
+    assert 0.0 < robot.base_state.height < 0.4, "without torque they fall, on the floor and not through it"

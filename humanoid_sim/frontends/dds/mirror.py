@@ -39,9 +39,8 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.from_urdf import convert_urdf
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
-from humanoid_sim.robots.urdf import qpos_addresses
+from humanoid_sim.robots.urdf import convert_urdf, qpos_addresses
 from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Subscription

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 _BUTTONS = ("A", "B", "X", "Y", "LEFTSHOULDER", "RIGHTSHOULDER", "BACK", "START")
@@ -20,6 +21,24 @@ _ENVIRONMENT = {
     "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
     "SDL_NO_SIGNAL_HANDLERS": "1",
 }
+
+
+def missing_reason(folder: Path = Path("/dev/input")) -> str:
+    """Return why no gamepad is found: device nodes that are not there, or not readable and whose they are."""
+    nodes = sorted(folder.glob("event*"))
+    if not nodes:
+        return f"no gamepad is plugged in: {folder} has no event nodes"
+    closed = [node for node in nodes if not os.access(node, os.R_OK)]
+    if not closed:
+        return "no gamepad is plugged in"
+    try:
+        group = closed[0].group()
+    except KeyError:  # a group without a name
+        group = str(closed[0].stat().st_gid)
+    return (
+        f"no gamepad is plugged in that can be read: {len(closed)} of {len(nodes)} event nodes, such as {closed[0]}, "
+        f"are for group '{group}'; join it (sudo usermod -aG {group} $USER) and log in again"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ from mujoco import rollout
 
 from humanoid_sim.controllers.rotation import rotate
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray
-from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.batch.draws import Draws
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
@@ -258,18 +257,17 @@ class BatchPhysics:
         if wrench is not None:
             control = self._with_wrench(control, wrench)
         path = self._path[:count]
-        with mujoco_silenced:
-            self._rollout.rollout(
-                self._pool.select(chosen),
-                self._data,
-                initial,
-                control if everyone else control[chosen],
-                control_spec=_CONTROL if wrench is None else _CONTROL_AND_WRENCH,
-                skip_checks=True,
-                nstep=self._steps,
-                initial_warmstart=self.acceleration if everyone else self.acceleration[chosen],
-                state=path,
-            )
+        self._rollout.rollout(
+            self._pool.select(chosen),
+            self._data,
+            initial,
+            control if everyone else control[chosen],
+            control_spec=_CONTROL if wrench is None else _CONTROL_AND_WRENCH,
+            skip_checks=True,
+            nstep=self._steps,
+            initial_warmstart=self.acceleration if everyone else self.acceleration[chosen],
+            state=path,
+        )
         indices = np.arange(count) if chosen is None else chosen
         self._advanced = initial, path, actuated if everyone else actuated[chosen], indices
         last, before = path[:, -1], path[:, -2] if self._steps > 1 else initial
@@ -347,17 +345,16 @@ class BatchPhysics:
             control_spec: which they are; generalised forces that act on it, unless it says otherwise.
         """
         sensordata = np.empty((len(control), 1, model.nsensordata))
-        with mujoco_silenced:
-            self._rollout.rollout(
-                [model] * len(control),
-                data,
-                states,
-                control[:, None],
-                control_spec=control_spec,
-                skip_checks=True,
-                nstep=1,
-                sensordata=sensordata,
-            )
+        self._rollout.rollout(
+            [model] * len(control),
+            data,
+            states,
+            control[:, None],
+            control_spec=control_spec,
+            skip_checks=True,
+            nstep=1,
+            sensordata=sensordata,
+        )
         return sensordata[:, 0]
 
     def _with_wrench(self, control: FloatArray, wrench: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, IntArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
@@ -455,7 +454,6 @@ class _BatchTouches:
                 mujoco.mj_setState(model, data, states[step], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
                 data.ctrl[:] = controls[step]
                 data.qacc_warmstart[:] = 0.0  # whatever was computed before: each robot gives what it would give alone
-                with mujoco_silenced:
-                    mujoco.mj_forward(model, data)
+                mujoco.mj_forward(model, data)
                 found[i] = max(found[i], float(self._keys.force(model, data).max()))
         return found

@@ -315,7 +315,7 @@ def test_body_poses_in_world_and_base():
     [
         ({"count": 0}, "count: is 0, expected a whole number >= 1"),
         ({"threads": 0}, "threads: is 0, expected a whole number >= 1"),
-        ({"physics_timestep": 0.003}, "physics timestep: 0.003 s does not divide"),
+        ({"physics_timestep": 0.003}, "physics_timestep: 0.003 s does not divide"),
         ({"anchor_body": "nose"}, "anchor body: unknown body 'nose'"),
         ({"bodies": ("nose",)}, "unknown body 'nose'"),
         ({"push_body": "nose"}, "unknown body 'nose'"),
