@@ -12,7 +12,16 @@ from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
-from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, refused, transition
+from humanoid_sim.controllers.fsm import (
+    MODES,
+    MOVING,
+    RESTING,
+    choose_intent,
+    merge_safety,
+    mode_names,
+    refused,
+    transition,
+)
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
@@ -38,6 +47,8 @@ class SupervisorMemory:
     guards: GuardMemory | None = None
     """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
     ZERO_TORQUE, which push nowhere, end it."""
+    policy: str = ""
+    """Name of the selected policy; '' where there is only one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,14 +79,21 @@ class Supervisor:
     """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
     needs_producer: bool = field(default=False, kw_only=True)
     """True where START_REMOTE requires commands that already arrive: nothing else keeps a floating base on its feet."""
+    policies: Mapping[str, Controller] = field(default_factory=dict, kw_only=True)
+    """Controllers that `rl_policy_controller` can be, by the policy's name; the first is selected at the start. Empty:
+    only the one in `controllers`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", joint_tuple("Supervisor", self.joints))
-        object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
+        controllers = dict(self.controllers)
+        if self.policies:
+            controllers[RL_POLICY] = next(iter(self.policies.values()))
+        object.__setattr__(self, "controllers", MappingProxyType(controllers))
         for name in (ZERO_TORQUE, DAMPING):
             if name not in self.controllers:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
         parts = {f"controllers['{name}']": tuple(value.joints) for name, value in self.controllers.items()}
+        parts |= {f"policies['{name}']": tuple(value.joints) for name, value in self.policies.items()}
         if self.guards is not None:
             parts["guards"] = self.guards.joints
         for part, joints in parts.items():
@@ -102,7 +120,8 @@ class Supervisor:
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
         """Return the start, ZERO_TORQUE; `reason` is the first status message."""
-        return SupervisorMemory(ZERO_TORQUE, None, reason, MITCommand.zeros(len(self.joints)))
+        zeros = MITCommand.zeros(len(self.joints))
+        return SupervisorMemory(ZERO_TORQUE, None, reason, zeros, policy=next(iter(self.policies), ""))
 
     def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
         """One tick. Neither argument is changed; the same arguments give bit-identical results."""
@@ -110,8 +129,10 @@ class Supervisor:
         intent, superseded = choose_intent(tick_input.intents)
         standby = None if memory.controller_memory is None else memory.controller_memory.standby
         finished = standby is not None and standby.is_finished
-        unready = self.unready(intent, tick_input)
+        policy, selection, policy_refusal = self._select(memory, tick_input.policy)
+        unready = self.unready(intent, tick_input, policy)
         decision = transition(memory.controller, safety, intent, finished, self.controllers, unready)
+        starts = f"{decision.message}, policy {policy}" if policy and decision.controller == RL_POLICY else ""
 
         if decision.controller is None:
             name, controller_memory = memory.controller, memory.controller_memory
@@ -121,10 +142,11 @@ class Supervisor:
         policy_step: PolicyStep | None = None
         policy_error: str | None = None
         while True:
-            result = self._attempt(name, controller_memory, memory, tick_input)
+            controller = self._controller(name, policy)
+            result = self._attempt(name, controller, controller_memory, memory, tick_input)
             if isinstance(result, _Result):
                 break
-            fault, fallback = result.fault, self.controllers[name].fallback or ZERO_TORQUE
+            fault, fallback = result.fault, controller.fallback or ZERO_TORQUE
             if not faults:
                 policy_step, policy_error = fault.policy_step, fault.policy_error
             faults.append(FaultReport(name, fallback, fault.message, result.is_bug))
@@ -135,9 +157,8 @@ class Supervisor:
             name, controller_memory = fallback, memory.controller_memory if fallback == memory.controller else None
 
         refusals = tuple(refused(other, f"{intent.name} came in the same tick") for other in superseded if intent)
-        if decision.refusal:
-            refusals = (decision.refusal, *refusals)
-        words = (decision.message, *map(_describe, faults), result.memory.notice, *refusals)
+        refusals = tuple(filter(None, (decision.refusal, *refusals, policy_refusal)))
+        words = (selection, starts or decision.message, *map(_describe, faults), result.memory.notice, *refusals)
         status = "; ".join(filter(None, words)) or memory.status_message
         output = TickOutput(
             command=result.command,
@@ -149,22 +170,36 @@ class Supervisor:
             policy_step=result.memory.policy_step or policy_step,
             policy_error=policy_error,
         )
-        return SupervisorMemory(name, result.memory, status, result.command, result.guards), output
+        return SupervisorMemory(name, result.memory, status, result.command, result.guards, policy), output
 
-    def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
-        """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
-        remote, policy = self.controllers.get(REMOTE_POLICY), self.controllers.get(RL_POLICY)
-        if intent is Intent.START_REMOTE and self.needs_producer and isinstance(remote, RemotePolicyController):
-            return remote.unready(tick_input)
-        if intent is Intent.START_LOCOMOTION and isinstance(policy, RLPolicyController):
-            return policy.unready(tick_input.state)
+    def _select(self, memory: SupervisorMemory, wanted: str) -> tuple[str, str, str]:
+        """Return the selected policy, what changed, and why `wanted` is refused; the last two '' for nothing."""
+        if not wanted:
+            return memory.policy, "", ""
+        if wanted not in self.policies:
+            return memory.policy, "", f"policy {wanted} refused: {known_names('policy', wanted, self.policies)}"
+        mode = MODES[memory.controller]
+        if mode not in RESTING:
+            return memory.policy, "", f"policy {wanted} refused: requires {mode_names(RESTING)}, mode is {mode.name}"
+        return wanted, f"policy {wanted} selected", ""
+
+    def _controller(self, name: str, policy: str) -> Controller:
+        return self.policies[policy] if policy and name == RL_POLICY else self.controllers[name]
+
+    def unready(self, intent: Intent | None, tick_input: TickInput, policy: str = "") -> str:
+        """Return why a policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
+        if intent is Intent.START_REMOTE and self.needs_producer:
+            remote = self.controllers.get(REMOTE_POLICY)
+            return remote.unready(tick_input) if isinstance(remote, RemotePolicyController) else ""
+        if intent is Intent.START_LOCOMOTION and RL_POLICY in self.controllers:
+            controller = self._controller(RL_POLICY, policy)
+            return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
         return ""
 
     def _attempt(
-        self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
+        self, name: str, controller: Controller, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
     ) -> _Result | _Failure:
         """Return a controller's result, or what keeps its command from being sent."""
-        controller = self.controllers[name]
         try:
             answer = controller.activate(tick_input) if controller_memory is None else controller_memory
             if not isinstance(answer, Fault):

@@ -152,6 +152,8 @@ class TickInput:
     """All of this tick, in order of arrival."""
     remote: RemoteCommand | None = None
     """The latest accepted remote command, if there ever was one."""
+    policy: str = ""
+    """Name of the loaded policy to select; '' keeps the one that is selected."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,9 @@ from humanoid_sim.cli import ExitStatus, complain, run_program
 from humanoid_sim.client import SessionError, ask_sessions
 from humanoid_sim.errors import InputError
 
-Intent: TypeAlias = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate"]
+Intent: TypeAlias = Literal[
+    "damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate", "policy"
+]
 WORDS: tuple[Intent, ...] = get_args(Intent)
 
 _TIMEOUT = 2.0
@@ -25,11 +27,14 @@ class ModeOptions:
     """Send an intent to a session that runs on this machine, and print what became of it.
 
     damp goes to all sessions that run. reactivate, in ZERO_TORQUE or DAMPING, verifies and enables the robot afresh, as
-    a relaunch would; the FSM then begins in ZERO_TORQUE. Exit status 1 if it was refused, or failed.
+    a relaunch would; the FSM then begins in ZERO_TORQUE. policy, in the same modes, selects one of several that are
+    loaded. Exit status 1 if it was refused, or failed.
     """
 
     intent: Intent
-    """Intent to ask for: damp (or stop), load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
+    """Intent: damp (or stop), load_a, load_b, start_locomotion, start_remote, quit, reactivate or policy."""
+    name: str = ""
+    """Name of the policy to select: its file's, without .onnx."""
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
 
@@ -44,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from humanoid_sim.cli import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
 
         config = parse(ModeOptions, "mode", words, positional=True)
-    return _ask(config.intent, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
+    word = f"{config.intent} {config.name}".strip()
+    return _ask(word, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
 
 
 def _ask(word: str, process: int | None, timeout: float) -> int:
@@ -72,7 +78,7 @@ def _read_usual(words: Sequence[str]) -> ModeOptions | None:
         case [word] if word in WORDS:
             return ModeOptions(word)
         case [word, "--session", number] if word in WORDS and number.isascii() and number.isdecimal():
-            return ModeOptions(word, int(number))
+            return ModeOptions(word, session=int(number))
     return None
 
 

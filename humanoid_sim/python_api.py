@@ -351,7 +351,7 @@ def _of_policy(policy: Given | None) -> dict[str, Any]:
     if policy is None:
         return {}
     file = policy.checkpoint.contract_file if isinstance(policy, Policy) else None
-    return {"policy": str(_path_of(policy)), **({} if file is None else {"contract": str(file)})}
+    return {"policy": [str(_path_of(policy))], **({} if file is None else {"contract": str(file)})}
 
 
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:

@@ -78,6 +78,8 @@ def replay(config: ReplayConfig) -> int:
     if not (math.isfinite(tolerance) and tolerance >= 0.0):
         raise InputError(f"--tolerance: is {tolerance:g}, expected a finite number >= 0")
     recording = open_recording(config.file)
+    if (config.policy is not None or config.infer) and "policies" in recording.header.documents:
+        raise InputError(f"{config.file}: was run with several policies; --policy and --infer compare a single one")
     if config.policy is not None and not config.infer:
         return _compare(recording, config, policy_path(config.policy), tolerance)
     from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`

@@ -58,6 +58,7 @@ def build_supervisor(
     control_period: float,
     loaded: LoadedPolicy | None,
     *,
+    policies: Mapping[str, LoadedPolicy] | None = None,
     remote: bool = False,
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
@@ -70,6 +71,8 @@ def build_supervisor(
 
     Args:
         description: the robot; it holds the parameters of all controllers but the policy's.
+        loaded: the policy; None for none.
+        policies: several policies by name, of which `loaded` is the first; None if it is the only one.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
@@ -84,7 +87,11 @@ def build_supervisor(
         STANDBY_A: _standby(joints, description.standby_controller_a),
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
-    if loaded is not None:
+    named = {
+        name: policy_controller(description, control_period, one, live=live, action_limit=action_limit)
+        for name, one in (policies or {}).items()
+    }
+    if loaded is not None and not named:
         controllers[RL_POLICY] = policy_controller(
             description, control_period, loaded, live=live, action_limit=action_limit
         )
@@ -96,7 +103,7 @@ def build_supervisor(
             damping=description.passive_damping,
         )
     watching = guards_of(description) if guards else None
-    return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer)
+    return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer, policies=named)
 
 
 def policy_controller(
@@ -139,6 +146,8 @@ def run_header(
     loaded: LoadedPolicy | None,
     motion: Motion | None = None,
     *,
+    policies: Mapping[str, LoadedPolicy] | None = None,
+    motions: Mapping[str, Motion] | None = None,
     settings: Mapping[str, object],
     start_time_ns: int = 0,
     remote: bool = False,
@@ -151,6 +160,7 @@ def run_header(
     Arguments are as of `build_supervisor`, and:
 
     Args:
+        motions: those that `policies` follow, by the policy's name.
         settings: anything else that a reader may want to know; must be JSON. Versions, platform and what figures mean
             are added.
         start_time_ns: Unix nanoseconds at the robot clock's zero.
@@ -176,7 +186,32 @@ def run_header(
         start_time_ns=start_time_ns,
         documents=documents,
     )
-    return header if loaded is None else with_policy(header, loaded, motion, action_limit=action_limit)
+    if loaded is not None:
+        header = with_policy(header, loaded, motion, action_limit=action_limit)
+    return _with_policies(header, policies, motions or {}, action_limit) if policies else header
+
+
+def _with_policies(
+    header: SessionHeader,
+    policies: Mapping[str, LoadedPolicy],
+    motions: Mapping[str, Motion],
+    action_limit: float | None,
+) -> SessionHeader:
+    """Add the contracts, with their action limits, and the motions of all policies to a header."""
+    described = {
+        name: {
+            "contract": encode(replace(one.contract, action_limit=action_limit_of(one.contract, action_limit))),
+            "observation_width": one.layout.width,
+            "motion": f"{name}.{MOTION_ATTACHMENT}" if name in motions else None,
+        }
+        for name, one in policies.items()
+    }
+    attached = {f"{name}.{MOTION_ATTACHMENT}": motion_bytes(motion) for name, motion in motions.items()}
+    return replace(
+        header,
+        documents={**header.documents, "policies": json.dumps(described)},
+        attachments={**header.attachments, **attached},
+    )
 
 
 def with_policy(
@@ -239,6 +274,18 @@ def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | Non
     return None if contract is None else load_policy(contract, policy, recorded_motion(header))
 
 
+def _recorded_policies(header: SessionHeader, policy: Policy) -> dict[str, LoadedPolicy]:
+    """Return the policies of a run that had several, each with `policy` in its place; empty for any other run."""
+    described = json.loads(header.documents.get("policies", "{}"))
+    motions = {name: one["motion"] and header.attachments[one["motion"]] for name, one in described.items()}
+    return {
+        name: load_policy(
+            decode(one["contract"], "recording"), policy, parse_motion(motions[name], name) if motions[name] else None
+        )
+        for name, one in described.items()
+    }
+
+
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """Return the supervisor of a recorded run with `policy` in the place of the one that ran.
 
@@ -247,6 +294,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     try:
         description = RobotDescription.from_json(header.documents["robot"])
         controllers = msgspec.json.decode(header.documents["controllers"], type=_ControllerSettings)
+        policies = _recorded_policies(header, policy)
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     except (msgspec.DecodeError, RecursionError) as error:
@@ -254,9 +302,10 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     return build_supervisor(
         description,
         header.control_period,
-        recorded_policy(header, policy),
+        None if policies else recorded_policy(header, policy),
+        policies=policies,
         remote=controllers.remote,
-        action_limit=controllers.action_limit,
+        action_limit=None if policies else controllers.action_limit,
         guards=bool(controllers.guards),
         needs_producer=controllers.needs_producer,
     )

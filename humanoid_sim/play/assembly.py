@@ -37,7 +37,7 @@ from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.simulation_controls import SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
-from humanoid_sim.session.sources import IntentSource, RemoteInbox
+from humanoid_sim.session.sources import IntentSource, PolicySelection, RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.push import Push
@@ -68,7 +68,11 @@ class Run:
         shown = self._watch(console)
         self.header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
-        self.script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
+        selection = PolicySelection()
+        frames = {one.name: one.motion_frames for one in policy.choices}
+        self.script = None
+        if plan.steps is not None:
+            self.script = Script(plan.steps, policy.motion_frames, selection=selection, frames=frames)
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
         self.simulation = self._controls(plan)
         with ExitStack() as stack:
@@ -76,7 +80,7 @@ class Run:
             stack.callback(registration.close)
             self._outside_safety = OutsideSafety(parse_watchdogs(config.watchdog))
             intents = IntentSocket(
-                registration.intents, reactivation, self._note, self._outside_safety, self.simulation
+                registration.intents, reactivation, self._note, self._outside_safety, self.simulation, selection
             )
             stack.callback(intents.close)
             inbox = RemoteInbox(description.joint_names, plan.clock)
@@ -87,7 +91,7 @@ class Run:
                 clock=plan.clock,
                 velocity=plan.velocity if policy.walks else None,
                 live=plan.taken,
-                timeouts=None if policy.contract is None else policy.contract.live_timeouts,
+                timeouts={name: value for one in policy.contracts for name, value in one.live_timeouts.items()},
                 tell=self._note,
             )
             stack.callback(self.data.close)
@@ -104,7 +108,10 @@ class Run:
             )
             stack.callback(self.front_ends.close)
             registration.register(
-                robot=description.name, policy=policy.source, hardware=config.hardware or "", feed=self.feed.path
+                robot=description.name,
+                policy=", ".join(policy.named) or policy.source,
+                hardware=config.hardware or "",
+                feed=self.feed.path,
             )
             keyboard = self._keyboard(reactivation, shown)
             if keyboard is not None:
@@ -141,6 +148,7 @@ class Run:
             reactivation=reactivation,
             interruption=self.interruption,
             simulation=self.simulation,
+            selection=selection,
         )
 
     def _controls(self, plan: Plan) -> SimulationControls:
@@ -263,6 +271,8 @@ def _header(plan: Plan) -> SessionHeader:
         plan.control_period,
         policy.loaded,
         policy.motion,
+        policies=policy.named,
+        motions=policy.motions,
         settings={
             "program": f"humanoid_sim.play {__version__}",
             "options": asdict(config),

@@ -23,9 +23,9 @@ class JudgedPolicy:
 
     @classmethod
     def of(cls, description: RobotDescription, policy: PolicyChoice, *, is_drawn: bool) -> JudgedPolicy:
-        """Prepare to judge a policy; `is_drawn`: the run makes a page or a video."""
+        """Prepare to judge a policy, if it is the only one; `is_drawn`: the run makes a page or a video."""
         loaded, motion = policy.loaded, policy.motion
-        if loaded is None:
+        if loaded is None or policy.others:
             return cls()
         tracking, anchor = errors_of_run(description, loaded, motion)
         keys = None

@@ -23,11 +23,11 @@ class PlayConfig:
     START_LOCOMOTION, DAMP. With --manual or --script the FSM is yours.
     """
 
-    policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
-    """ONNX checkpoint (FILE.onnx), a shipped policy, 'placeholder' (which answers zeros) or 'none'.
-    Default: the robot's sample policy; on hardware none."""
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="POLICY")] = ()
+    """ONNX checkpoint (FILE.onnx), a shipped policy, 'placeholder' (which answers zeros) or 'none'. Several may be
+    given; the first is selected at the start. Default: the robot's sample policy; on hardware none."""
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
-    """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
+    """A contract.yaml with what the only checkpoint does not say about itself. Default: the one beside it."""
     motion: str | None = None
     """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP. Default with the
     sample policy: wave."""
@@ -156,9 +156,14 @@ class PlayConfig:
         return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
 
     @property
+    def first_policy(self) -> str | None:
+        """The policy that is selected at the start, as it was given; None if none was."""
+        return self.policy[0] if self.policy else None
+
+    @property
     def has_policy(self) -> bool:
         """True if a policy runs from the beginning; on hardware only one that is named."""
-        return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
+        return self.first_policy != NO_POLICY and (bool(self.policy) or self.hardware is None)
 
 
 SIMULATED = (

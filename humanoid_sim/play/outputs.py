@@ -35,7 +35,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
 
     `motion` is the file that the motion is read from.
     """
-    read = (config.policy, config.contract, config.robot, config.calibration)
+    read = (*config.policy, config.contract, config.robot, config.calibration)
     inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_watched = config.viewer != "auto" or shows_window(config) or config.console

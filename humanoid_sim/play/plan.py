@@ -58,12 +58,13 @@ class Plan:
             description,
             self.control_period,
             self.policy.loaded,
+            policies=self.policy.named,
             remote=True,
             live=live,
             action_limit=config.action_limit,
             needs_producer=description.is_floating,
         )
-        warnings = () if contract is None else setup.check_policy(contract)
+        warnings = [line for one in self.policy.contracts for line in setup.check_policy(one)]
         pads = look_for_gamepad(config)
         if steps is None and not config.manual and config.hardware is None:
             steps = automatic_steps(config, self.policy.motion)
@@ -76,7 +77,7 @@ class Plan:
             *setup.notices,
             describe_unwatched(description),
             *warnings,
-            *policy_notices(self.policy),
+            *(line for one in self.policy.choices for line in policy_notices(one)),
             *pads,
             *operator_notices(config, steps, contract, self.taken),
         )
@@ -91,14 +92,15 @@ class Plan:
 
     def _robot(self, left: ExitStack) -> RobotSetup:
         if self.config.hardware is None:
-            return simulated_robot(self.config, self.description, self.control_period, self.policy.contract)
+            return simulated_robot(self.config, self.description, self.control_period, self.policy.contracts)
         # python-can and pyserial only where they are used
         from humanoid_sim.play.hardware_robot import real_robot  # noqa: PLC0415
 
         return real_robot(self.config, self.description, self.control_period, left)
 
     def _velocity(self) -> VelocityCommand:
-        ranges = None if self.policy.contract is None else self.policy.contract.command_ranges
+        walking = (contract for contract in self.policy.contracts if contract.takes_velocity_command)
+        ranges = next((contract.command_ranges for contract in walking), None)
         velocity = VelocityCommand(parse_velocity(self.config.command, ranges), ranges)
         velocity.is_observed = self.policy.walks
         return velocity

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import mujoco
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
@@ -123,10 +124,21 @@ class RobotSetup:
     """Reason why what the robot needs beside itself has failed; empty while it works."""
 
 
+_Value = TypeVar("_Value")
+
+
+def _shared(field: str, values: Sequence[_Value]) -> _Value | None:
+    """Return the value that all policies have who have one. Raises `InputError` if they differ."""
+    for value in values[1:]:
+        if value != values[0]:
+            raise InputError(f"--policy: {field} differs, {values[0]} and {value}; a session's policies share it")
+    return values[0] if values else None
+
+
 def simulated_robot(
-    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract | None
+    config: PlayConfig, description: RobotDescription, control_period: float, contracts: Sequence[PolicyContract]
 ) -> RobotSetup:
-    """Return a robot in MuJoCo that measures what the policy of a contract observes; the control period is in s."""
+    """Return a robot in MuJoCo that measures what the policies of contracts observe; the control period is in s."""
     timestep = timestep_of(description, config.actuation, config.physics_timestep)
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
         delay_steps(option, delay, timestep)
@@ -143,9 +155,9 @@ def simulated_robot(
         base_height=config.base_height,
         drop=config.drop,
         pushes=pushes,
-        anchor_body="" if contract is None else contract.anchor_body,
-        velocity_at=() if contract is None else contract.velocity_points,
-        height_scan=None if contract is None else contract.height_scan,
+        anchor_body=_shared("anchor_body", [one.anchor_body for one in contracts if one.anchor_body]) or "",
+        velocity_at=tuple(dict.fromkeys(point for one in contracts for point in one.velocity_points)),
+        height_scan=_shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
     )
     touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, shipped, song_path
 from humanoid_sim.controllers.contract import PolicyContract
@@ -41,6 +42,30 @@ class PolicyChoice:
     motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
+    others: tuple[PolicyChoice, ...] = ()
+    """Further policies that can be selected in the session."""
+
+    @property
+    def choices(self) -> tuple[PolicyChoice, ...]:
+        """This policy and the others; empty in a run without."""
+        return () if self.loaded is None else (self, *self.others)
+
+    @property
+    def contracts(self) -> tuple[PolicyContract, ...]:
+        """Contracts of all."""
+        return tuple(choice.loaded.contract for choice in self.choices if choice.loaded is not None)
+
+    @property
+    def named(self) -> Mapping[str, LoadedPolicy]:
+        """The policies by name where there are several: their files' names without .onnx."""
+        if not self.others:
+            return {}
+        return {choice.name: choice.loaded for choice in self.choices if choice.loaded is not None}
+
+    @property
+    def motions(self) -> Mapping[str, Motion]:
+        """The motions that `named` policies follow, by the policy's name."""
+        return {choice.name: choice.motion for choice in self.choices if choice.motion is not None}
 
     @property
     def contract(self) -> PolicyContract | None:
@@ -48,8 +73,14 @@ class PolicyChoice:
         return None if self.loaded is None else self.loaded.contract
 
     def __str__(self) -> str:
-        """For operators: the policy, and the motion that it follows."""
-        return self.source if self.motion_file is None else f"{self.source}, motion {self.motion_file.name}"
+        """For operators: the policies, and the motions that they follow."""
+        own = self.source if self.motion_file is None else f"{self.source}, motion {self.motion_file.name}"
+        return "; ".join([own, *map(str, self.others)])
+
+    @property
+    def name(self) -> str:
+        """Name by which it is selected."""
+        return Path(self.source).stem
 
     @property
     def source(self) -> str:
@@ -57,12 +88,13 @@ class PolicyChoice:
         return NO_POLICY if self.checkpoint is None else self.checkpoint.source
 
     @property
-    def settings(self) -> dict[str, str | None]:
+    def settings(self) -> dict[str, Any]:
         """Fields of a recording's settings."""
         return {
             "policy": None if self.checkpoint is None else self.checkpoint.source,
             "policy_sha256": None if self.checkpoint is None else self.checkpoint.sha256,
             "motion": None if self.motion_file is None else str(self.motion_file),
+            **({"policies": {one.name: one.settings for one in self.others}} if self.others else {}),
         }
 
     @property
@@ -72,23 +104,37 @@ class PolicyChoice:
 
     def live_inputs(self, reported: Mapping[str, int]) -> tuple[Mapping[str, int], Mapping[str, int]]:
         """Return name and width of the live inputs from other programs, and of all; the robot reports some itself."""
-        taken = {} if self.loaded is None else self.loaded.taken(reported)
+        taken = {
+            name: width
+            for choice in self.choices
+            if choice.loaded
+            for name, width in choice.loaded.taken(reported).items()
+        }
         return taken, {**taken, **reported, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
 
     @property
     def walks(self) -> bool:
-        """Return whether it takes a velocity command."""
-        return self.loaded is not None and self.loaded.contract.takes_velocity_command
+        """Return True if one of them takes a velocity command."""
+        return any(contract.takes_velocity_command for contract in self.contracts)
 
 
 def choose_policy(config: PlayConfig, description: RobotDescription) -> PolicyChoice:
-    """Load the checkpoint and the motion that the options name."""
+    """Load the checkpoints and the motions that the options name: all before the session begins."""
     if not config.has_policy:
         return PolicyChoice()
-    path = checkpoint_path(config) or sample_policy(description.name)
+    chosen = [_choose_one(config, description, name) for name in config.policy or (None,)]
+    names = [choice.name for choice in chosen]
+    if len(set(names)) < len(names):
+        raise InputError(f"--policy: {', '.join(names)} are not different names, expected files with a name each")
+    return replace(chosen[0], others=tuple(chosen[1:]))
+
+
+def _choose_one(config: PlayConfig, description: RobotDescription, name: str | None) -> PolicyChoice:
+    """Load one checkpoint and its motion."""
+    path = checkpoint_path(name) or sample_policy(description.name)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
-    if config.policy == PLACEHOLDER:
+    if name == PLACEHOLDER:
         checkpoint = placeholder_checkpoint(description, config.pose)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
@@ -102,7 +148,7 @@ def choose_policy(config: PlayConfig, description: RobotDescription) -> PolicyCh
             f"PLACEHOLDER POLICY: onnxruntime cannot be imported, so {path.name} does NOT run; "
             "the action is zero. To run it: pip install onnxruntime"
         )
-    motion, file, notices = _chosen_motion(config, checkpoint, description)
+    motion, file, notices = _chosen_motion(config, checkpoint, description, name)
     loaded = load_policy(
         checkpoint.contract,
         checkpoint.policy,
@@ -119,7 +165,7 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
     try:
         policy = choose_policy(config, description)
     except InputError as error:
-        is_default = config.robot == DEFAULT_ROBOT and config.policy is not None
+        is_default = config.robot == DEFAULT_ROBOT and config.first_policy is not None
         count = _count_of_places(config) if is_default else None
         if count is None:
             raise
@@ -132,7 +178,8 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
         )
     if contract is None:
         return policy, description
-    require_joints(contract, description)
+    for one in policy.contracts:
+        require_joints(one, description)
     change = with_contract if description.has_no_gains else with_contract_physics
     return policy, change(description, contract)
 
@@ -158,7 +205,9 @@ def _count_of_places(config: PlayConfig) -> int | None:
     None for any other policy: one by places any other robot cannot but refuse.
     """
     try:
-        read_contract(checkpoint_path(config) or Path(), None if config.contract is None else Path(config.contract))
+        read_contract(
+            checkpoint_path(config.first_policy) or Path(), None if config.contract is None else Path(config.contract)
+        )
     except UnnamedJointsError as error:
         return error.count
     except InputError:
@@ -181,12 +230,18 @@ def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
 
 
 def _chosen_motion(
-    config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription
+    config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription, name: str | None
 ) -> tuple[Motion | None, Path | None, tuple[str, ...]]:
     """Return the motion, the file that it is from, and what to tell about it."""
     contract, source = checkpoint.contract, checkpoint.source
-    task, path = contract.task_type, checkpoint_path(config)
-    ships = config.policy is None or (path is not None and str(path) != config.policy)
+    task, path = contract.task_type, checkpoint_path(name)
+    ships = name is None or (path is not None and str(path) != name)
+    if len(config.policy) > 1:  # --motion and --song are for those that follow one
+        config = replace(
+            config,
+            song=config.song if task == "piano" else None,
+            motion=None if task == "locomotion" or checkpoint.motion is not None else config.motion,
+        )
     if config.song is not None and task != "piano":
         raise InputError(f"--song: is '{config.song}', but {source} is a {task} policy")
     if config.motion is not None and task == "locomotion":

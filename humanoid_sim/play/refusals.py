@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 
 def refuse_early(config: PlayConfig) -> None:
     """Refuse files that do not exist, and a velocity that is none."""
-    path = checkpoint_path(config)
-    if path is not None:
-        check_file(path)
+    for name in config.policy:
+        path = checkpoint_path(name)
+        if path is not None:
+            check_file(path)
     if config.contract is not None:
         regular_file(config.contract, "a YAML file")
     if config.motion is not None:
@@ -37,11 +38,11 @@ def refuse_early(config: PlayConfig) -> None:
     velocity_numbers(config.command)
 
 
-def checkpoint_path(config: PlayConfig) -> Path | None:
-    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none."""
-    if config.policy in (None, PLACEHOLDER, NO_POLICY):
+def checkpoint_path(name: str | None) -> Path | None:
+    """Return the file of a checkpoint that an option names; None for the sample policy, the placeholder and none."""
+    if name in (None, PLACEHOLDER, NO_POLICY):
         return None
-    return policy_path(config.policy or "", also=(PLACEHOLDER, NO_POLICY))
+    return policy_path(name or "", also=(PLACEHOLDER, NO_POLICY))
 
 
 def refuse(config: PlayConfig) -> None:
@@ -57,6 +58,10 @@ def refuse(config: PlayConfig) -> None:
         raise InputError(
             "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
         )
+    if len(config.policy) > 1 and NO_POLICY in config.policy:
+        raise InputError("--policy: none is given beside others, expected it alone")
+    if len(config.policy) > 1 and config.contract is not None:
+        raise InputError("--contract: is given for several policies, expected a x.contract.yaml beside each x.onnx")
     if config.motion is not None and config.song is not None:
         raise InputError("--motion and --song: both are given, expected one of them")
     if config.viewer == "native" and not has_display():

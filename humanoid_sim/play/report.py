@@ -66,9 +66,9 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
 
 def _doctor(config: PlayConfig) -> str:
     """Give the command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
-    if config.policy in (None, "placeholder", NO_POLICY):
+    if config.first_policy in (None, "placeholder", NO_POLICY):
         return ""
-    command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.policy), "--robot", config.robot]
+    command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.first_policy), "--robot", config.robot]
     for option in ("contract", "motion", "base_height"):
         value = getattr(config, option)
         if value is not None:

@@ -111,6 +111,7 @@ class TickEncoder:
             output.faults,
             output.refusals,
             output.policy_error,
+            tick_input.policy,
         )
         if texts != self._texts:
             self._encoded_texts = _encode_texts(*texts)
@@ -159,6 +160,7 @@ def _encode_texts(
     faults: tuple[FaultReport, ...],
     refusals: tuple[str, ...],
     policy_error: str | None,
+    policy: str,
 ) -> bytes:
     writer = CdrWriter()
     writer.string(control_mode.controller_name)
@@ -177,6 +179,7 @@ def _encode_texts(
         writer.pack("?", fault.is_bug)
     writer.strings(refusals)
     writer.strings(() if policy_error is None else (policy_error,))
+    writer.string(policy)
     return writer.body()
 
 
@@ -209,8 +212,9 @@ def _decode(reader: CdrReader) -> TickRecord:
     )
     refusals = reader.strings()
     policy_error = _optional(reader, CdrReader.string)
+    policy = reader.string() if reader.remaining > 3 else ""  # older recordings have none
     reader.finish()
-    tick_input = TickInput(state, safety, intents, remote)
+    tick_input = TickInput(state, safety, intents, remote, policy)
     output = TickOutput(command, control_mode, standby, has_quit, faults, refusals, step, policy_error)
     return TickRecord(index, tick_input, output, duration, overrun, qpos if has_qpos else None)
 

@@ -150,7 +150,7 @@ class Recording:
             step = tick.output.policy_step
             times.append(float(tick.input.state.time))
             modes.append(int(tick.output.control_mode.mode))
-            actions.append(none if step is None else step.action.reshape(-1)[: len(none)])
+            actions.append(none if step is None else np.concatenate([step.action.reshape(-1), none])[: len(none)])
             found.append(_arrays_of(tick))
         columns = (np.array([arrays[i] for arrays in found]) for i in range(len(widths)))
         stacked = {name: column.reshape(-1, widths[name]) for name, column in zip(widths, columns, strict=True)}

@@ -205,6 +205,7 @@ uint8[] intents
 humanoid_sim_msgs/Fault[] faults
 string[] refusals
 string[] policy_error                       # what the policy raised, or none
+string policy                               # selected in this tick, or empty
 """
 _DEFINITIONS = dict(re.findall(r"^MSG: (\S+)\n(.*?)(?=^MSG: |\Z)", _TEXT, re.MULTILINE | re.DOTALL))
 

@@ -210,7 +210,9 @@ def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
 def _tick_size(header: SessionHeader) -> int:
     """Bytes of a slot: all numbers of a tick of this robot, and room for what is beside them."""
     joints = len(header.joint_names)
-    observation = sum(width for _, width in header.observation_terms)
+    policies = json.loads(header.documents.get("policies", "{}")).values()
+    widths = [sum(width for _, width in header.observation_terms), *(one["observation_width"] for one in policies)]
+    observation = max(widths)
     numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
     return _aligned(8 * numbers + _ROOM)
 

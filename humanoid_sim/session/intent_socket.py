@@ -22,16 +22,20 @@ from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
 from humanoid_sim.session.simulation_controls import PUSH, SIMULATION_WORDS, SimulationControls
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import Freshness, IntentSource
+from humanoid_sim.session.sources import Freshness, IntentSource, PolicySelection
 
 MARK = "mark"
 """Followed by a text, puts that text into the recording."""
 _SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
-_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, *SIMULATION_WORDS}) - {Intent.DAMP.value}
+POLICY = "policy"
+"""Followed by the name of a loaded policy, selects it."""
+_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, POLICY, *SIMULATION_WORDS}) - {Intent.DAMP.value}
 """Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14
-"""Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
+"""Bytes; no message is longer."""
+_LONGEST_NAME = 80
+"""Characters of a sender's or a policy's name."""
 _MOST_ANSWERS = 64
 """Senders that are answered in one tick: more are a flood."""
 _MOST_LINES = 10
@@ -103,10 +107,21 @@ class _Asked:
     """A sender that waits for an answer."""
 
     intent: Intent | None
-    """None for `reactivate` and `load`."""
+    """None for anything else."""
     token: str
     """The question's own, so that no answer is taken for that to another one."""
     sender: str
+    policy: str = ""
+    """Name of the policy to select."""
+
+
+def _is_granted(asked: _Asked, record: TickRecord) -> bool:
+    given, output = record.input, record.output
+    if asked.intent is Intent.DAMP:  # granted if the robot is damped, whatever else came in that tick
+        return output.control_mode.mode in (Mode.DAMPING, Mode.ZERO_TORQUE)
+    if asked.policy:
+        return asked.policy == given.policy and not any(text.startswith("policy ") for text in output.refusals)
+    return asked.intent is granted_intent(given.intents, output.refusals)
 
 
 class IntentSocket(IntentSource, Sink):
@@ -119,6 +134,7 @@ class IntentSocket(IntentSource, Sink):
         tell: Callable[[str], None] = lambda _: None,
         safety: OutsideSafety | None = None,
         simulation: SimulationControls | None = None,
+        selection: PolicySelection | None = None,
     ) -> None:
         """Open the socket. Raises `InputError` if it cannot be opened.
 
@@ -126,6 +142,7 @@ class IntentSocket(IntentSource, Sink):
             path: where it will be, in a folder that only its user can enter.
             tell: records a line: who asked for what, marks, and safety statuses.
             simulation: what only a simulation can be asked for; None for motors.
+            selection: takes requests for another of the loaded policies.
         """
         self._path = path
         self._socket = listening(path)
@@ -137,6 +154,7 @@ class IntentSocket(IntentSource, Sink):
         self._waiting: list[_Asked] = []
         self._reactivating: list[_Asked] = []
         self._simulation = simulation or SimulationControls()
+        self._selection = selection or PolicySelection()
         self._freshness = Freshness()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
@@ -152,7 +170,7 @@ class IntentSocket(IntentSource, Sink):
             except OSError:  # nothing more
                 break
             said, who, token, seen = (*message.decode(errors="replace").split("\n"), "", "", "")[:4]
-            who = who[:80] or "somebody"
+            who = who[:_LONGEST_NAME] or "somebody"
             asked = _Asked(None, token, sender if isinstance(sender, str) else "")
             if problem := self._staleness(said.partition(" ")[0], seen):
                 refused.append((asked, Answer(False, problem)))
@@ -187,6 +205,11 @@ class IntentSocket(IntentSource, Sink):
             self._answer([asked], self._reported(self._safety, rest, who))
         elif word in SIMULATION_WORDS:
             self._control(word, rest, who, asked)
+        elif word == POLICY and rest:
+            name = "".join(letter if letter.isprintable() else "?" for letter in rest)[:_LONGEST_NAME]
+            self._selection.request(name)
+            self._waiting.append(replace(asked, policy=name))
+            self._tell(f"policy {name} requested by {who}")
         elif word == MARK:
             is_told = self._tell(f"mark of {who}: {rest}".rstrip(": "))
             self._answer([asked], Answer(is_told, "marked" if is_told else "not marked: too many lines in a second"))
@@ -195,7 +218,9 @@ class IntentSocket(IntentSource, Sink):
                 intent = Intent(said)
             except ValueError:
                 others = () if self._simulation.push is None else SIMULATION_WORDS
-                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, _SAFETY, MARK, *others])
+                known = ", ".join(
+                    [*(intent.value for intent in Intent), REACTIVATE, f"{POLICY} NAME", _SAFETY, MARK, *others]
+                )
                 self._answer([asked], Answer(False, f"'{said[:40]}' means nothing, expected one of {known}"))
             else:
                 self._waiting.append(replace(asked, intent=intent))
@@ -224,12 +249,9 @@ class IntentSocket(IntentSource, Sink):
         if self._waiting:
             control = record.output.control_mode
             text = f"{control.mode.name} ({control.controller_name}): {control.status_message}"
-            granted = granted_intent(record.input.intents, record.output.refusals)
-            # Whoever asked for DAMP hears whether the robot is damped, whatever else was asked for in that tick.
-            damped = [asked for asked in self._waiting if asked.intent is Intent.DAMP]
-            others = [asked for asked in self._waiting if asked.intent is not Intent.DAMP]
-            self._answer(damped, Answer(control.mode in (Mode.DAMPING, Mode.ZERO_TORQUE), text))
-            self._send([(asked, Answer(asked.intent is granted, text)) for asked in others])
+            # DAMP first: of a flood only so many are answered.
+            waiting = sorted(self._waiting, key=lambda asked: asked.intent is not Intent.DAMP)
+            self._send([(asked, Answer(_is_granted(asked, record), text)) for asked in waiting])
             self._waiting.clear()
         if self._reactivating and self._reactivation is not None and self._reactivation.answer:
             self._answer(self._reactivating, self._reactivation.answer)

@@ -2,38 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
-from humanoid_sim.session.sources import IntentSource
+from humanoid_sim.session.sources import IntentSource, PolicySelection
 
 _INTENTS = {intent.value: intent for intent in Intent}
-_GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS"
+_GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS, policy NAME"
 
 
 @dataclass(frozen=True, slots=True)
 class ScriptStep:
-    """One step: send an intent, or let time pass."""
+    """One step: send an intent, select a policy, or let time pass."""
 
-    kind: Literal["intent", "wait", "motion", "hold"]
+    kind: Literal["intent", "wait", "motion", "hold", "policy"]
     intent: Intent | None = None
     seconds: float = 0.0
+    policy: str = ""
 
 
 def parse_script(text: str) -> tuple[ScriptStep, ...]:
     """Parse steps separated by semicolons.
 
     An intent's name sends it; `wait` lasts until the standby pose is reached; `motion` until the policy's motion has
-    ended; `hold 5` for 5 s on the robot's clock. Raises `InputError` naming the step and what is accepted.
+    ended; `hold 5` for 5 s on the robot's clock; `policy dance` selects one of several. Raises `InputError` naming the
+    step and what is accepted.
     """
     steps = []
     for number, part in enumerate((part.strip() for part in text.split(";")), start=1):
         if not part:
             continue
-        word, *arguments = part.lower().split()
+        word, *arguments = part.split()
+        word = word.lower()
         if word in _INTENTS and not arguments:
             steps.append(ScriptStep("intent", _INTENTS[word]))
         elif word in ("wait", "motion") and not arguments:
@@ -43,8 +46,10 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
             if not seconds >= 0.0:
                 raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
             steps.append(ScriptStep("hold", seconds=seconds))
+        elif word == "policy" and len(arguments) == 1:
+            steps.append(ScriptStep("policy", policy=arguments[0]))
         else:
-            words = (*_INTENTS, "wait", "motion", "hold")
+            words = (*_INTENTS, "wait", "motion", "hold", "policy")
             near = "" if word in words else meant(word, words)
             raise InputError(f"--script: step {number} is '{part}'{near}, expected one of {_GRAMMAR}")
     if not steps:
@@ -60,9 +65,24 @@ class Script:
     the robot after it.
     """
 
-    def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
+    def __init__(
+        self,
+        steps: Sequence[ScriptStep],
+        motion_frames: int = 0,
+        *,
+        selection: PolicySelection | None = None,
+        frames: Mapping[str, int] | None = None,
+    ) -> None:
+        """Begin with the first step.
+
+        Args:
+            motion_frames: length of the motion of the policy that is selected at the start, in policy steps.
+            selection: takes requests for another policy.
+            frames: likewise of each policy, by name, where there are several.
+        """
         self._steps = list(steps)
         self.motion_frames = motion_frames
+        self._selection, self._frames = selection or PolicySelection(), frames or {}
         self._hold_until: float | None = None
         self._motion_over = False
         self._was_moving = False
@@ -88,6 +108,12 @@ class Script:
         if not self._steps:
             return ()
         step = self._steps[0]
+        if step.kind == "policy":
+            self._steps.pop(0)
+            self._has_asked = True
+            self._selection.request(step.policy)
+            self.motion_frames = self._frames.get(step.policy, self.motion_frames)
+            return ()
         if step.intent is not None:
             self._steps.pop(0)
             self._has_asked = True

@@ -37,7 +37,7 @@ from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.simulation_controls import SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
-from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
+from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection, RemoteSource
 
 _PATIENCE = 0.001
 """s between two looks at a sink that lags."""
@@ -90,6 +90,7 @@ class Session:
         reactivation: Reactivation | None = None,
         interruption: Interruption | None = None,
         simulation: SimulationControls | None = None,
+        selection: PolicySelection | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
 
@@ -102,6 +103,7 @@ class Session:
                 recorded as an event.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             simulation: what operators may ask of a simulation alone; None for motors.
+            selection: requests for another of the loaded policies.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -118,6 +120,7 @@ class Session:
         self._reactivation = reactivation
         self._interruption = interruption
         self._simulation = simulation or SimulationControls()
+        self._selection = selection or PolicySelection()
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
@@ -311,7 +314,7 @@ class Session:
             state = self._live.heard(state)
         self.state = state
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
-        tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
+        tick_input = TickInput(state, self._safety_filter(safety), chosen, remote, self._selection.take())
         self.memory, self._output = self._supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 

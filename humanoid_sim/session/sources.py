@@ -85,6 +85,22 @@ class Freshness:
         return ""
 
 
+class PolicySelection:
+    """Hands the request for another of the loaded policies to the next tick; used on the control thread alone."""
+
+    def __init__(self) -> None:
+        self._wanted = ""
+
+    def request(self, name: str) -> None:
+        """Request a policy by its name; the newest request of a tick counts."""
+        self._wanted = name
+
+    def take(self) -> str:
+        """Return what was requested since the last call; '' for nothing."""
+        wanted, self._wanted = self._wanted, ""
+        return wanted
+
+
 class IntentQueue(IntentSource):
     """Intents from other threads (a service, a user interface), handed over at the next tick."""
 

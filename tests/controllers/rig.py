@@ -81,6 +81,13 @@ def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Sup
     return Supervisor(JOINTS, {name: value for name, value in controllers.items() if value is not None})
 
 
+def two_policies(walk: Callable[..., Any] = good_answer, dance: Callable[..., Any] = good_answer) -> Supervisor:
+    """A policy of each tick beside the usual one; `walk` is selected at the start."""
+    usual = supervisor(walk)
+    quick = replace(usual.controllers["rl_policy_controller"], policy=dance, contract=contract(policy_dt=PERIOD))
+    return replace(usual, policies={"walk": usual.controllers["rl_policy_controller"], "dance": quick})
+
+
 def state(time: float = 0.0, position: Sequence[float] = KNOWN, **changes: Any) -> MITState:
     """A robot at rest and upright."""
     return replace(healthy_state(position, time), **changes)
@@ -115,9 +122,10 @@ class Run:
     def __post_init__(self) -> None:
         self.memory: SupervisorMemory = self.supervisor.initial()
 
-    def step(self, *intents: Intent, **inputs: Any) -> TickOutput:
+    def step(self, *intents: Intent, policy: str = "", **inputs: Any) -> TickOutput:
         """One tick."""
-        self.memory, output = self.supervisor.step(self.memory, tick(self.time, *intents, **inputs))
+        given = replace(tick(self.time, *intents, **inputs), policy=policy)
+        self.memory, output = self.supervisor.step(self.memory, given)
         self.time += PERIOD
         return output
 

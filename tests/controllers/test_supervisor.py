@@ -4,15 +4,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import pytest
-from rig import DAMPING_KD, JOINTS, PATHS, Run, supervisor
+from rig import DAMPING_KD, JOINTS, PATHS, Run, good_answer, supervisor, two_policies
 
-from humanoid_sim.controllers.base import DAMPING, STANDBY_A, ZERO_TORQUE, Fault, Memory
+from humanoid_sim.controllers.base import DAMPING, RL_POLICY, STANDBY_A, ZERO_TORQUE, Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.fsm import granted_intent
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing import fingerprint
+from humanoid_sim.testing import ScriptedPolicy, fingerprint
 
 
 def test_the_latest_message_stays_until_there_is_another():
@@ -36,6 +36,38 @@ def test_of_several_intents_one_is_granted_and_the_others_are_told(intents, gran
     output = Run(supervisor()).step(*intents)
     assert [refusal.split()[0] for refusal in output.refusals] == refused
     assert granted_intent(intents, output.refusals) is granted
+
+
+def test_another_policy_is_selected_at_rest_and_runs_at_its_own_rate():
+    walked, danced = ScriptedPolicy(good_answer), ScriptedPolicy(good_answer)
+    run = Run(two_policies(walked, danced))
+    output = run.step(Intent.DAMP, policy="dance")
+    assert output.control_mode.status_message == "policy dance selected; DAMP requested"
+    run.step(Intent.LOAD_A)
+    for _ in range(4):
+        output = run.step()
+    assert "policy dance" in run.step(Intent.START_LOCOMOTION).control_mode.status_message
+    assert all(run.step().control_mode.controller_name == RL_POLICY for _ in range(3))
+    assert (len(danced.calls), len(walked.calls)) == (4, 0)
+    run.step(Intent.DAMP, policy="walk")  # still in LOCOMOTION
+    run.walk(Intent.LOAD_B, Intent.START_LOCOMOTION)
+    assert (len(danced.calls), len(walked.calls)) == (5, 0)
+
+
+@pytest.mark.parametrize("mode", PATHS)
+@pytest.mark.parametrize(("policy", "reason"), [("dance", "requires ZERO_TORQUE or DAMPING"), ("danse", "known: walk")])
+def test_a_selection_is_refused_in_motion_and_of_a_policy_that_is_not_loaded(mode, policy, reason):
+    run = Run(two_policies())
+    run.walk(*PATHS[mode])
+    output = run.step(policy=policy)
+    assert output.control_mode.controller_name == mode
+    if policy == "dance" and mode in (ZERO_TORQUE, DAMPING):
+        assert not output.refusals
+    else:
+        (refusal,) = output.refusals
+        assert refusal.startswith(f"policy {policy} refused: ")
+        assert reason in refusal
+        assert run.memory.policy == "walk"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from humanoid_sim import replay
+from humanoid_sim import play, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Feed, Intake, running_sessions
 from humanoid_sim.errors import InputError
@@ -80,6 +80,38 @@ def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run, quick)
         (a.input.state.joint_position, b.input.state.joint_position) for a, b in zip(first, affine, strict=False)
     ]
     assert 0.0 < max(np.abs(a - b).max() for a, b in positions) < 1e-6
+
+
+def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_it_was(run, quick):
+    script = WALK.replace("start", "policy placeholder; start") + "; policy placeholder; load_a; wait; start_locomotion"
+    policies = ("--policy", "lite_tracking", *PLACEHOLDER)
+    result = run("--robot", quick, "--script", f"{script}; hold 0.5; damp", *policies)
+    assert result.status == 0
+    assert [item["message"].split(":")[0] for item in result.summary["refusals"]] == ["policy placeholder refused"]
+    messages = {tick.output.control_mode.status_message for tick in result.ticks}
+    for name in ("lite_tracking", "placeholder"):
+        assert f"START_LOCOMOTION requested, policy {name}" in messages
+    widths = [len(step.observation) for tick in result.ticks if (step := tick.output.policy_step)]
+    assert len(set(widths)) == 2
+    assert [widths[0], widths[-1]] == list(dict.fromkeys(widths))
+    assert run_program(replay.main, ["r.mcap"]) == 0
+    with pytest.raises(InputError, match="several policies"):
+        replay.main(["r.mcap", "--infer"])
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (("--policy", "lite_tracking", "--policy", "lite_tracking"), "--policy: lite_tracking, lite_tracking are not"),
+        (("--policy", "lite_tracking", "--policy", "none"), "--policy: none is given beside others"),
+        ((*PLACEHOLDER, "--policy", "lite_tracking", "--contract", "c.yaml"), "--contract: "),
+        ((*PLACEHOLDER, "--policy", "lite_biped_velocity"), "policy on robot 'lite'"),
+    ],
+)
+def test_policies_that_cannot_share_a_session_are_refused(run, folder, options, line):
+    (folder / "c.yaml").touch()
+    with pytest.raises(InputError, match=line):
+        play.main([*options, "--viewer", "none"])
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])

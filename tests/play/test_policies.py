@@ -27,14 +27,14 @@ LITE = load_robot("lite")
     ],
 )
 def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(policy, robot, followed):
-    choice = choose_policy(PlayConfig(policy=policy), load_robot(robot))
+    choice = choose_policy(PlayConfig(policy=(policy,) if policy else ()), load_robot(robot))
     assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
     assert (choice.motion_file and choice.motion_file.stem) == followed
 
 
 def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves():
     for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
-        choice = choose_policy(PlayConfig(policy="lite_tracking", hardware=hardware, can_timeout=0.2), LITE)
+        choice = choose_policy(PlayConfig(policy=("lite_tracking",), hardware=hardware, can_timeout=0.2), LITE)
         policy = choice.checkpoint.policy
         assert isinstance(policy, OnnxPolicy)
         assert policy.model.time_limit == limit
@@ -49,9 +49,9 @@ def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made
     )
     path = models.saved(tmp_path / "p.onnx", models.linear_model(models.write_metadata(contract)))
     with pytest.raises(InputError, match=r"--motion: is missing; .* follows a motion; its default is the dataset"):
-        choose_policy(PlayConfig(policy=str(path)), LITE)
+        choose_policy(PlayConfig(policy=(str(path),)), LITE)
     (tmp_path / "m.mcap").write_bytes(motion_bytes(Motion(np.ones((3, 9)), ("hand",), 0.02)))
-    choice = choose_policy(PlayConfig(policy=str(path), motion=str(tmp_path / "m.mcap")), LITE)
+    choice = choose_policy(PlayConfig(policy=(str(path),), motion=str(tmp_path / "m.mcap")), LITE)
     assert choice.loaded.reference.frame_count == 3
 
 
@@ -93,6 +93,6 @@ def test_the_walking_policy_is_the_default_of_simulated_legs():
 
 
 def test_on_hardware_no_policy_runs_that_nobody_named():
-    for config in (PlayConfig(hardware="virtual:lite"), PlayConfig(policy="none")):
+    for config in (PlayConfig(hardware="virtual:lite"), PlayConfig(policy=("none",))):
         choice = choose_policy(config, LITE)
         assert (choice.loaded, choice.source, choice.walks) == (None, "none", False)

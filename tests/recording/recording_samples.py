@@ -150,6 +150,7 @@ def tick_records(draw, joints: int | None = None) -> messages.TickRecord:
             tuple(draw(st.lists(safety, max_size=3))),
             tuple(draw(st.lists(st.sampled_from(messages.Intent), max_size=3))),
             messages.RemoteCommand(command(), draw(any_float)) if draw(st.booleans()) else None,
+            draw(any_text),
         ),
         output=messages.TickOutput(
             command(),

@@ -57,6 +57,7 @@ def test_a_generic_reader_agrees(typestore, record):
     ]
     assert tuple(message.refusals) == output.refusals
     assert list(message.policy_error) == ([] if output.policy_error is None else [output.policy_error])
+    assert message.policy == record.input.policy
     assert [bits(float(r.arrival_time)) for r in message.remote] == ([bits(remote.arrival_time)] if remote else [])
     assert [e.name for e in message.extern] == list(state.extern)
     assert len(message.policy_step) == (output.policy_step is not None)
@@ -89,5 +90,6 @@ def test_the_fields_that_came_with_the_second_format_stay_where_they_are():
     event = encode_event(Event(1.5, "ab", EventKind.SUPPORT))
     assert event.hex(" ") == "00 01 00 00 00 00 00 00 00 00 f8 3f 03 00 00 00 61 62 00 02"
     plain, failed = (TickEncoder(3).encode(make_tick(40, policy_error=error)) for error in (None, "no"))
-    assert plain[-4:].hex(" ") == "00 00 00 00"
-    assert failed.removeprefix(plain[:-4]).hex(" ") == "01 00 00 00 03 00 00 00 6e 6f 00"
+    assert plain[-9:].hex(" ") == "00 00 00 00 01 00 00 00 00", "no error, no policy selected"
+    assert failed.removeprefix(plain[:-9]).hex(" ") == "01 00 00 00 03 00 00 00 6e 6f 00 00 01 00 00 00 00"
+    assert bits(decode_tick(plain[:-5])) == bits(make_tick(40)), "as recordings without the last field have it"

@@ -20,7 +20,7 @@ from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
-from humanoid_sim.session.sources import RemoteInbox, VelocityCommand
+from humanoid_sim.session.sources import PolicySelection, RemoteInbox, VelocityCommand
 
 HEADER = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": "{}"}, {"motion.mcap": b"motion"}, (("joint", 3),))
 
@@ -44,13 +44,16 @@ class LocalSession:
     """Timeout of each source that must report, s."""
 
     def __post_init__(self) -> None:
-        self.run = rig.Run(rig.supervisor())
+        self.run = rig.Run(rig.two_policies())
         self.output: TickOutput | None = None
         self.reactivation = Reactivation()
         self.registration = Registration()
         self.stack.callback(self.registration.close)
         self.outside = OutsideSafety(self.watchdogs)
-        self.intents = IntentSocket(self.registration.intents, self.reactivation, self.told.append, self.outside)
+        self.selection = PolicySelection()
+        self.intents = IntentSocket(
+            self.registration.intents, self.reactivation, self.told.append, self.outside, selection=self.selection
+        )
         self.stack.callback(self.intents.close)
         self.inbox = RemoteInbox(rig.JOINTS, lambda: self.time)
         self.velocity = VelocityCommand(np.zeros(3))
@@ -92,7 +95,9 @@ class LocalSession:
         intents = (*more, *self.intents.poll(self.time, self.output))
         live = {**self.makes, **self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
-        tick_input = TickInput(state, self.outside(self.safety), tuple(intents), self.inbox.latest())
+        tick_input = TickInput(
+            state, self.outside(self.safety), tuple(intents), self.inbox.latest(), self.selection.take()
+        )
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
         self.output = output
         record = TickRecord(self.index, tick_input, output, 1e-4, False, None)

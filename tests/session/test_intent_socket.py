@@ -86,3 +86,23 @@ def test_the_socket_is_for_its_user_alone_and_a_path_too_long_is_one_line(local,
     assert local.registration.data.stat().st_mode & 0o777 == 0o600
     with pytest.raises(InputError, match="cannot listen: AF_UNIX path too long"):
         IntentSocket(tmp_path / ("d" * 120))
+
+
+def test_a_policy_is_selected_at_rest_and_refused_in_motion_or_late(local):
+    operator = local.intake("operator")
+    for name, mode, is_granted in (
+        ("dance", (), True),
+        ("danse", (), False),
+        ("walk", (Intent.DAMP, Intent.LOAD_A), False),
+    ):
+        for intent in mode:
+            local.tick(intent)
+        token = operator.post(f"policy {name}")
+        assert local.tick().input.policy == name
+        assert operator.answer(token, 1.0).granted is is_granted
+    token = operator.post("policy walk", seen=monotonic_ns() - 600_000_000)
+    assert local.tick().input.policy == ""
+    assert "too late" in operator.answer(token, 1.0).text
+    token = operator.post("policy")
+    local.tick()
+    assert "policy NAME" in operator.answer(token, 1.0).text

@@ -88,7 +88,7 @@ def run_play(*words: str) -> int:
 
 def policy_of_play(checkpoint: Path, robot: str, can_timeout: float) -> Callable[..., Any]:
     """Return what `play --hardware … --can-timeout …` calls in a tick: (observation, frame) to action."""
-    config = PlayConfig(policy=str(checkpoint), hardware="virtual:survive-policy", can_timeout=can_timeout)
+    config = PlayConfig(policy=(str(checkpoint),), hardware="virtual:survive-policy", can_timeout=can_timeout)
     loaded = choose_policy(config, load_robot(robot)).loaded
     assert loaded is not None
     return loaded.policy

@@ -111,7 +111,7 @@ class Plots:
         self._slowest = max(self._slowest, record.duration)
         self._missed += record.overrun
         step = output.policy_step
-        if step is not None:
+        if step is not None and step.observation.shape == self._observation.shape:
             self._observation = step.observation.astype(np.float64)
             if self._tracking is not None:
                 self._tracking.update(step.frame, state.joint_position)
