@@ -34,7 +34,7 @@ from humanoid_sim.policy.describe import field_lines
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy_tools.show import golden_verdict, policy_document, policy_tables
 from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.regress.options import RegressConfig, with_files
+from humanoid_sim.regress.options import RegressConfig, checked
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import schema_problem
 
@@ -310,14 +310,11 @@ class SuiteRun(_Shown):
         return f"SuiteRun({names} on {self.results.suite.name}: {'passed' if self.passed else 'failed'})"
 
     def _print(self, console: Console) -> None:
-        from humanoid_sim.regress.show import show_candidate, show_run, show_verdict  # noqa: PLC0415
+        from humanoid_sim.regress.report import verdict_lines  # noqa: PLC0415
 
         for candidate in self.results.candidates:
-            if self.results.baseline is None:
-                show_run(console, self.results, candidate.run)
-            else:
-                show_candidate(console, self.results, candidate)
-            show_verdict(console, self.results, candidate)
+            for line in verdict_lines(self.results, candidate):
+                console.print(line, markup=False, soft_wrap=True)
 
 
 def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
@@ -329,16 +326,13 @@ def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, 
         baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
         options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
     """
-    from humanoid_sim.regress.options import check_outputs  # noqa: PLC0415
     from humanoid_sim.regress.run import tested  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
     several = [policies] if isinstance(policies, str | Path | Policy) else list(policies)
     given = {**options, "policies": [str(_path_of(policy)) for policy in several]}
     if baseline is not None:
         given["baseline"] = str(_path_of(baseline))
-    config = with_files(_config("run_suite", RegressConfig, {"quiet": True, **given}))
-    check_outputs(config)
-    results = tested(config, Console(quiet=True))
+    results = tested(checked(_config("run_suite", RegressConfig, given)))
     return SuiteRun(results.passed, results)
 
 

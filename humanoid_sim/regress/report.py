@@ -1,108 +1,119 @@
-"""Report of a run for a person: one self-contained HTML page of tables."""
+"""Findings for a person and for continuous integration: lines of text, a page of tables, and JUnit XML."""
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
+from typing import get_args
+from xml.etree import ElementTree
 
-from humanoid_sim.regress.recordings import recording_name
-from humanoid_sim.regress.results import FAILING, Candidate, PolicyRun, Results, quantity
+from humanoid_sim.regress.results import WORSE, Candidate, PolicyRun, Results, Verdict, quantity
 
+_FAILURES_SHOWN = 5
+_COLOURS = {WORSE: "#c42f3d", "worse within tolerance": "#a87800", "better": "#1e8a4f"}
 _STYLE = """
-body { margin: 2rem auto; padding: 0 1.5rem; max-width: 72rem; font: 15px/1.5 system-ui, sans-serif; }
+body { margin: 2rem auto; padding: 0 1.5rem; max-width: 80rem; font: 15px/1.5 system-ui, sans-serif; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.9rem; }
-th, td { padding: 0.25rem 0.6rem; text-align: right; border-bottom: 1px solid #8884; }
-th:first-child, td:first-child { text-align: left; }
-.worse { color: #c42f3d; font-weight: bold; } .better { color: #1e8a4f; } .open { color: #a87800; }
-pre { overflow-x: auto; }
+th, td { padding: 0.25rem 0.6rem; text-align: left; border-bottom: 1px solid #8884; }
 """
-_CLASSES: Mapping[str, str] = {
-    **dict.fromkeys(FAILING, "worse"),
-    "better": "better",
-    "no difference seen": "",
-    "unmeasured": "",
-}
-"""Style class of a verdict; the others are `open`."""
-_COMPARED = ("metric", "verdict", "baseline", "candidate", "change", "from", "to", "tolerated", "because")
+
+
+def verdict_lines(results: Results, candidate: Candidate) -> Iterator[str]:
+    """Yield the verdict on a policy and its metrics, the most urgent first; without a baseline its figures."""
+    run, baseline = candidate.run, results.baseline
+    if baseline is None:
+        yield f"{run.name}: {len(run.episodes)} episodes, {len(run.failures)} failed; no baseline to compare with"
+        yield from (f"  {metric} {figures}" for metric, figures in _figures(results, run))
+    else:
+        yield f"{'PASS' if candidate.passed else 'FAIL'} {run.name}"
+        for verdict in get_args(Verdict):
+            found = [seen for seen in candidate.comparisons if seen.verdict == verdict]
+            words = [s.metric if verdict == "no difference seen" else f"{s.metric} {s.text}" for s in found]
+            if words:
+                yield f"  {verdict}: {', '.join(words)}"
+    if run.failures:
+        before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""
+        yield f"  {len(run.failures)} of {len(run.episodes)} episodes failed{before}:"
+        yield from (f"    {line}" for line in _failures(run)[:_FAILURES_SHOWN])
+        if len(run.failures) > _FAILURES_SHOWN:
+            yield f"    and {len(run.failures) - _FAILURES_SHOWN} more"
+
+
+def _figures(results: Results, run: PolicyRun) -> Iterator[tuple[str, str]]:
+    """Yield each metric with its mean, least and greatest, of the episodes that have it."""
+    for metric in results.suite.metrics:
+        values = [value for of_case in run.values(metric.name).values() for value in of_case.values()]
+        if values:
+            least, mean, greatest = (quantity(f(values), metric.unit) for f in (min, _mean, max))
+            yield metric.name, f"{mean} ({least} to {greatest})"
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _failures(run: PolicyRun) -> list[str]:
+    return [f"{episode.label}, after {episode.duration:.2f} s: {episode.failure}" for episode in run.failures]
 
 
 def report_page(results: Results) -> str:
-    """Return the page; the same results give the same page, to the byte."""
+    """Return a self-contained HTML page; the same results give the same page, to the byte."""
     suite, title = results.suite, f"Regression: {results.suite.name}"
-    cases = f"{len(suite.cases)} cases × {len(suite.seeds)} seeds, {suite.duration:g} s at most, on {suite.robot}"
-    verdict = "No baseline was given: these are values, not verdicts." if results.baseline is None else results.verdict
+    cases = f"{len(suite.cases)} cases × {suite.seeds} seeds from {suite.first_seed}, on {results.robot}"
+    verdict = "PASSED" if results.passed else "FAILED"
+    runs = [*([] if results.baseline is None else [results.baseline]), *(c.run for c in results.candidates)]
     lines = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>',
         f"<style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>",
         f"<p>{escape(suite.summary or suite.task)}: {escape(cases)}</p>",
-        f'<p class="{"" if results.passed else "worse"}">{verdict}</p>',
-        *(f'<p class="open">{escape(warning)}</p>' for warning in results.warnings),
+        f"<p>{'No baseline was given: these are values, not verdicts.' if results.baseline is None else verdict}</p>",
+        "<table>",
+        _row("th", ("policy", "metric", "verdict", "baseline", "candidate", "change", "episodes")),
     ]
     for candidate in results.candidates:
-        lines += _candidate(results, candidate)
-    return "\n".join([*lines, *_provenance(results), "</body></html>\n"])
+        if results.baseline is None:
+            for metric, figures in _figures(results, candidate.run):
+                lines.append(_row("td", (candidate.run.name, metric, "", "", figures, "", "")))
+        for seen in candidate.comparisons:
+            values = quantity(seen.baseline, seen.unit), quantity(seen.candidate, seen.unit)
+            cells = (candidate.run.name, seen.metric, seen.verdict, *values, seen.text, str(seen.episodes))
+            lines.append(_row("td", cells, _COLOURS.get(seen.verdict, "")))
+    lines.append("</table><h2>What was run</h2>")
+    for run in runs:
+        lines.append(f"<p>{escape(f'{run.name}: {run.source}, SHA-256 {run.sha256}')}<br/>")
+        lines.append(f"{len(run.failures)} of {len(run.episodes)} episodes failed</p>")
+        lines.append(f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in _failures(run))}</ul>")
+    lines.append(f"<p>{escape(', '.join(f'{name} {version}' for name, version in runs[-1].versions.items()))}</p>")
+    return "\n".join([*lines, "</body></html>\n"])
 
 
-def _candidate(results: Results, candidate: Candidate) -> Iterable[str]:
-    """Yield the section of one policy: its metrics, and the episodes that failed."""
-    run = candidate.run
-    yield f"<h2>{escape(run.name)}</h2>"
-    if results.baseline is None:
-        summaries = ((metric, run.summary(metric.name)) for metric in results.metrics)
-        rows = [(metric.name, *(quantity(value, metric.unit) for value in found)) for metric, found in summaries]
-        yield _table(("metric", "mean", "least", "greatest"), rows)
-    else:
-        yield _table(_COMPARED, _comparisons(results, candidate), [c.verdict for c in candidate.comparisons])
-    for text, names in candidate.left_out.items():
-        yield f"<p>Without {escape(text)}: {escape(', '.join(names))}</p>"
-    if run.failures:
-        yield f"<p>{len(run.failures)} of {len(run.episodes)} episodes failed:</p><ul>"
-        for episode in run.failures:
-            yield f"<li>{escape(f'{episode.label}, after {episode.duration:.2f} s: {episode.failure}')}</li>"
-        yield f"</ul><p>The first of them as a recording, and replayed:</p><pre>{escape(_again(results, run))}</pre>"
+def _row(tag: str, cells: Sequence[str], colour: str = "") -> str:
+    style = f' style="color: {colour}"' if colour else ""
+    return f"<tr{style}>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
-def _comparisons(results: Results, candidate: Candidate) -> list[tuple[str, ...]]:
-    rows = []
-    for seen in candidate.comparisons:
-        unit = results.metric(seen.metric).unit
-        values = (quantity(seen.baseline, unit), quantity(seen.candidate, unit))
-        changes = (seen.share(value, unit) for value in (seen.change, seen.low, seen.high))
-        rows.append((seen.metric, seen.verdict, *values, *changes, quantity(seen.tolerance, unit), seen.reasons))
-    return rows
-
-
-def _again(results: Results, run: PolicyRun) -> str:
-    """Return the commands that run the first failure again and replay it."""
-    first = run.failures[0]
-    episode = ["--episode", f"{first.case}:{first.seed}"]
-    record = ["python", "-m", "humanoid_sim.regress", run.source, *results.arguments, *episode]
-    replay = ["python", "-m", "humanoid_sim.replay", f"runs/{recording_name(run.name, first)}"]
-    return f"{shlex.join(record)}\n{shlex.join(replay)}"
-
-
-def _provenance(results: Results) -> Iterable[str]:
-    """Yield what was run."""
-    runs = [candidate.run for candidate in results.candidates]
-    if results.baseline is not None:
-        runs.insert(0, results.baseline)
-    yield "<h2>What was run</h2>"
-    headings = ("policy", "file", "SHA-256", "episodes", "failed", "inference")
-    rows = [
-        (run.name, run.source, run.sha256, str(len(run.episodes)), str(len(run.failures)), run.batching) for run in runs
-    ]
-    yield _table(headings, rows)
-    yield f"<p>{escape(', '.join(f'{name} {version}' for name, version in runs[-1].versions.items()))}</p>"
-
-
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], verdicts: Sequence[str] = ()) -> str:
-    """Return a table; a row is coloured by its verdict, where there are any."""
-    lines = [_row("th", headings)]
-    for i, row in enumerate(rows):
-        lines.append(_row("td", row, _CLASSES.get(verdicts[i], "open") if verdicts else ""))
-    return "\n".join(["<table>", *lines, "</table>"])
-
-
-def _row(tag: str, cells: Sequence[str], style: str = "") -> str:
-    return f'<tr class="{style}">{"".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)}</tr>'
+def junit_xml(results: Results) -> bytes:
+    """Return the verdicts as a JUnit XML document: a test case for each metric, skipped with nothing to compare."""
+    root = ElementTree.Element("testsuites", name=f"regress {results.suite.name}")
+    for candidate in results.candidates:
+        name = f"{results.suite.name}: {candidate.run.name}"
+        compared = {seen.metric: seen for seen in candidate.comparisons}
+        suite = ElementTree.SubElement(root, "testsuite", name=name)
+        for metric in results.suite.metrics:
+            case = ElementTree.SubElement(
+                suite, "testcase", name=metric.name, classname=f"regress.{candidate.run.name}"
+            )
+            seen = compared.get(metric.name)
+            text = "no baseline" if seen is None else f"{seen.verdict}: {seen.text}"
+            if seen is not None and seen.verdict == WORSE:
+                ElementTree.SubElement(case, "failure", message=f"{metric.name}: {text}", type="regression")
+            elif seen is None or seen.change is None:
+                ElementTree.SubElement(case, "skipped", message=text)
+            ElementTree.SubElement(case, "system-out").text = text
+        for kind, total in (("testcase", "tests"), ("failure", "failures"), ("skipped", "skipped")):
+            suite.set(total, str(len(list(suite.iter(kind)))))
+        if candidate.run.failures:
+            ElementTree.SubElement(suite, "system-out").text = "\n".join(_failures(candidate.run))
+    ElementTree.indent(root)
+    document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return document

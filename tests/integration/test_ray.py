@@ -4,8 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from policies import SAMPLE
-from regress_runs import yaml_suite
+from regress_runs import SAMPLE, yaml_suite
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
@@ -16,7 +15,7 @@ def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path, runtime, monkey
     yaml_suite(tmp_path)
 
     def regress(output, *options):
-        command = [sys.executable, "-m", "humanoid_sim.regress", str(SAMPLE), "--suite", "suite.yaml", "--quiet"]
+        command = [sys.executable, "-m", "humanoid_sim.regress", str(SAMPLE), "--suite", "suite.yaml"]
         subprocess.run([*command, "--json", output, *options], cwd=tmp_path, check=True, timeout=300)
         return (tmp_path / output).read_bytes()
 

@@ -1,34 +1,46 @@
-"""Suites, episodes and policies for tests."""
+"""Suites, policies that are worse on purpose, and runs with given figures."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from models import contract_of, linear_model, saved
+import onnx
+from onnx import helper, numpy_helper
 
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.assets import asset_path
+from humanoid_sim.policy.checkpoint import GOLDEN_KEY
+from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, PolicyRun
-from humanoid_sim.regress.suite import Case, Suite, Tolerance
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.regress.suite import Case, Suite, Tolerance, load_suite
 
-__all__ = ["episode", "run", "standing_policy", "tiny_suite", "values", "yaml_suite"]
+__all__ = [
+    "SAMPLE",
+    "SHORT",
+    "WALKER",
+    "changed_copy",
+    "episode",
+    "given",
+    "noisy_copy",
+    "prepared",
+    "run",
+    "slowed_copy",
+]
 
+SAMPLE, WALKER = (asset_path("policies", f"{name}.onnx") for name in ("lite_tracking", "lite_biped_velocity"))
 SHORT = """\
 name: short
-summary: two short cases
 task: tracking
 robot: lite
-seeds: 3
+seeds: 6
 cases:
-  - {name: wave, motion: wave, duration: 0.4}
-  - {name: drum, motion: drum, duration: 0.3}
+  - {name: wave, motion: wave, duration: 0.2}
+  - {name: drum, motion: drum, duration: 0.1}
 start: {joint_position: 0.05, joint_velocity: 0.1}
 randomisation: {mass: [0.9, 1.1], command_delay: [0.0, 0.004], joint_position_noise: 0.002}
 tolerances:
   body_position_error: {relative: 0.05}
   joint_error: {relative: 0.05}
   losses: {absolute: 0.01}
-  faults: {absolute: 0.01}
 """
 
 
@@ -39,52 +51,96 @@ def yaml_suite(folder: Path, text: str = SHORT) -> Path:
     return path
 
 
-def tiny_suite(cases: Sequence[str] = ("a", "b"), seeds: int = 10, **tolerances: Tolerance) -> Suite:
-    """A tracking suite that is judged, not run."""
+def prepared(suite: Suite | Path, policy: Path = SAMPLE, robot: str | None = None) -> PreparedCase:
+    """The first case of a suite with a policy."""
+    loaded, folder = (suite, Path()) if isinstance(suite, Suite) else load_suite(str(suite))
+    return prepare_policy(prepare_suite(loaded, folder, robot), policy).cases[0]
+
+
+def changed_copy(path: Path, output: Path, operator: str, value: np.ndarray, **attributes: int) -> Path:
+    """A policy whose action goes through one more operator with a constant, such as `Add` or `Gather`."""
+    model = _load(path)
+    name = model.graph.output[0].name
+    for node in model.graph.node:
+        node.output[:] = ["before_the_change" if given == name else given for given in node.output]
+    model.graph.initializer.append(numpy_helper.from_array(value, "of_the_change"))
+    model.graph.node.append(helper.make_node(operator, ["before_the_change", "of_the_change"], [name], **attributes))
+    onnx.save(model, str(output))
+    return output
+
+
+def swapped_copy(path: Path, output: Path) -> Path:
+    """The first two of the action's 14 values in each other's place."""
+    return changed_copy(path, output, "Gather", np.array([1, 0, *range(2, 14)]), axis=1)
+
+
+def noisy_copy(path: Path, output: Path, scale: float) -> Path:
+    """Every weight multiplied by 1 + scale · N(0, 1)."""
+    model, generator = _load(path), np.random.default_rng(0)
+    for tensor in model.graph.initializer:
+        if tensor.name.endswith(".weight"):
+            values = numpy_helper.to_array(tensor)
+            noisy = values * (1.0 + scale * generator.standard_normal(values.shape))
+            tensor.CopyFrom(numpy_helper.from_array(noisy.astype(values.dtype), tensor.name))
+    onnx.save(model, str(output))
+    return output
+
+
+def slowed_copy(output: Path, factor: float) -> Path:
+    """The Lite's legs, walking for `factor` times the command, which is observed in columns 6 to 8."""
+    model = _load(WALKER)
+    source = model.graph.input[0]
+    scale = np.ones(source.type.tensor_type.shape.dim[1].dim_value, dtype=np.float32)
+    scale[6:9] = factor
+    for node in model.graph.node:
+        node.input[:] = ["slowed" if name == source.name else name for name in node.input]
+    model.graph.initializer.append(numpy_helper.from_array(scale, "scale"))
+    model.graph.node.insert(0, helper.make_node("Mul", [source.name, "scale"], ["slowed"]))
+    onnx.save(model, str(output))
+    return output
+
+
+def _load(path: Path) -> onnx.ModelProto:
+    model = onnx.load(str(path))
+    kept = {entry.key: entry.value for entry in model.metadata_props if entry.key != GOLDEN_KEY}
+    helper.set_model_props(model, kept)
+    return model
+
+
+def tiny_suite(cases: str = "ab", **tolerances: Tolerance) -> Suite:
+    """A tracking suite of cases with one letter each that is judged, not run."""
     return Suite(
         name="tiny",
         task="tracking",
-        robot="lite",
         cases=tuple(Case(name=name, motion="wave") for name in cases),
-        seeds=seeds,
+        seeds=12,
         tolerances=tolerances or {"joint_error": Tolerance(relative=0.05)},
-        resamples=2000,
     )
 
 
 def episode(case: str, seed: int, metrics: Mapping[str, float | None], failure: str = "") -> Episode:
     """One that lasted a second."""
-    return Episode(
-        case=case, seed=seed, steps=50, duration=1.0, failure=failure, kind="lost" if failure else "", metrics=metrics
-    )
+    kind = "fault" if failure else ""
+    return Episode(case=case, seed=seed, steps=50, duration=1.0, failure=failure, kind=kind, metrics=metrics)
 
 
-def run(episodes: Iterable[Episode], name: str = "policy") -> PolicyRun:
+def run(*episodes: Episode) -> PolicyRun:
     """Of any policy."""
-    found = tuple(episodes)
-    cases = {entry.case: f"digest of {entry.case}" for entry in found}
-    return PolicyRun(name=name, source=f"{name}.onnx", sha256="0", suite="tiny", case_digests=cases, episodes=found)
+    digests = {entry.case: f"digest of {entry.case}" for entry in episodes}
+    return PolicyRun(name="new", source="new.onnx", sha256="0", suite="tiny", case_digests=digests, episodes=episodes)
 
 
-def values(
-    metric: str, of: Callable[[str, int], float | None], cases: Sequence[str], seeds: Iterable[int]
-) -> PolicyRun:
-    """A run with one metric, whose values a function gives."""
-    seeds = list(seeds)
-    return run(episode(case, seed, {metric: of(case, seed)}) for case in cases for seed in seeds)
-
-
-def standing_policy(path: Path) -> Path:
-    """A policy for the Lite's legs that always answers zeros: they hold their pose, which stands."""
-    robot = load_robot("lite_biped")
-    n = len(robot.joint_names)
-    contract = contract_of(
-        robot.joint_names,
-        joint_stiffness=robot.stiffness,
-        joint_damping=robot.damping,
-        default_joint_pos=np.array(robot.initial_position),
-        observation=("joint_pos", "joint_vel", "velocity_command"),
-        command_names=("twist",),
-        action_scale=0.25,
+def given(figure: Callable[[str, int], float | None], cases: str = "ab", seeds: int = 12) -> PolicyRun:
+    """A run whose joint errors a function of case and seed gives; None: a fault."""
+    found = ((case, seed, figure(case, seed)) for case in cases for seed in range(seeds))
+    return run(
+        *(
+            episode(
+                case,
+                seed,
+                {"joint_error": value, "losses": 0.0, "faults": float(value is None)},
+                "" if value is not None else "action is nan",
+            )
+            for case, seed, value in found
+        )
     )
-    return saved(path, linear_model({STAMP_KEY: encode(contract)}, matrix=np.zeros((2 * n + 3, n))))

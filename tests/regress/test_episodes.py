@@ -2,162 +2,176 @@
 
 import dataclasses
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from policies import SAMPLE, WALKER, failing_copy
-from regress_runs import standing_policy, yaml_suite
+from regress_runs import SAMPLE, WALKER, changed_copy, noisy_copy, prepared, yaml_suite
 
+from humanoid_sim.assets import PIANO_POLICY
+from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.regress.episodes import Step, episode_keys, run_episodes
-from humanoid_sim.regress.metrics import METRICS, VelocityMeasures
-from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance, load_suite
-from humanoid_sim.simulation.batch import Randomisation
-
-QUIET = Disturbance(Randomisation())
-
-
-def make(folder, policy=SAMPLE):
-    """The first case of the short suite with a policy."""
-    suite, where = load_suite(str(yaml_suite(folder)))
-    return prepare_policy(prepare_suite(suite, where), policy).cases[0]
+from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.regress import episodes
+from humanoid_sim.regress.episodes import episode_keys, run_episodes
+from humanoid_sim.regress.executors import run_seeds
+from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.preparation import prepare_suite
+from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    return make(tmp_path_factory.mktemp("suite"))
+    return prepared(yaml_suite(tmp_path_factory.mktemp("suite")))
 
 
-def test_an_episode_is_the_same_in_any_company(short):
-    together = run_episodes(short, [0, 1, 2, 3, 7], short.suite.disturbance, threads=2)
-    alone = run_episodes(short, [3], short.suite.disturbance, threads=1)
-    others = run_episodes(short, [7, 3, 0], short.suite.disturbance)
-    assert alone[0] == together[3] == others[1]
+def quiet(case, **changes):
+    """The case without differences between robots, and with other changes of its suite."""
+    return dataclasses.replace(case, suite=replace(case.suite, randomisation={}, pushes=None, **changes))
+
+
+@pytest.fixture
+def samples(monkeypatch):
+    """Every policy step of the episodes of a test, as they are measured."""
+    found, sampled = [], episodes.sample_step
+
+    def watched(loop, robots, step):
+        found.append(sampled(loop, robots, step))
+        return found[-1]
+
+    monkeypatch.setattr(episodes, "sample_step", watched)
+    return found
+
+
+def test_an_episode_is_the_same_in_any_company_and_every_time(short):
+    together = run_episodes(short, [0, 1, 2, 3, 7], threads=2)
+    others = run_episodes(short, [7, 3, 0], threads=1)
+    assert run_episodes(short, [3]) == [together[3]] == others[1:2]
     assert others[0] == together[4]
     assert len({episode.metrics["joint_error"] for episode in together}) == 5
-
-
-def test_cases_and_seeds_draw_their_own():
     keys = {int(key) for case in ("wave", "drum") for key in episode_keys(case, range(5))}
-    assert len(keys) == 10
-    assert episode_keys("wave", [3]) == episode_keys("wave", range(5))[3:4]
+    assert len(keys) == 10, "no two cases share their draws"
+
+
+def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
+    suite, folder = load_suite(str(yaml_suite(tmp_path)))
+    policy = noisy_copy(SAMPLE, tmp_path / "noisy.onnx", 0.05)
+    one = replace(suite, cases=suite.cases[1:])
+    assert run_seeds((prepare_suite(one, folder), policy, None), [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
 
 
 def test_what_an_episode_says_of_itself(short):
-    (episode,) = run_episodes(short, [5], short.suite.disturbance)
-    assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 20, "", "")
-    assert episode.duration == pytest.approx(0.4)
+    (episode,) = run_episodes(short, [5])
+    assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 10, "", "")
+    assert episode.duration == pytest.approx(0.2)
     assert list(episode.metrics) == list(METRICS["tracking"])
-    assert episode.metrics["survival"] == 1.0
-    assert (episode.metrics["faults"], episode.metrics["losses"]) == (0.0, 0.0)
+    assert [episode.metrics[name] for name in ("survival", "faults", "losses")] == [1.0, 0.0, 0.0]
 
 
-def test_body_errors_are_those_of_the_tracking_report(short):
-    """Against `TrackingErrors`, which has kinematics of its own, on the states of an undisturbed episode."""
-    steps = list[Step]()
-    (episode,) = run_episodes(short, [0], QUIET, watch=steps)
-    errors = TrackingErrors(
-        short.scenario.description, short.motion.frames, short.motion.body_names, short.scenario.contract.policy_dt
+def test_errors_are_those_of_the_tracking_report(short, samples):
+    """Against `TrackingErrors`, which has kinematics of its own, and the joints that the motion's bodies lie at."""
+    (episode,) = run_episodes(quiet(short), [0])
+    contract, motion = short.scenario.contract, short.scenario.motion
+    errors = TrackingErrors(short.scenario.description, motion.frames, motion.body_names, contract.policy_dt)
+    for frame, sample in enumerate(samples, start=1):
+        errors.update(frame, sample.state.joint_position[0])
+    bodies = errors.summary().bodies
+    assert errors.summary().samples == episode.steps == 10
+    position, orientation = (
+        np.sqrt(np.mean([getattr(body, name) ** 2 for body in bodies])) for name in ("position_rms", "orientation_rms")
     )
-    for frame, step in enumerate(steps[1:], start=1):
-        errors.update(frame, step.state.joint_position[0])
-    summary = errors.summary()
-    position = np.sqrt(np.mean([body.position_rms**2 for body in summary.bodies]))
-    orientation = np.sqrt(np.mean([body.orientation_rms**2 for body in summary.bodies]))
-    assert summary.samples == episode.steps == 20
     assert episode.metrics["body_position_error"] == pytest.approx(position, rel=1e-9)
     assert episode.metrics["body_orientation_error"] == pytest.approx(orientation, rel=1e-6)
-
-
-def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short):
-    steps = list[Step]()
-    (episode,) = run_episodes(short, [0], QUIET, watch=steps)
-    reached = np.array([step.state.joint_position[0] for step in steps[1:]])
-    expected = np.sqrt(((reached - short.joint_reference[1:21]) ** 2).mean())
+    joints = np.array([sample.state.joint_position[0] for sample in samples])
+    expected = np.sqrt(((joints - short.target[1:11]) ** 2).mean())
     assert episode.metrics["joint_error"] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("value", "failure"),
-    [
-        (np.nan, "action of left_shoulder_pitch is nan, expected a magnitude <= 100"),
-        (1e6, "action of left_shoulder_pitch is .*, expected a magnitude <= 100: --action-limit, .*"),
-    ],
-)
-def test_actions_that_the_controller_refuses_are_counted(tmp_path, value, failure):
-    case = make(tmp_path, failing_copy(SAMPLE, tmp_path / "bad.onnx", value))
-    episodes = run_episodes(case, [0, 1], case.suite.disturbance)
-    for episode in episodes:
-        assert re.fullmatch(failure, episode.failure)
+@pytest.mark.parametrize(("value", "said"), [(np.nan, "nan"), (1e6, ".*")])
+def test_actions_that_the_controller_refuses_are_counted_and_end_nothing_else(tmp_path, value, said):
+    bad = changed_copy(SAMPLE, tmp_path / "bad.onnx", "Add", np.array([value], dtype=np.float32))
+    for episode in run_episodes(prepared(yaml_suite(tmp_path), bad), [0, 1]):
+        assert re.match(f"action of left_shoulder_pitch is {said}, expected a magnitude <= 100", episode.failure)
         assert (episode.kind, episode.steps) == ("fault", 0)
-        assert (episode.metrics["faults"], episode.metrics["survival"]) == (1.0, 0.0)
-        assert episode.metrics["joint_error"] is None
+        assert [episode.metrics[name] for name in ("faults", "survival", "joint_error")] == [1.0, 0.0, None]
 
 
-STANDING = Suite(
-    name="standing",
+def test_a_model_that_raises_for_one_robot_ends_that_episode_alone(short):
+    def policy(observation, frame):
+        calls.append(frame)
+        if len(calls) == 2:
+            raise RuntimeError
+        return np.zeros(14, dtype=np.float32)
+
+    calls = []
+    case = dataclasses.replace(short, scenario=dataclasses.replace(short.scenario, policy=policy))
+    assert [episode.kind for episode in run_episodes(case, [0, 1, 2])] == ["", "fault", ""]
+
+
+WALK = Suite(
+    name="walk",
     task="velocity",
     robot="lite_biped",
-    cases=(Case(name="stand", command=(0.0, 0.0, 0.0), duration=1.0),),
-    seeds=2,
-    settle=0.5,
+    cases=(Case(name="go", command=(0.5, 0.0, 0.05), duration=2.5),),
+    seeds=6,
+    settle=1.0,
     tolerances={"falls": Tolerance()},
 )
 
 
 @pytest.fixture(scope="module")
-def standing(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("standing")
-    return prepare_policy(prepare_suite(STANDING, folder), standing_policy(folder / "standing.onnx")).cases[0]
+def walk():
+    return prepared(WALK, WALKER)
 
 
-def test_errors_are_against_the_command(standing):
-    """The robot stands: what it is told is what it misses."""
-    case = Case(name="go", command=(0.6, 0.8, -0.7), duration=1.0)
-    (episode,) = run_episodes(dataclasses.replace(standing, case=case), [0], QUIET)
-    assert episode.metrics["velocity_error"] == pytest.approx(1.0, abs=0.05)
-    assert episode.metrics["yaw_rate_error"] == pytest.approx(0.7, abs=0.05)
-    for name in ("vx_reached", "vy_reached", "yaw_rate_reached"):
-        assert episode.metrics[name] == pytest.approx(0.0, abs=0.05)
-
-
-def test_a_velocity_is_averaged_over_a_second():
-    """A robot that starts late is wrong until a second after it has the speed asked for."""
-    measures = VelocityMeasures(SimpleNamespace(contract=SimpleNamespace(policy_dt=0.02)), None, 0.0, 200, 1)
-    measures._command, measures._velocity[:] = np.array([[0.5, 0.0, 0.0]]), 0.0
-    measures._velocity[50:, 0, 0] = 0.5
-    error = measures.step_values()["velocity_error"][:, 0]
-    assert error[[49, 74, 99, 199]].tolist() == pytest.approx([0.5, 0.25, 0.0, 0.0])
-
-
-def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing):
-    """Against the way that the base went; a command too small to divide by asks for no speed."""
-    suite = replace(STANDING, cases=(Case(name="go", command=(0.5, 0.0, 0.05), duration=3.0),), settle=1.5)
-    (case,) = prepare_policy(prepare_suite(suite, WALKER.path.parent), WALKER.path).cases
-    steps = list[Step]()
-    (episode,) = run_episodes(case, [0], QUIET, watch=steps)
+def test_a_speed_is_reached_along_the_axes_that_are_commanded(walk, samples):
+    """Against the velocities that the base had: over all, and over the last second."""
+    (episode,) = run_episodes(walk, [0])
     assert (episode.metrics["vy_reached"], episode.metrics["yaw_rate_reached"]) == (None, None)
-    start, end = steps[75].qpos[0], steps[-1].qpos[0]
-    w, _, _, z = steps[112].qpos[0, 3:7]  # half way
-    heading = np.array([w * w - z * z, 2.0 * w * z])
-    assert episode.metrics["vx_reached"] == pytest.approx(heading @ (end - start)[:2] / 1.5 / 0.5, rel=0.03)
+    velocity = np.array([sample.base.planar_velocity[0] for sample in samples])
+    assert episode.metrics["vx_reached"] == pytest.approx(velocity[50:, 0].mean() / 0.5)
     assert 0.6 < episode.metrics["vx_reached"] < 1.0
-    faster = dataclasses.replace(case, case=replace(case.case, command=(0.11, 0.0, 0.0)))
-    (episode,) = run_episodes(faster, [0], Disturbance(Randomisation(), Pushes(speed=0.3, interval=0.5)))
-    assert episode.metrics["vx_reached"] is None or episode.metrics["vx_reached"] <= 1.0
+    windows = np.array([velocity[max(k - 49, 0) : k + 1].mean(axis=0) for k in range(50, 125)])
+    off = np.hypot(windows[:, 0] - 0.5, windows[:, 1])
+    assert episode.metrics["velocity_error"] == pytest.approx(off.mean())
+    assert episode.metrics["yaw_rate_error"] == pytest.approx(np.abs(windows[:, 2] - 0.05).mean())
+    slow = dataclasses.replace(walk, case=replace(walk.case, command=(0.11, 0.0, 0.0)))
+    (episode,) = run_episodes(slow, [0])
+    assert episode.metrics["vx_reached"] is None or episode.metrics["vx_reached"] <= 1.0, "faster is not better"
 
 
-def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing):
+def test_a_push_moves_the_base_and_a_hard_one_topples_it(walk):
     still, pushed, toppled = (
-        run_episodes(standing, [4], Disturbance(Randomisation(), pushes))[0]
-        for pushes in (None, Pushes(speed=0.1, interval=0.4), Pushes(speed=3.0, interval=0.4))
+        run_episodes(dataclasses.replace(walk, suite=replace(WALK, pushes=pushes)), [4])[0]
+        for pushes in (None, Pushes(speed=0.2, interval=0.8), Pushes(speed=3.0, interval=0.8))
     )
-    assert still.metrics["tilt"] is not None
-    assert pushed.metrics["tilt"] is not None
-    assert pushed.metrics["tilt"] > still.metrics["tilt"]
+    assert pushed.metrics["tilt"] != still.metrics["tilt"]
     assert toppled.kind == "lost"
     assert toppled.failure.startswith("fell: ")
-    assert toppled.metrics["falls"] == 1.0
+    assert [toppled.metrics[name] for name in ("falls", "tilt")] == [1.0, None]
+
+
+def test_a_song_is_scored_as_a_run_is(samples):
+    songs = Suite(
+        name="songs",
+        task="piano",
+        robot="lite_piano",
+        cases=(Case(name="five", song="five_fingers", duration=2.0),),
+        seeds=6,
+        tolerances={"f1": Tolerance()},
+        actuation="implicit",
+    )
+    case = prepared(songs, PIANO_POLICY)
+    (episode,) = run_episodes(case, [0], threads=1)
+    pressed = np.stack([sample.state.extern[KEY_PRESSED].value[0] for sample in samples])
+    expected = score(pressed, case.scenario.motion.frames[1:101], 0.02)
+    assert expected.note_count >= 2
+    for name in ("precision", "recall", "f1"):
+        assert episode.metrics[name] == pytest.approx(getattr(expected.steps, name))
+    assert episode.metrics["note_f1"] == expected.notes.f1
+    assert 1.0 < episode.metrics["key_force"] < 14.0
+    assert episode.metrics["hard_touches"] == 0.0
+    piano = replace(case.scenario.description.piano, key_force_limit=1.0)
+    gentle = dataclasses.replace(case.scenario, description=replace(case.scenario.description, piano=piano))
+    (episode,) = run_episodes(dataclasses.replace(case, scenario=gentle), [0], threads=1)
+    assert episode.metrics["hard_touches"] == 1.0

@@ -1,231 +1,189 @@
-"""`regress` from its command line: verdicts as exit statuses, outputs, and one line for what cannot be used."""
+"""`regress` from its command line and from Python: verdicts as exit statuses, files, and refusals."""
 
+import html.parser
 import json
-import re
 from xml.etree import ElementTree
 
 import msgspec
+import numpy as np
 import pytest
-from policies import SAMPLE, failing_copy, swapped_copy
-from regress_runs import SHORT, standing_policy, yaml_suite
+from regress_runs import SAMPLE, SHORT, changed_copy, swapped_copy, yaml_suite
 
-from humanoid_sim.assets import WALKING_POLICY, asset_path
+from humanoid_sim import run_suite
+from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
-from humanoid_sim.errors import InputError
 from humanoid_sim.regress import main
 from humanoid_sim.regress.results import Results
-from humanoid_sim.replay import main as replay
-
-# What only the option `suite` changes from test to test is left as short as it can be.
-ONE = SHORT.replace("  - {name: drum, motion: drum, duration: 0.3}\n", "").replace("duration: 0.4", "duration: 0.2")
 
 
 @pytest.fixture
 def suite(tmp_path):
-    return str(yaml_suite(tmp_path, ONE))
+    return str(yaml_suite(tmp_path))
 
 
-def results(path):
-    return msgspec.json.decode(path.read_bytes(), type=Results)
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    """A stored baseline of the sample policy, beside its suite."""
+    folder = tmp_path_factory.mktemp("base")
+    main([str(SAMPLE), "--suite", str(yaml_suite(folder)), "--write-baseline", str(folder / "base.json")])
+    return folder / "base.json"
 
 
-def test_the_sample_policy_passes_against_itself(suite, tmp_path, capsys):
-    base, out, junit = tmp_path / "base.json", tmp_path / "out.json", tmp_path / "out.xml"
-    assert main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base)]) == 0
-    assert "lite_tracking: 3 episodes, 0 failed; no baseline to compare with" in capsys.readouterr().out
+def test_the_sample_policy_passes_against_itself(suite, base, tmp_path, capsys):
+    out, junit = tmp_path / "out.json", tmp_path / "out.xml"
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--json", str(out), "--junit", str(junit)]
     assert main(arguments) == 0
-    printed = capsys.readouterr().out
-    assert printed.index("against the baseline") < printed.index("PASS")
     metrics = "body_position_error, joint_error, losses, faults"
-    assert printed.splitlines()[-1] == f"PASS lite_tracking: no difference seen: {metrics}"
-    found = results(out)
-    assert found.passed
-    assert found.candidates[0].run.episodes == found.baseline.episodes
-    assert {comparison.verdict for comparison in found.candidates[0].comparisons} == {"no difference seen"}
-    assert ElementTree.parse(junit).getroot().get("failures") == "0"
+    assert capsys.readouterr().out == f"PASS lite_tracking\n  no difference seen: {metrics}\n"
+    found = msgspec.json.decode(out.read_bytes(), type=Results)
+    assert found.candidates[0].run.episodes == found.baseline.episodes, "the same seeds, the same bits"
+    assert [c["low"] for c in json.loads(out.read_bytes())["candidates"][0]["comparisons"]] == [0.0] * 4
+    assert ElementTree.parse(junit).find("testsuite").attrib["failures"] == "0"
+    assert main([*arguments, "--overwrite"]) == 0
+    assert msgspec.json.decode(out.read_bytes(), type=Results) == found
 
 
-def test_the_same_command_writes_the_same_bytes(suite, tmp_path):
-    for name in ("one.json", "two.json"):
-        main([str(SAMPLE), "--suite", suite, "--json", str(tmp_path / name), "--quiet"])
-    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
+def test_without_a_baseline_figures_are_shown_and_nothing_is_judged(suite, capsys):
+    assert main([str(SAMPLE), "--suite", suite, "--only", "drum", "--seeds", "2"]) == 0
+    first, *figures = capsys.readouterr().out.splitlines()
+    assert first == "lite_tracking: 2 episodes, 0 failed; no baseline to compare with"
+    assert [line.split()[0] for line in figures] == ["body_position_error", "joint_error", "losses", "faults"]
 
 
-def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(suite, tmp_path, capsys):
-    worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
-    assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(SAMPLE), "--quiet"]) == 1
-    passed, failed, same = capsys.readouterr().out.splitlines()
-    assert passed.startswith("PASS lite_tracking: no difference seen: body_position_error, ")
-    number = r"\+[\d.]+"
-    metrics = (rf"{name} {number} % \({number} to {number} %\)" for name in ("body_position_error", "joint_error"))
-    assert re.fullmatch(f"FAIL swapped: worse beyond tolerance: {', '.join(metrics)}", failed)
-    assert same == "  no difference seen: losses, faults"
+class Cells(html.parser.HTMLParser):
+    """The texts of a page's table cells, and the tags that it uses."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.cells = set(), []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.cells += [""] * (tag == "td")
+
+    def handle_data(self, data):
+        if self.cells:
+            self.cells[-1] += data
 
 
-def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(suite, tmp_path, capsys):
-    policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
-    folder = tmp_path / "failures"
-    arguments = [str(policy), "--suite", suite, "--baseline", str(SAMPLE), "--record-failures", str(folder)]
-    assert main([*arguments, "--record-limit", "2"]) == 1
+def test_a_policy_that_is_worse_fails_beside_one_that_is_not(suite, base, tmp_path, capsys):
+    worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx")
+    junit, page = tmp_path / "out.xml", tmp_path / "out.html"
+    outputs = ["--junit", str(junit), "--report", str(page)]
+    assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(base), *outputs]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert (lines[0], lines[2]) == ("PASS lite_tracking", "FAIL swapped")
+    assert lines[3].startswith("  worse beyond tolerance: body_position_error +")
+    assert lines[4] == "  no difference seen: losses, faults"
+    passed, failed = ElementTree.parse(junit).getroot()
+    assert (passed.attrib["tests"], passed.attrib["failures"]) == ("4", "0")
+    assert (failed.attrib["tests"], failed.attrib["failures"]) == ("4", "2")
+    named = {case.attrib["name"]: case.find("failure") for case in failed.iter("testcase")}
+    assert "worse beyond tolerance: +" in named["joint_error"].attrib["message"]
+    assert named["faults"] is None
+    read = Cells(page.read_text())
+    row = read.cells[read.cells.index("swapped") :]
+    assert row[1:3] == ["body_position_error", "worse beyond tolerance"]
+    assert not read.tags & {"script", "link", "img"}, "one file, without network"
+
+
+def test_failing_episodes_are_counted_with_their_reason(suite, base, tmp_path, capsys):
+    policy = changed_copy(SAMPLE, tmp_path / "nan.onnx", "Add", np.array([np.nan], dtype=np.float32))
+    junit = tmp_path / "out.xml"
+    assert main([str(policy), "--suite", suite, "--baseline", str(base), "--junit", str(junit)]) == 1
     printed = capsys.readouterr().out
-    assert "3 of 3 episodes failed (the baseline: 0 of 3):" in printed
-    assert "without 3 of 3 pairs in which an episode failed: body_position_error, joint_error" in printed
+    assert "12 of 12 episodes failed (the baseline: 0 of 12):" in printed
     assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
-    lines = printed.splitlines()
-    assert "FAIL nan: lost: body_position_error, joint_error" in lines
-    new = "3 new: wave, seed 0; wave, seed 1; wave, seed 2"
-    assert f"  worse beyond tolerance: faults +100 % (+100 to +100 %; {new})" in lines
-    again = f"regress {policy} --suite {suite} --episode wave:0"
-    assert f"joint by joint: {again}; then replay its recording with --policy {SAMPLE}" in lines
-    assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
-
-
-def test_other_seeds_are_compared_case_by_case(suite, tmp_path, capsys):
-    base = tmp_path / "base.json"
-    main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"])
-    assert main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50"]) == 1, "undecided"
-    assert "other seeds than the baseline's: compared case by case, not pair by pair" in capsys.readouterr().out
-
-
-def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(suite, tmp_path, capsys):
-    base = tmp_path / "base.json"
-    main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet", "--seeds", "2"])
-    arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50", "--seeds", "2"]
-    assert main(arguments) == 1
-    undecided, unclear, _ = capsys.readouterr().out.splitlines()[-3:]
-    assert undecided == (
-        "UNDECIDED lite_tracking: 2 seeds are too few to judge body_position_error, joint_error; 6 or more are expected"
+    assert "12 new, such as wave, seed 0" in printed
+    assert ElementTree.parse(junit).find("testsuite").attrib["failures"] == "3", (
+        "errors that no episode has, and faults"
     )
-    assert unclear.startswith("  unclear: body_position_error ")
 
 
-def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(suite, tmp_path, capsys):
-    folder = tmp_path / "one"
-    assert (
-        main([str(SAMPLE), "--suite", suite, "--episode", "wave:7", "--record-failures", str(folder), "--quiet"]) == 0
-    )
-    (path,) = folder.iterdir()
-    assert path.name == "lite_tracking-wave-7.mcap"
-    assert capsys.readouterr().out == f"recorded {path}\n"
-    assert replay([str(path)]) == 0
+def test_python_gives_the_same_verdict_and_a_frame(suite, base):
+    found = run_suite(SAMPLE, base, suite=suite, only="drum")
+    assert found.passed
+    assert "PASS lite_tracking" in str(found)
+    assert list(found.frame()["policy"]) == ["lite_tracking"] * 12
+    assert found.document()["candidates"][0]["comparisons"][0]["verdict"] == "no difference seen"
 
 
 def complaint(capsys, *arguments):
     """The one line on stderr of a program that ends with status 2."""
-    assert run_program(main, arguments) == 2
+    assert run_program(main, [str(argument) for argument in arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line.removeprefix("error: ")
 
 
-def test_options_that_cannot_be(suite, tmp_path, capsys):
-    there = tmp_path / "there.json"
-    there.write_text("{}")
-    policy, short = str(SAMPLE), ("--suite", suite)
-    for arguments, expected in (
-        (short, "POLICIES: is empty, expected one or more ONNX checkpoints"),
-        ((policy, "--suite", "nowhere"), "--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking"),
-        ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
-        ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
-        ((policy, *short, "--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),
-        ((policy, *short, "--json", "/proc/out.json"), "--json: '/proc/out.json' cannot be written: "),
-        ((policy, *short, "--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave"),
-        ((policy, *short, "--seeds", "1"), "--seeds: is 1, expected at least 2"),
-        ((policy, *short, "--episode", "wave"), "--episode: is 'wave', expected CASE:SEED, such as wave:3"),
-        ((policy, *short, "--episode", "jump:1"), "--episode: unknown case 'jump'; known: wave"),
-        (
-            (policy, *short, "--episode", "wave:2147483648"),
-            "--episode: the seed is 2147483648, expected 0 to 2147483647",
-        ),
-        (
-            (policy, *short, "--episode", "wave:1", "--baseline", policy),
-            "--baseline: has no effect with --episode, which judges nothing; leave one out",
-        ),
-        ((policy, *short, "--threads", "0"), "--threads: is 0, expected a whole number >= 1"),
-        (
-            (policy, *short, "--record-failures", str(there)),
-            f"--record-failures: '{there}' is a file, expected a folder",
-        ),
-        ((policy, "--suite", "velocity"), "--robot: is missing; the suite 'velocity' is for any robot and names none"),
-        ((policy, *short, "--baseline", str(there)), f"{there}: is not a baseline of `regress --write-baseline`"),
-        ((str(tmp_path / "none.onnx"), *short), f"{tmp_path / 'none.onnx'}: no such file, expected an ONNX file"),
-    ):
-        assert complaint(capsys, *arguments).startswith(expected)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--suite", "nowhere"), "--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking, velocity"),
+        (("--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
+        (("--json", "there.json"), "--json: 'there.json' exists; choose another name, or add --overwrite"),
+        (("--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),
+        (("--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave, drum"),
+        (("--seeds", "0"), "--seeds: is 0, expected at least 1"),
+        (("--seeds", "5", "--baseline", SAMPLE), "--seeds: is 5, expected at least 6 to compare with a --baseline"),
+        (("--first-seed", "-1"), "--first-seed: is -1, expected at least 0"),
+        (("--threads", "0"), "threads: is 0, expected a whole number >= 1"),
+        (("--baseline", "none.json"), "none.json: no such file, expected a baseline"),
+        (("--baseline", "there.json"), "there.json: is not a baseline of `regress --write-baseline`"),
+        (("--ray", "127.0.0.1:1"), "--ray: is '127.0.0.1:1', and nobody answers there"),
+    ],
+)
+def test_options_that_cannot_be_used_are_one_line(suite, options, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.json").write_text("{}")
+    assert complaint(capsys, SAMPLE, "--suite", suite, *options).startswith(message)
 
 
-def test_policies_and_baselines_that_do_not_fit(suite, tmp_path, capsys):
-    walker = standing_policy(tmp_path / "walker.onnx")
-    line = complaint(capsys, str(walker), "--suite", suite, "--robot", "lite_biped")
-    assert line == (
-        f"{walker}: is a policy for task_type locomotion, the suite 'short' is for a policy that follows motions; "
-        "use --suite velocity --robot lite_biped"
+def test_a_policy_that_is_not_there_is_refused(capsys):
+    assert complaint(capsys, "--suite", "velocity").startswith("POLICIES: is empty")
+    assert complaint(capsys, "none.onnx", "--suite", "velocity", "--robot", "lite_biped").startswith(
+        "none.onnx: no such"
     )
-    line = complaint(capsys, str(SAMPLE), "--suite", "velocity", "--robot", "lite")
-    assert line == "robot 'lite': has a fixed base, a velocity suite expects a floating one"
-    pushed = yaml_suite(tmp_path, ONE + "pushes: {speed: 0.5}\n")
-    line = complaint(capsys, str(SAMPLE), "--suite", str(pushed))
-    assert line == "robot 'lite': has a fixed base, which the suite's pushes would not move"
-    yaml_suite(tmp_path, ONE)
-    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--robot", "lite_neck")
-    assert line.startswith(f"{SAMPLE}: ")
-    assert "the policy lacks neck_yaw, neck_roll, neck_pitch" in line
-    base = tmp_path / "base.json"
-    main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"])
-    capsys.readouterr()
-    other = yaml_suite(tmp_path, ONE.replace("mass: [0.9, 1.1]", "mass: [0.8, 1.2]"))
-    line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
-    remade = f"python -m humanoid_sim.regress {SAMPLE} --suite {{}} --write-baseline {base} --overwrite"
-    assert line.startswith(f"{base}: its case 'wave' was run under other conditions")
-    assert line.endswith(f"; make it again: {remade.format(other)}")
-    today = base.read_text()
-    older = json.loads(today)
-    older["definitions"]["fall"] = "the base's frame is below 0.6 of its height"
-    base.write_text(json.dumps(older))
-    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--seeds", "2", "--baseline", str(base))
-    again = remade.format(f"{suite} --seeds 2")
-    assert line == (
-        f"{base}: was made with other definitions than today's (fall), so its figures cannot be compared; "
-        f"make it again: {again}"
-    )
-    del older["definitions"]
-    base.write_text(json.dumps(older))
-    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--baseline", str(base))
-    assert "(fall, loss, errors)" in line
-    base.write_text(today)
-    other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle"))
-    line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
-    assert line == f"{base}: unknown case 'circle'; known: wave"
+    assert complaint(capsys, "lite_traking").startswith("POLICIES: unknown policy 'lite_traking' (did you mean")
 
 
-def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(tmp_path, capsys):
-    older = json.loads(asset_path("suites", "velocity.lite_biped.json").read_bytes())
-    for episode in older["episodes"]:
-        del episode["metrics"]["vx_reached"], episode["metrics"]["vy_reached"]
-    old = tmp_path / "old.json"
-    old.write_text(json.dumps(older))
-    arguments = (str(WALKING_POLICY), "--suite", "velocity", "--robot", "lite_biped", "--baseline", str(old))
-    line = complaint(capsys, *arguments)
-    assert line == (
-        f"{old}: was made before vx_reached, vy_reached could be measured, which the suite judges; make it again: "
-        "python -m humanoid_sim.regress assets/policies/lite_biped_velocity.onnx --suite velocity --robot lite_biped "
-        f"--write-baseline {old} --overwrite"
-    )
-    assert "made before vx_reached could" in complaint(capsys, *arguments, "--only", "forward")
+def without(name):
+    def change(document):
+        for entry in document["episodes"]:
+            del entry["metrics"][name]
+
+    return change
 
 
-def test_a_policy_is_compared_with_itself_across_plants(suite, tmp_path):
-    """What the implicit plant changes is small; a baseline stored on one plant is none for the other."""
-    out, base = tmp_path / "out.json", tmp_path / "base.json"
-    plants = ["--actuation", "implicit", "--baseline-actuation", "affine"]
-    main([str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), *plants, "--json", str(out)])
-    assert results(out).candidates[0].worse == ()
-    (comparison,) = (c for c in results(out).candidates[0].comparisons if c.metric == "body_position_error")
-    assert comparison.candidate != comparison.baseline
-    assert abs(comparison.candidate - comparison.baseline) < 0.001
-    assert main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"]) == 0
-    with pytest.raises(InputError, match="was run under other conditions"):
-        main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--actuation", "implicit", "--quiet"])
-    with pytest.raises(InputError, match=r"^--baseline-actuation: --baseline is '.*base.json', expected a checkpoint"):
-        main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--baseline-actuation", "implicit"])
-    with pytest.raises(InputError, match=r"^--baseline-actuation: no --baseline is given, expected a checkpoint"):
-        main([str(SAMPLE), "--suite", suite, "--baseline-actuation", "implicit"])
+@pytest.mark.parametrize(
+    ("change", "text", "options", "message"),
+    [
+        (None, ("mass: [0.9", "mass: [0.8"), (), "its case 'wave' was run under other conditions"),
+        (None, ("name: wave", "name: circle"), (), "unknown case 'circle'; known: wave, drum"),
+        (None, ("", ""), ("--first-seed", "1"), "has the seeds 0 to 5; see --seeds and --first-seed"),
+        (lambda document: document["definitions"].update(fall="never"), ("", ""), (), "other definitions than today's"),
+        (lambda document: document.pop("definitions"), ("", ""), (), "other definitions than today's"),
+        (without("joint_error"), ("", ""), (), "was made before joint_error could be measured"),
+        (lambda document: document.update(format="humanoid_sim.regress/9"), ("", ""), (), "is not a baseline"),
+    ],
+)
+def test_a_baseline_that_does_not_fit_is_refused(change, text, options, message, base, tmp_path, capsys):
+    document = json.loads(base.read_bytes())
+    if change is not None:
+        change(document)
+    path = tmp_path / "base.json"
+    path.write_text(json.dumps(document))
+    suite = yaml_suite(tmp_path, SHORT.replace(*text))
+    line = complaint(capsys, SAMPLE, "--suite", suite, "--baseline", path, *options)
+    assert line.startswith(f"{path}: ")
+    assert message in line
+
+
+def test_policies_with_one_name_are_called_by_their_paths(suite, tmp_path, capsys):
+    paths = [tmp_path / folder / "policy.onnx" for folder in "ab"]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_bytes(asset_path("policies", "lite_tracking.onnx").read_bytes())
+    assert main([*map(str, paths), "--suite", suite, "--only", "drum", "--seeds", "1"]) == 0
+    named = [line.split(":")[0] for line in capsys.readouterr().out.splitlines() if "episodes" in line]
+    assert named == [str(path) for path in paths]

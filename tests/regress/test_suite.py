@@ -1,61 +1,54 @@
-"""Suites: the shipped ones, and one clear line for whatever is wrong with another."""
+"""Suites: one clear line for whatever is wrong with one, and baselines that fit them."""
+
+import json
+from hashlib import sha256
+from pathlib import Path
 
 import pytest
-from regress_runs import SHORT, yaml_suite
+from regress_runs import SAMPLE, SHORT, WALKER, prepared, slowed_copy, yaml_suite
 
+from humanoid_sim.assets import PIANO_POLICY, asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.regress.metrics import ALWAYS
-from humanoid_sim.regress.suite import load_suite
+from humanoid_sim.regress import main
+from humanoid_sim.regress.preparation import prepare_suite
+from humanoid_sim.regress.run import stored_baseline
+from humanoid_sim.regress.suite import Case, Suite, load_suite
 
-
-@pytest.mark.parametrize("name", ["lite_tracking", "velocity", "lite_piano"])
-def test_shipped_suites(name):
-    suite, _ = load_suite(name)
-    assert suite.name == name
-    assert suite.seeds >= 8
-    assert set(ALWAYS[suite.task]) <= set(suite.tolerances)
+SHIPPED = {
+    "velocity.lite_biped.json": ("velocity", "lite_biped", WALKER, 96, 3),
+    "lite_piano.json": ("lite_piano", None, PIANO_POLICY, 32, 0),
+}
 
 
 def test_a_suite_of_ones_own(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
     assert folder == tmp_path.resolve()
-    assert [case.name for case in suite.cases] == ["wave", "drum"]
-    assert suite.seed_numbers == (0, 1, 2)
+    assert suite.seed_numbers == (0, 1, 2, 3, 4, 5)
     assert [metric.name for metric in suite.metrics] == ["body_position_error", "joint_error", "losses", "faults"]
-    assert suite.disturbance.randomisation.mass == (0.9, 1.1)
     assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
     assert suite.tolerance("losses", 0.5) == 0.01
+    assert suite.tolerance("faults", 0.5) == 0.0
 
 
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("", "- 1\n", "is not a suite, expected a mapping"),
+        ("", "- 1\n", "is [1], expected a mapping"),
         ("", "name: x\n", "misses required field 'task'"),
         ("task: tracking", "task: drums", "task: is 'drums', expected one of tracking, velocity, piano"),
-        ("mass: [0.9, 1.1]", "mass: [0, 1]", "randomisation: mass is (0.0, 1.0), expected more than 0"),
-        (
-            "command_delay: [0.0, 0.004]",
-            "command_delay: [0, 1e9]",
-            "randomisation: command_delay is (0.0, 1000000000.0)",
-        ),
-        ("seeds: 3\n", "seeds: three\n", "seeds: is 'three', expected a whole number"),
-        ("seeds: 3\n", "seeds: 1\n", "seeds: is 1, expected at least 2"),
-        ("seeds: 3\n", "seeds: 3\nseedz: 4\n", "unknown field 'seedz' (did you mean 'seeds'?)"),
-        ("name: drum", "name: wave", "cases[1].name: 'wave' is given twice"),
-        ("duration: 0.4", "duration: -1", "cases[0].duration: is -1, expected more than 0"),
-        ("motion: wave", "command: [1, 0, 0]", "cases[0].command: is of no use to a tracking task"),
-        ("task: tracking", "task: velocity", "cases[0].motion: is of no use to a velocity task"),
-        ("task: tracking", "task: piano", "cases[0].motion: is of no use to a piano task, expected a song"),
-        ("motion: wave", "song: twinkle", "cases[0].song: is of no use to a tracking task, expected a motion"),
+        ("seeds: 6", "seeds: three", "seeds: is 'three', expected a whole number"),
+        ("seeds: 6", "seeds: 0", "seeds: is 0, expected at least 1"),
+        ("seeds: 6", "seeds: 6\nseedz: 4", "unknown field 'seedz' (did you mean 'seeds'?)"),
+        ("name: drum", "name: wave", "cases: are named wave, wave, expected"),
+        ("duration: 0.2", "duration: -1", "cases[0].duration: is -1"),
+        ("motion: wave", "command: [1, 0, 0]", "cases[0]: gives command, expected a motion"),
+        ("task: tracking", "task: velocity", "cases[0]: gives motion, expected a command"),
+        ("task: tracking", "task: piano", "cases[0]: gives motion, expected a song"),
         ("joint_error:", "elbow_error:", "tolerances: unknown tracking metric 'elbow_error'; known: body_pos"),
         ("{relative: 0.05}", "{relative: -1}", "tolerances.body_position_error.relative: is -1.0, expected"),
         ("mass: [0.9, 1.1]", "mass: [1.1, 0.9]", "randomisation: mass is (1.1, 0.9), expected two finite"),
         ("mass: [0.9, 1.1]", "weight: [1, 1]", "randomisation: unknown field 'weight'; known: mass, "),
-        ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a number"),
-        ("command_delay: [0.0, 0.004]", "command_jitter: 2", "randomisation: command_jitter is 2, expected at"),
-        ("", "seeds: [1\n", "not valid YAML"),
-        ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
+        ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a finite"),
     ],
 )
 def test_a_bad_suite_is_one_line(tmp_path, before, after, message):
@@ -66,4 +59,66 @@ def test_a_bad_suite_is_one_line(tmp_path, before, after, message):
         load_suite(str(path))
     assert str(error.value).startswith(f"{path}: ")
     assert message in str(error.value)
-    assert "\n" not in str(error.value)
+
+
+def song(name):
+    return Suite(
+        name="songs", task="piano", robot="lite_piano", cases=(Case(name="a", song=name),), seeds=6, tolerances={}
+    )
+
+
+@pytest.mark.parametrize(
+    ("suite", "robot", "policy", "message"),
+    [
+        ("velocity", None, WALKER, "--robot: is missing; the suite 'velocity' is for any robot"),
+        ("velocity", "lite", SAMPLE, "robot 'lite': has a fixed base"),
+        ("velocity", "lite_biped", SAMPLE, "is a policy for task_type tracking, the suite 'velocity' is for velocity"),
+        ("lite_tracking", "lite_neck", SAMPLE, "the policy lacks neck_yaw, neck_roll, neck_pitch"),
+        ("lite_piano", "lite", PIANO_POLICY, "robot 'lite': has no piano"),
+        (song("nothing"), None, PIANO_POLICY, "case 'a': song: unknown song 'nothing'; known: black"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(suite, robot, policy, message):
+    with pytest.raises(InputError) as error:
+        prepared(suite if isinstance(suite, Suite) else load_suite(suite)[0], policy, robot)
+    assert message in str(error.value)
+
+
+def test_a_digest_knows_what_is_run_and_no_names(tmp_path):
+    (tmp_path / "mine.mid").write_bytes(asset_path("songs", "twinkle.mid").read_bytes())
+    digests = [prepare_suite(song(name), tmp_path).digests["a"] for name in ("twinkle", "mine.mid", "repeats")]
+    assert digests[0] == digests[1] != digests[2]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_baselines_are_of_shipped_policies_and_fit_todays_suites(name):
+    suite, robot, policy, episodes, failed = SHIPPED[name]
+    path = asset_path("suites", name)
+    document = json.loads(path.read_bytes())
+    assert document["sha256"] == sha256(policy.read_bytes()).hexdigest()
+    baseline = stored_baseline(prepare_suite(*load_suite(suite), robot), path)
+    assert (len(baseline.episodes), len(baseline.failures)) == (episodes, failed)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_policies_pass_against_their_baselines(name, capsys):
+    suite, robot, policy, _, _ = SHIPPED[name]
+    arguments = ["--suite", suite, "--baseline", str(asset_path("suites", name)), *(["--robot", robot] * bool(robot))]
+    assert main([str(policy), *arguments]) == 0
+    assert "no difference seen" in capsys.readouterr().out.splitlines()[1], "the same to the bit"
+
+
+@pytest.mark.soak
+def test_a_policy_that_walks_for_90_percent_of_the_command_is_found(tmp_path, capsys):
+    slow, baseline = slowed_copy(tmp_path / "slow.onnx", 0.9), asset_path("suites", "velocity.lite_biped.json")
+    arguments = ["--suite", "velocity", "--robot", "lite_biped", "--baseline", str(baseline), "--seeds", "6"]
+    assert main([str(slow), *arguments]) == 1
+    assert "worse beyond tolerance: vx_reached -" in capsys.readouterr().out
+
+
+def test_a_motion_beside_the_suite_is_used(tmp_path):
+    (tmp_path / "mine.mcap").write_bytes(asset_path("motions", "wave.mcap").read_bytes())
+    suite, _ = load_suite(str(yaml_suite(tmp_path, SHORT.replace("motion: wave", "motion: mine.mcap"))))
+    shipped, _ = load_suite(str(yaml_suite(tmp_path)))
+    assert prepare_suite(suite, tmp_path).digests == prepare_suite(shipped, Path()).digests

@@ -48,7 +48,7 @@ def test_no_alarm_in_a_sample_motion(monkeypatch):
     guards = guards_of(case.scenario.description)
     assert guards is not None
     with watched(monkeypatch, guards) as (alarms, shares):
-        done = episodes.run_episodes(case, range(3), case.suite.disturbance, threads=1)
+        done = episodes.run_episodes(case, range(3), threads=1)
     assert not any(episode.failure for episode in done)
     assert alarms == []
     assert max(shares) <= 0.5, "with room to spare"
@@ -67,8 +67,9 @@ def test_no_alarm_in_walking_pushes_and_falls(name, push, falls, monkeypatch):
     assert case.suite.pushes is not None
     interval = 3.0 if push <= 0.2 else 1.0
     pushes = msgspec.structs.replace(case.suite.pushes, speed=push, interval=interval)
+    suite = msgspec.structs.replace(case.suite, pushes=pushes)
     with watched(monkeypatch, guards) as (alarms, shares):
-        done = episodes.run_episodes(case, range(6), replace(case.suite.disturbance, pushes=pushes), threads=2)
+        done = episodes.run_episodes(replace(case, suite=suite), range(6), threads=2)
     assert any(episode.kind == "lost" for episode in done) is falls
     assert alarms == []
     assert max(shares) <= 0.75, "with room to spare"

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+import numpy.typing as npt
 from msgspec.structs import replace as changed
 from mujoco import rollout
 
@@ -16,10 +17,10 @@ from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.controllers.policy_step import action_command
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.mit import FloatArray, MITCommand
-from humanoid_sim.regress.episodes import EpisodeBatch, Step
+from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
+from humanoid_sim.regress.episodes import EpisodeBatch
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite import Disturbance, load_suite
+from humanoid_sim.regress.suite import load_suite
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import build_model
@@ -237,12 +238,22 @@ def regress_speed(repetitions: int) -> list[Row]:
     lacks. What is built once per case is left out on both sides.
     """
     batch = _episodes()
-    steps: list[Step] = []
-    batch.run(steps)
-    reached = batch.simulation.qpos.copy()
-    action_map = batch.case.scenario.wiring.action_map
-    targets = [action_command(action_map, step.action).position for step in steps if step.action is not None]
-    physics = _BareRollout(batch.simulation, steps[0].qpos, steps[0].qvel, targets, reached)
+    case, scenario = batch.case, batch.case.scenario
+    starts: list[tuple[FloatArray, FloatArray]] = []
+    actions: list[npt.ArrayLike] = []
+
+    def watched(observation: Float32Array, frame: int) -> npt.ArrayLike:
+        if not starts:
+            starts.append((batch.simulation.qpos.copy(), batch.simulation.qvel.copy()))
+        actions.append(scenario.policy(observation, frame))
+        return actions[-1]
+
+    batch.case = replace(case, scenario=replace(scenario, policy=watched))
+    batch.run()
+    batch.case = case
+    raw = np.array(actions).reshape(_EPISODE_STEPS, _EPISODES, -1)
+    targets = [action_command(scenario.wiring.action_map, action).position for action in raw]
+    physics = _BareRollout(batch.simulation, *starts[0], targets, batch.simulation.qpos.copy())
 
     def describe(ours: float, bare: float) -> str:
         count = _EPISODES * _EPISODE_STEPS
@@ -258,7 +269,7 @@ def regress_speed(repetitions: int) -> list[Row]:
 
 def _episodes() -> EpisodeBatch:
     suite, folder = load_suite("lite_tracking")
-    prepared = prepare_suite(changed(suite, cases=suite.cases[:1]), folder)
+    drawn = {name: value for name, value in suite.randomisation.items() if name != "command_delay"}
+    prepared = prepare_suite(changed(suite, cases=suite.cases[:1], randomisation=drawn), folder)
     (case,) = prepare_policy(prepared, SAMPLE_POLICY).cases
-    drawn = replace(suite.disturbance.randomisation, command_delay=(0.0, 0.0))
-    return EpisodeBatch(replace(case, steps=_EPISODE_STEPS), range(_EPISODES), Disturbance(drawn))
+    return EpisodeBatch(replace(case, steps=_EPISODE_STEPS), range(_EPISODES))
