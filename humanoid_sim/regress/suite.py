@@ -16,8 +16,7 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import FAILURES, METRICS, Metric, TaskName, has_metric
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.robots.checks import refused_values
-from humanoid_sim.robots.schema import Accepted, Finite, NotNegative, Positive
+from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
@@ -34,7 +33,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Tracking: a sample motion, or the path of a motion file, relative to the suite; empty: the one in the policy."""
     song: str = ""
     """Piano: a sample song, or the path of a MIDI file, relative to the suite."""
-    command: tuple[Finite, Finite, Finite] | None = None
+    command: tuple[float, float, float] | None = None
     """Velocity: vx, vy in m/s and the yaw rate in rad/s."""
     duration: Positive | None = None
     """s; tracking and piano: default the whole motion or song."""
@@ -61,9 +60,9 @@ class Pushes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Worsening against the baseline that a metric may have: the larger of the two."""
 
-    relative: NotNegative = 0.0
+    relative: float = 0.0
     """Share of the baseline."""
-    absolute: NotNegative = 0.0
+    absolute: float = 0.0
     """Worsening in the metric's unit."""
 
 
@@ -76,9 +75,9 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     robot: str = ""
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
     cases: tuple[Case, ...]
-    seeds: Annotated[int, Accepted(1)]
+    seeds: Annotated[int, msgspec.Meta(ge=1)]
     """Number of seeds of each case."""
-    first_seed: Annotated[int, Accepted(0)] = 0
+    first_seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     start: Start = Start()
@@ -135,16 +134,15 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     seeds = suite.seeds if config.seeds is None else config.seeds
     first = suite.first_seed if config.first_seed is None else config.first_seed
     chosen = msgspec.structs.replace(suite, cases=cases, seeds=seeds, first_seed=first)
-    for problem in refused_values(chosen):
-        raise InputError(f"--{problem.replace('_', '-')}")
-    if config.baseline is not None and chosen.seeds < FEWEST_SEEDS:
-        raise InputError(f"--seeds: is {chosen.seeds}, expected at least {FEWEST_SEEDS} to compare with a --baseline")
+    if first < 0:
+        raise InputError(f"--first-seed: is {first}, expected at least 0")
+    if seeds < (1 if config.baseline is None else FEWEST_SEEDS):
+        raise InputError(f"--seeds: is {seeds}, expected at least 1, and {FEWEST_SEEDS} with a --baseline")
     return chosen
 
 
 def _problems(suite: Suite) -> Iterator[str]:
     """Yield what types cannot say, each as `place: what is wrong`."""
-    yield from refused_values(suite)
     names = [case.name for case in suite.cases]
     if not names or len(set(names)) < len(names):
         yield f"cases: are named {', '.join(names) or 'nothing'}, expected one or more, each with a name of its own"
@@ -155,7 +153,9 @@ def _problems(suite: Suite) -> Iterator[str]:
             yield f"cases[{i}]: gives {', '.join(given) or 'nothing'}, expected a {wanted} for a {suite.task} task"
         if suite.task == "velocity" and (case.duration or 0.0) <= suite.settle:
             yield f"cases[{i}].duration: expected more than settle ({suite.settle:g} s)"
-    for name in suite.tolerances:
+    for name, tolerance in suite.tolerances.items():
+        if not min(tolerance.relative, tolerance.absolute) >= 0.0:
+            yield f"tolerances.{name}: is {tolerance.relative:g}, {tolerance.absolute:g}, expected numbers >= 0"
         if name not in METRICS[suite.task]:
             yield f"tolerances: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
     try:

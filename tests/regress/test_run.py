@@ -125,7 +125,7 @@ def complaint(capsys, *arguments):
         (("--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),
         (("--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave, drum"),
         (("--seeds", "0"), "--seeds: is 0, expected at least 1"),
-        (("--seeds", "5", "--baseline", SAMPLE), "--seeds: is 5, expected at least 6 to compare with a --baseline"),
+        (("--seeds", "5", "--baseline", SAMPLE), "--seeds: is 5, expected at least 1, and 6 with a --baseline"),
         (("--first-seed", "-1"), "--first-seed: is -1, expected at least 0"),
         (("--threads", "0"), "threads: is 0, expected a whole number >= 1"),
         (("--baseline", "none.json"), "none.json: no such file, expected a baseline"),
