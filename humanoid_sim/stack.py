@@ -167,81 +167,38 @@ def run_header(
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
+    limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
+    controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards, needs_producer)
     documents = body_documents(description) | {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),
-        "controllers": json.dumps(
-            {
-                "remote": remote,
-                "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
-                "guards": guards,
-                **({"needs_producer": True} if needs_producer else {}),
-            }
-        ),
+        "controllers": msgspec.json.encode(controllers).decode(),
     }
-    header = SessionHeader(
+    attachments = {} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)}
+    if loaded is not None:
+        labels = observation_labels(loaded.contract, loaded.layout)
+        documents["contract"] = encode(loaded.contract)
+        documents[LABELS_DOCUMENT] = labels_document(labels, loaded.contract.action_joint_names)
+    if policies:
+        files = {name: f"{name}.{MOTION_ATTACHMENT}" for name in motions or {}}
+        attachments |= {files[name]: motion_bytes(followed) for name, followed in (motions or {}).items()}
+        described = {
+            name: {
+                "contract": encode(replace(one.contract, action_limit=action_limit_of(one.contract, action_limit))),
+                "observation_width": one.layout.width,
+                "motion": files.get(name),
+            }
+            for name, one in policies.items()
+        }
+        documents["policies"] = json.dumps(described)
+    return SessionHeader(
         robot=description.name,
         joint_names=description.joint_names,
         control_period=control_period,
         start_time_ns=start_time_ns,
         documents=documents,
-    )
-    if loaded is not None:
-        header = with_policy(header, loaded, motion, action_limit=action_limit)
-    return _with_policies(header, policies, motions or {}, action_limit) if policies else header
-
-
-def _with_policies(
-    header: SessionHeader,
-    policies: Mapping[str, LoadedPolicy],
-    motions: Mapping[str, Motion],
-    action_limit: float | None,
-) -> SessionHeader:
-    """Add the contracts, with their action limits, and the motions of all policies to a header."""
-    described = {
-        name: {
-            "contract": encode(replace(one.contract, action_limit=action_limit_of(one.contract, action_limit))),
-            "observation_width": one.layout.width,
-            "motion": f"{name}.{MOTION_ATTACHMENT}" if name in motions else None,
-        }
-        for name, one in policies.items()
-    }
-    attached = {f"{name}.{MOTION_ATTACHMENT}": motion_bytes(motion) for name, motion in motions.items()}
-    return replace(
-        header,
-        documents={**header.documents, "policies": json.dumps(described)},
-        attachments={**header.attachments, **attached},
-    )
-
-
-def with_policy(
-    header: SessionHeader,
-    loaded: LoadedPolicy,
-    motion: Motion | None,
-    *,
-    settings: Mapping[str, object] | None = None,
-    action_limit: float | None = None,
-) -> SessionHeader:
-    """Make the header of the same run with another policy; `settings` are what changes in the header's."""
-    controllers = {
-        **json.loads(header.documents["controllers"]),
-        "action_limit": action_limit_of(loaded.contract, action_limit),
-    }
-    told = {**json.loads(header.documents["settings"]), **settings} if settings else None
-    labels = observation_labels(loaded.contract, loaded.layout)
-    documents = {
-        **header.documents,
-        "controllers": json.dumps(controllers),
-        "settings": header.documents["settings"] if told is None else json.dumps(told, indent=1),
-        "contract": encode(loaded.contract),
-        LABELS_DOCUMENT: labels_document(labels, loaded.contract.action_joint_names),
-    }
-    others = {name: data for name, data in header.attachments.items() if name != MOTION_ATTACHMENT}
-    return replace(
-        header,
-        documents=documents,
-        attachments=others if motion is None else {**others, MOTION_ATTACHMENT: motion_bytes(motion)},
-        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
+        attachments=attachments,
+        observation_terms=() if loaded is None else tuple((term.name, term.width) for term in loaded.layout.terms),
     )
 
 
@@ -276,14 +233,11 @@ def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | Non
 
 def _recorded_policies(header: SessionHeader, policy: Policy) -> dict[str, LoadedPolicy]:
     """Return the policies of a run that had several, each with `policy` in its place; empty for any other run."""
-    described = json.loads(header.documents.get("policies", "{}"))
-    motions = {name: one["motion"] and header.attachments[one["motion"]] for name, one in described.items()}
-    return {
-        name: load_policy(
-            decode(one["contract"], "recording"), policy, parse_motion(motions[name], name) if motions[name] else None
-        )
-        for name, one in described.items()
-    }
+    found = {}
+    for name, one in json.loads(header.documents.get("policies", "{}")).items():
+        motion = None if one["motion"] is None else parse_motion(header.attachments[one["motion"]], one["motion"])
+        found[name] = load_policy(decode(one["contract"], "recording"), policy, motion)
+    return found
 
 
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
