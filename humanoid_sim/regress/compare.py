@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.metrics import FAILURES, Metric
+from humanoid_sim.regress.metrics import Metric, failures_of
 from humanoid_sim.regress.results import WORSE, Comparison, PolicyRun, Verdict
 from humanoid_sim.regress.suite import Suite
 
@@ -44,7 +44,7 @@ def compare_runs(suite: Suite, baseline: PolicyRun, run: PolicyRun) -> tuple[Com
 
 
 def _compare(suite: Suite, metric: Metric, baseline: PolicyRun, run: PolicyRun) -> Comparison:
-    name, is_failure = metric.name, metric.name in FAILURES[suite.task]
+    name, is_failure = metric.name, metric.name in failures_of(suite.task)
     confidence = 1.0 - (1.0 - CONFIDENCE) / len(suite.metrics)
     old, new = baseline.values(name), run.values(name)
     seeds = {case: sorted(old[case].keys() & new[case].keys()) for case in sorted(old.keys() & new.keys())}

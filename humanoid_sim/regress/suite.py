@@ -14,7 +14,7 @@ import msgspec
 from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
-from humanoid_sim.regress.metrics import FAILURES, METRICS, Metric, TaskName, has_metric
+from humanoid_sim.regress.metrics import Metric, TaskName, failures_of, has_metric, metrics_of
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -97,10 +97,8 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """The metrics that are judged, in their order, of those that some case has."""
-        names = dict.fromkeys((*self.tolerances, *FAILURES[self.task]))
-        return tuple(
-            METRICS[self.task][name] for name in names if any(has_metric(name, case.command) for case in self.cases)
-        )
+        names, known = dict.fromkeys((*self.tolerances, *failures_of(self.task))), metrics_of(self.task)
+        return tuple(known[name] for name in names if any(has_metric(name, case.command) for case in self.cases))
 
     def tolerance(self, metric: str, baseline: float) -> float:
         """Return the worsening that is let pass beside a baseline, in the metric's unit."""
@@ -156,8 +154,8 @@ def _problems(suite: Suite) -> Iterator[str]:
     for name, tolerance in suite.tolerances.items():
         if not min(tolerance.relative, tolerance.absolute) >= 0.0:
             yield f"tolerances.{name}: is {tolerance.relative:g}, {tolerance.absolute:g}, expected numbers >= 0"
-        if name not in METRICS[suite.task]:
-            yield f"tolerances: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
+        if name not in metrics_of(suite.task):
+            yield f"tolerances: {known_names(f'{suite.task} metric', name, metrics_of(suite.task))}"
     try:
         Randomisation.of(suite.randomisation)
     except InputError as error:

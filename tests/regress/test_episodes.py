@@ -15,7 +15,7 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.executors import run_seeds
-from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.metrics import metrics_of
 from humanoid_sim.regress.preparation import prepare_suite
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 
@@ -64,7 +64,7 @@ def test_what_an_episode_says_of_itself(short):
     (episode,) = run_episodes(short, [5])
     assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 10, "", "")
     assert episode.duration == pytest.approx(0.2)
-    assert list(episode.metrics) == list(METRICS["tracking"])
+    assert list(episode.metrics) == list(metrics_of("tracking"))
     assert [episode.metrics[name] for name in ("survival", "faults", "losses")] == [1.0, 0.0, 0.0]
 
 
