@@ -1,28 +1,26 @@
-"""Ticks of a robot on which nothing is wrong."""
+"""A robot on which nothing is wrong, and policies that behave or misbehave."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
-from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
-_UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""Position in m and quaternion w x y z."""
-
+_UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)  # m and w x y z
 _NONE: Mapping[str, int] = {}
+
+Answer = Callable[[npt.NDArray[np.float32], int], Any]
+"""`(observation of shape (N,), reference frame) -> action`, which need not be one."""
 
 
 def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]:
-    """Live inputs that arrived just now: nothing commanded, nothing pressed, at rest and upright at the origin.
-
-    Args:
-        widths: name to width, as `RLPolicyController.extern` has them.
-        time: s, robot's clock.
-    """
+    """Live inputs that arrived at `time` s, by name and width: nothing commanded or pressed, upright at the origin."""
     values = {name: np.zeros(width) for name, width in widths.items()}
     if widths.get(ANCHOR_POSE) == len(_UPRIGHT_AT_ORIGIN):
         values[ANCHOR_POSE] = np.array(_UPRIGHT_AT_ORIGIN)
@@ -32,13 +30,7 @@ def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]
 def healthy_state(
     position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NONE
 ) -> MITState:
-    """Return a robot at rest and upright at `time` s.
-
-    Args:
-        position: rad, joint frame, one per joint.
-        time: s, robot's clock.
-        externs: name and width of live inputs.
-    """
+    """Return a robot at rest and upright at `time` s, its joints at `position` (n,), rad."""
     n = len(position)
     return MITState(
         time=time,
@@ -65,18 +57,57 @@ def healthy_tick(
     return TickInput(healthy_state(position, time, externs), safety, intents, remote)
 
 
-@dataclass
-class ObedientJoints:
-    """Joints that are where they were told to be, a tick later, as far as their limits let them."""
+class ScriptedPolicy:
+    """Answers as `answer` does at the moment, and keeps the observation and frame of each call."""
 
-    position: FloatArray
-    """Shape (n,), rad."""
-    lower: FloatArray | float = -np.inf
-    """Shape (n,), rad."""
-    upper: FloatArray | float = np.inf
-    """Shape (n,), rad."""
+    def __init__(self, answer: Answer) -> None:
+        self.answer = answer
+        self.calls: list[tuple[npt.NDArray[np.float32], int]] = []
 
-    def obey(self, command: MITCommand) -> None:
-        """Take a command, shape (n,): a joint without stiffness stays where it is."""
-        led = np.clip(command.position, self.lower, self.upper)
-        self.position = np.where(command.stiffness > 0.0, led, self.position)
+    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> Any:
+        """Return the present answer."""
+        self.calls.append((observation, frame))
+        return self.answer(observation, frame)
+
+
+def well_behaved(action_count: int) -> Answer:
+    """Actions of shape (m,) within [-1, 1] that depend on everything the policy sees."""
+    spread = 0.1 * np.arange(action_count)
+
+    def answer(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float64]:
+        action: npt.NDArray[np.float64] = np.tanh(observation.sum(dtype=np.float64) + spread * frame)
+        return action
+
+    return answer
+
+
+def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapping[str, Answer]:
+    """Policies whose answers no controller may pass on, by what is wrong with them.
+
+    Args:
+        action_count: m, the width of a right answer.
+        action_limit: the largest magnitude that the controller under test accepts.
+    """
+    zeros = [0.0] * action_count
+
+    def fails(*_: object) -> Any:
+        raise RuntimeError("no such tensor")
+
+    return {
+        "NaN": lambda *_: [*zeros[1:], np.nan],
+        "infinite": lambda *_: [-np.inf, *zeros[1:]],
+        "beyond float32": lambda *_: [1e300, *zeros[1:]],
+        "over the limit": lambda *_: [action_limit + 0.5, *zeros[1:]],
+        "too short": lambda *_: zeros[1:],
+        "too long": lambda *_: [*zeros, 0.0],
+        "a batch": lambda *_: [zeros],
+        "a scalar": lambda *_: 0.0,
+        "ragged": lambda *_: [[0.0], [0.0, 1.0]],
+        "text": lambda *_: "left",
+        "texts of numbers": lambda *_: [str(value) for value in zeros],
+        "integers": lambda *_: [0] * action_count,
+        "a record": lambda *_: np.zeros(action_count, dtype=[("left", np.float32)]),
+        "nothing": lambda *_: None,
+        "raises": fails,
+        "writes": lambda observation, _: observation.fill(0.0),
+    }

@@ -1,8 +1,7 @@
 """Hypothesis strategies for everything that may reach the control stack, the broken included.
 
-Each takes the number of joints, `n`. What is called "any" holds NaN, infinities, huge and subnormal numbers; what is
-called "healthy" or "valid" is what a working robot or sender produces. Strategies are immutable and cost more to build
-than to draw from, so each is built once.
+Each takes the number of joints, `n`. "Any" holds NaN, infinities, huge and subnormal numbers; "healthy" and "valid" is
+what a working robot or sender gives. Strategies cost more to build than to draw from, so each is built once.
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITS
 SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
 """Numbers on which floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, NaN."""
 
-_DISTINCT = 5
-"""Numbers drawn for one array; a longer one repeats them. What an example may draw is bounded, and thirty joints of
-their own choosing would find nothing that five do not."""
+_DISTINCT = 5  # numbers drawn for one array, which a longer one repeats: what an example may draw is bounded
 EXTERN_NAMES = ("key_pressed", *EXTERN_WIDTHS, "unheard_of")
 """Live inputs that observation terms read, and one that none does."""
 
@@ -34,10 +31,7 @@ def any_numbers() -> SearchStrategy[float]:
     return st.sampled_from(SPECIAL_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
 
 
-@cache
-def moderate_numbers() -> SearchStrategy[float]:
-    """Floats from -3 to 3, as positions, velocities and efforts of a robot that works."""
-    return st.floats(-3.0, 3.0, allow_subnormal=False)
+_MODERATE = st.floats(-3.0, 3.0, allow_subnormal=False)  # positions, velocities and efforts of a robot that works
 
 
 @cache
@@ -51,7 +45,7 @@ def any_arrays(n: int, numbers: SearchStrategy[float] | None = None) -> SearchSt
     random = st.lists(values, min_size=drawn, max_size=drawn).map(lambda some: np.resize(np.array(some, float), n))
     if numbers is not None or n == 0:
         return random
-    return st.builds(_with_one, st.just(n), st.integers(0, n - 1), values, moderate_numbers()) | random
+    return st.builds(_with_one, st.just(n), st.integers(0, n - 1), values, _MODERATE) | random
 
 
 def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
@@ -103,9 +97,9 @@ def _healthy_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
         time=st.just(0.0),
-        joint_position=any_arrays(n, moderate_numbers()),
-        joint_velocity=any_arrays(n, moderate_numbers()),
-        joint_effort=any_arrays(n, moderate_numbers()),
+        joint_position=any_arrays(n, _MODERATE),
+        joint_velocity=any_arrays(n, _MODERATE),
+        joint_effort=any_arrays(n, _MODERATE),
         joint_age=st.just(np.zeros(n)),
         imu_quaternion=st.just(np.array([1.0, 0.0, 0.0, 0.0])),
         imu_angular_velocity=st.just(np.zeros(3)),
@@ -140,13 +134,6 @@ def intents() -> SearchStrategy[tuple[Intent, ...]]:
 
 
 @cache
-def button_readings(count: int) -> SearchStrategy[tuple[bool, ...]]:
-    """Return what a gamepad of `count` buttons reports: none, some or all of them held down."""
-    held = st.sets(st.integers(0, count - 1), max_size=4) | st.just(set(range(count)))
-    return held.map(lambda down: tuple(i in down for i in range(count)))
-
-
-@cache
 def any_commands(n: int) -> SearchStrategy[MITCommand]:
     """Commands of any content: negative gains, NaN."""
     return st.builds(MITCommand, *[any_arrays(n)] * 5)
@@ -156,7 +143,7 @@ def any_commands(n: int) -> SearchStrategy[MITCommand]:
 def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     """Finite commands with gains that are not negative."""
     gains: SearchStrategy[FloatArray] = any_arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
-    return st.builds(MITCommand, *[any_arrays(n, moderate_numbers())] * 3, gains, gains)
+    return st.builds(MITCommand, *[any_arrays(n, _MODERATE)] * 3, gains, gains)
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:

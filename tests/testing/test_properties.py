@@ -83,9 +83,9 @@ BROKEN = {
     "not finite": row(DAMPING, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
     "negative gain": row(DAMPING, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
     "too wide": row(DAMPING, lambda o: replace(o, command=MITCommand.zeros(4)), "has shape (4,), expected (3,)"),
-    "torque in ZERO_TORQUE": row(ZERO, lambda o: with_command(o, effort=[0, 0, 1e-9]), "expected zeros in all"),
-    "stiff DAMPING": row(DAMPING, lambda o: with_command(o, stiffness=np.ones(3)), "stiffness of [1. 1. 1.]"),
-    "DAMPING pushes": row(DAMPING, lambda o: with_command(o, effort=np.ones(3)), "DAMPING commands effort"),
+    "torque in ZERO_TORQUE": row(ZERO, lambda o: with_command(o, effort=[0, 0, 1e-9]), "ZERO_TORQUE's command is"),
+    "stiff DAMPING": row(DAMPING, lambda o: with_command(o, stiffness=np.ones(3)), "DAMPING's stiffness is [1. 1. 1.]"),
+    "DAMPING pushes": row(DAMPING, lambda o: with_command(o, effort=np.ones(3)), "the effort in damping_controller is"),
     "other damping": row(DAMPING, lambda o: with_command(o, damping=np.ones(3)), "expected [1.5 1.6 1.7]"),
     "DAMPING follows": row(DAMPING, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
     "unknown name": row(DAMPING, lambda o: with_mode(o, Mode.DAMPING, "damper"), "controller damper is none of"),
@@ -140,7 +140,7 @@ BROKEN = {
     "gains too high": row(
         A,
         lambda o: with_command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
-        "expected 0 to 1",
+        "expected one share of",
     ),
     "gains begin high": row(
         DAMPING,
@@ -152,7 +152,7 @@ BROKEN = {
     "pinned joint": row(
         RL,
         lambda o: with_command(o, position=o.command.position + 1.0),
-        "LOCOMOTION moves wrist, which its policy does not drive",
+        "LOCOMOTION moves joints that its policy does not drive",
     ),
     "nobody's command": row(REMOTE, lambda o: replace(o, command=rig.command()), "no command has arrived since"),
 }
@@ -191,5 +191,5 @@ def test_a_stale_remote_command(policy):
     if policy == "hold":
         run.properties.check(given, stale)
     else:
-        with pytest.raises(SafetyViolationError, match=r"expected the passive hold after 0\.1 s"):
+        with pytest.raises(SafetyViolationError, match="expected the passive hold"):
             run.properties.check(given, stale)

@@ -1,0 +1,131 @@
+"""Sound controllers pass; each kind of mistake of a controller by itself is found and named."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import rig
+from hypothesis import Phase, settings
+
+from humanoid_sim import testing
+from humanoid_sim.controllers.base import Fault, Memory
+from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.mit import MITCommand
+
+QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=6, derandomize=True, database=None)
+SEARCH = settings(QUICK, max_examples=200, phases=[Phase.generate])
+
+
+@dataclass(frozen=True)
+class Held:
+    """A sound controller: it holds where it was activated. Its children are not sound."""
+
+    fallback: ClassVar[str | None] = "damping_controller"
+    joints: tuple[str, ...] = rig.JOINTS
+    log: list = field(default_factory=list)
+
+    def activate(self, tick_input):
+        position = tick_input.state.joint_position
+        sound = position.shape == (len(self.joints),) and (np.abs(position) < 10.0).all()
+        return Memory() if sound else Fault("positions are not sound")
+
+    def update(self, memory, tick_input):
+        fault = self.activate(tick_input)
+        return fault if isinstance(fault, Fault) else (memory, self.command(tick_input.state))
+
+    def command(self, state):
+        zeros = np.zeros(len(self.joints))
+        return MITCommand(state.joint_position, zeros, zeros, zeros + 5.0, zeros + 1.0)
+
+
+class Raises(Held):
+    def activate(self, tick_input):
+        if tick_input.state.joint_count != len(self.joints):
+            raise ValueError("positions are not sound")
+        return super().activate(tick_input)
+
+
+class PassesNaNOn(Held):
+    def activate(self, tick_input):
+        return Memory()
+
+
+class IsNotPure(Held):
+    def command(self, state):
+        self.log.append(state)
+        return replace(super().command(state), effort=np.full(3, 0.1 * len(self.log)))
+
+
+class FaultsWithoutAWord(Held):
+    def activate(self, tick_input):
+        return Fault("") if isinstance(super().activate(tick_input), Fault) else Memory()
+
+
+class GivesOnlyACommand(Held):
+    def update(self, memory, tick_input):
+        return self.command(tick_input.state) if tick_input.state.joint_count == 3 else Fault("width")
+
+
+class GivesNoCommand(Held):
+    def command(self, state):
+        return state.joint_position
+
+
+class ForgetsItself(Held):
+    def update(self, memory, tick_input):
+        result = super().update(memory, tick_input)
+        return result if isinstance(result, Fault) else (None, result[1])
+
+
+class NeverWorks(Held):
+    def activate(self, tick_input):
+        return Fault("not today")
+
+
+class FailsInTime(DampingController):
+    __slots__ = ()
+
+    def update(self, memory, tick_input):
+        return Fault("tired") if tick_input.state.time > 40.0 else super().update(memory, tick_input)
+
+
+@pytest.mark.parametrize("name", sorted(rig.PATHS))
+def test_the_packages_own_controllers_are_sound(name):
+    testing.fuzz_controller(rig.supervisor().controllers[name], QUICK, healthy_ticks=300)
+
+
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        (Raises(), "raised ValueError"),
+        (PassesNaNOn(), "expected"),
+        (IsNotPure(), "the same inputs gave"),
+        (FaultsWithoutAWord(), "a fault whose message is ''"),
+        (GivesOnlyACommand(), "expected a memory and a command"),
+        (GivesNoCommand(), "for a command"),
+        (ForgetsItself(), "expected a memory and a command"),
+        (NeverWorks(), "on a healthy robot: Fault(message='not today'"),
+        (FailsInTime(rig.JOINTS), "in tick 1501"),
+    ],
+)
+def test_a_mistake_is_found(controller, message):
+    with pytest.raises(testing.SafetyViolationError) as caught:
+        testing.fuzz_controller(controller, SEARCH)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(testing.misbehaviours(1)))
+@pytest.mark.parametrize(("m", "limit"), [(1, 100.0), (14, 5.0)])
+def test_every_misbehaviour_of_a_policy_is_a_fault(name, m, limit):
+    from models import contract_of  # noqa: PLC0415
+
+    from humanoid_sim.controllers.reference import no_reference  # noqa: PLC0415
+    from humanoid_sim.controllers.rl_policy import RLPolicyController  # noqa: PLC0415
+
+    joints = tuple(f"joint_{i}" for i in range(m))
+    contract = contract_of(joints, observation=("joint_pos", "actions"))
+    policy = testing.misbehaviours(m, limit)[name]
+    controller = RLPolicyController(joints, contract, no_reference(), policy, 0.02, limit)
+    tick = testing.healthy_tick([0.5] * m, 1.0)
+    assert isinstance(controller.update(controller.activate(tick), tick), Fault)
