@@ -9,7 +9,7 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import MotorDescription, RobotDescription
+from humanoid_sim.robots.schema import MotorDescription, PianoSettings, RobotDescription
 
 _TOPIC_PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]*)?")
 
@@ -20,52 +20,20 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         yield f"topic_prefix: is '{robot.topic_prefix}', expected letters, digits and _, a letter first"
     if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected the body with the free joint"
-    yield from _joint_problems(robot)
+    yield from _duplicates("joints", robot.joint_names, "name")
     yield from _duplicates("hands", robot.hands, "entry")
+    for i, joint in enumerate(robot.joints):
+        if joint.lower >= joint.upper:
+            expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
+            yield f"joints[{i}].upper: is {joint.upper:g}, expected {expected}"
+    yield from _motor_problems(robot)
     try:
         steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
     except InputError as error:
         yield f"simulation.{error}"
-    for place, values in _per_joint_lists(robot).items():
-        if len(values) != robot.joint_count:
-            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
-    for place, pose in _poses(robot).items():
-        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
-            if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
-                limits = f"{joint.lower:g} to {joint.upper:g}"
-                yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {limits}"
-    for name in ("standby_controller_a", "standby_controller_b"):
-        poses, durations = (len(getattr(getattr(robot, name), part)) for part in ("pose_segments", "segment_durations"))
-        if poses != durations:
-            yield f"{name}.pose_segments: has {poses} poses, expected {durations}, one per segment duration"
-    yield from _piano_problems(robot)
-
-
-def _per_joint_lists(robot: RobotDescription) -> dict[str, Sequence[object]]:
-    """Return the lists with one value per joint by their places; those that may be empty only where they are not."""
-    following, speed = robot.guards.following, robot.guards.speed
-    optional: dict[str, Sequence[object]] = {
-        "damping_controller.damping": robot.damping_controller.damping,
-        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
-        "guards.following.effort": () if following is None else following.effort,
-        "guards.speed.limit": () if speed is None else speed.limit,
-    }
-    gains = {
-        f"standby_controller_{x}.{part}": getattr(getattr(robot, f"standby_controller_{x}"), part)
-        for x in "ab"
-        for part in ("target_stiffness", "target_damping")
-    }
-    return {**{place: values for place, values in optional.items() if values}, **gains, **_poses(robot)}
-
-
-def _poses(robot: RobotDescription) -> dict[str, Sequence[float]]:
-    standby = {"a": robot.standby_controller_a, "b": robot.standby_controller_b}
-    segments = {
-        f"standby_controller_{x}.pose_segments[{i}]": pose
-        for x, settings in standby.items()
-        for i, pose in enumerate(settings.pose_segments)
-    }
-    return {"initial_position": robot.initial_position, **segments}
+    yield from _list_problems(robot)
+    if robot.piano is not None:
+        yield from _piano_problems(robot.piano)
 
 
 def _duplicates(place: str, names: Sequence[str], what: str) -> Iterator[str]:
@@ -75,47 +43,67 @@ def _duplicates(place: str, names: Sequence[str], what: str) -> Iterator[str]:
             yield f"{place}[{i}]: has the same {what} '{name}' as {place}[{first}]"
 
 
-def _joint_problems(robot: RobotDescription) -> Iterator[str]:
-    yield from _duplicates("joints", robot.joint_names, "name")
-    motors = [joint.motor for joint in robot.joints if joint.motor is not None]
-    families = {motor.family for motor in motors} & set(FAMILIES)
+def _list_problems(robot: RobotDescription) -> Iterator[str]:
+    """Yield lists that are not as long as the joints, and poses beyond limits."""
+    following, speed = robot.guards.following, robot.guards.speed
+    optional: dict[str, Sequence[object]] = {
+        "damping_controller.damping": robot.damping_controller.damping,
+        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
+        "guards.following.effort": following.effort if following else (),
+        "guards.speed.limit": speed.limit if speed else (),
+    }
+    lists = {place: values for place, values in optional.items() if values}
+    poses = {"initial_position": robot.initial_position}
+    for name in ("standby_controller_a", "standby_controller_b"):
+        standby = getattr(robot, name)
+        lists[f"{name}.target_stiffness"] = standby.target_stiffness
+        lists[f"{name}.target_damping"] = standby.target_damping
+        poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
+        count, expected = len(standby.pose_segments), len(standby.segment_durations)
+        if count != expected:
+            yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
+    for place, values in {**lists, **poses}.items():
+        if len(values) != robot.joint_count:
+            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
+    for place, pose in poses.items():
+        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
+            if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
+                limits = f"{joint.lower:g} to {joint.upper:g}"
+                yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {limits}"
+
+
+def _motor_problems(robot: RobotDescription) -> Iterator[str]:
+    motors = {i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None}
+    families = {motor.family for motor in motors.values()} & set(FAMILIES)
     owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
-    for i, joint in enumerate(robot.joints):
-        if joint.lower >= joint.upper:
-            expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
-            yield f"joints[{i}].upper: is {joint.upper:g}, expected {expected}"
-        if joint.motor is None:
-            continue
-        yield from _motor_problems(joint.motor, f"joints[{i}].motor", families)
-        first = owner.setdefault(joint.motor.can_id, i)
+    for i, motor in motors.items():
+        for problem in _family_problems(motor, families):
+            yield f"joints[{i}].motor{problem}"
+        first = owner.setdefault(motor.can_id, i)
         if first != i:
             name = robot.joints[first].name
-            yield f"joints[{i}].motor.can_id: is {joint.motor.can_id}, which is the id of joints[{first}] ({name})"
+            yield f"joints[{i}].motor.can_id: is {motor.can_id}, which is the id of joints[{first}] ({name})"
 
 
-def _motor_problems(motor: MotorDescription, place: str, families: set[str]) -> Iterator[str]:
+def _family_problems(motor: MotorDescription, families: set[str]) -> Iterator[str]:
     """Yield what does not fit the motor's family, or the others of the robot."""
     family, model = FAMILIES.get(motor.family), MOTORS.get(motor.model)
     if family is None:
-        yield f"{place}.family: {known_names('family', motor.family, FAMILIES)}"
-        return
-    if model is not None and model.family != family.name:  # the adapter refuses a model that does not exist
-        yield f"{place}.family: is {family.name}, but a {motor.model} is of {model.family}"
-        return
-    if problem := id_problem(family, motor.can_id, families):
-        yield f"{place}.can_id: {problem}"
-    for name in ("torque_limit", "current_limit"):
-        value = getattr(motor, name)
-        if family.has_torque_limit and value is None:
-            yield f"{place}: misses '{name}'"
-        elif not family.has_torque_limit and value:
-            yield f"{place}.{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"
+        yield f".family: {known_names('family', motor.family, FAMILIES)}"
+    elif model is not None and model.family != family.name:  # the adapter refuses a model that does not exist
+        yield f".family: is {family.name}, but a {motor.model} is of {model.family}"
+    else:
+        if problem := id_problem(family, motor.can_id, families):
+            yield f".can_id: {problem}"
+        for name in ("torque_limit", "current_limit"):
+            value = getattr(motor, name)
+            if family.has_torque_limit and value is None:
+                yield f": misses '{name}'"
+            elif not family.has_torque_limit and value:
+                yield f".{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"
 
 
-def _piano_problems(robot: RobotDescription) -> Iterator[str]:
-    piano = robot.piano
-    if piano is None:
-        return
+def _piano_problems(piano: PianoSettings) -> Iterator[str]:
     if len(piano.fingers) != 2:
         yield f"piano.fingers: has {len(piano.fingers)} sites, expected 2, the left hand's first"
     if len(piano.reach) != len(piano.fingers):

@@ -163,8 +163,8 @@ def describe_mjcf(path: Path) -> RobotDescription:
     limited = model.jnt_limited[joints].astype(bool)  # the others turn freely
     lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
     upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
-    efforts = _effort_limits(model, joints)
     pose = tuple(np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper).tolist())
+    efforts = [_effort_limit(model, joint) for joint in joints]
     zeros = (0.0,) * len(joints)
     standby = StandbySettings(
         target_stiffness=zeros,
@@ -219,16 +219,11 @@ def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
     return min(own, longest)
 
 
-def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:
+def _effort_limit(model: mujoco.MjModel, joint: int) -> float:
     """N·m: the least of what the joint and its actuators allow, infinite where neither says."""
-    own, limits = own_actuators(model), []
-    for joint in joints:
-        actuator = own.get(model.joint(joint).name)
-        limit = math.inf if actuator is None else max(abs(bound) for bound in actuator.force_range)
-        if model.jnt_actfrclimited[joint]:
-            limit = min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()))
-        limits.append(limit)
-    return limits
+    own = own_actuators(model).get(model.joint(joint).name)
+    limit = math.inf if own is None else max(abs(bound) for bound in own.force_range)
+    return min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else limit)
 
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
@@ -256,17 +251,13 @@ class OwnActuator:
 
 def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
     """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
+    on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     found: dict[str, OwnActuator] = {}
-    for i in range(model.nu):
-        if int(model.actuator_trntype[i]) not in _ON_JOINT:
-            continue
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, on_joint)).tolist():
         actuator = _own_actuator(model, i)
         other = found.get(actuator.joint)
         found[actuator.joint] = actuator if other is None else _together(other, actuator)
     return found
-
-
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 
 
 def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
@@ -275,14 +266,12 @@ def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
     rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
     force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
     control = np.array(_range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i])))
-    bias = mujoco.mjtBias(int(model.actuator_biastype[i]))
-    if model.actuator_gaintype[i] != mujoco.mjtGain.mjGAIN_FIXED:
-        return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
-    if bias == mujoco.mjtBias.mjBIAS_AFFINE:
+    is_fixed = bool(model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED)
+    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE:
         is_position = stiffness * gear != 0.0  # its target is where it has no force
         target = _range((gain * control - rest) / (stiffness * gear), True) if is_position else NO_RANGE
         return OwnActuator(joint, "servo", stiffness * gear**2, damping * gear**2, force, target)
-    if bias == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
+    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
         low, high = _range(control * gain * gear, True)
         return OwnActuator(joint, "motor", 0.0, 0.0, (max(force[0], low), min(force[1], high)), NO_RANGE)
     return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
@@ -322,32 +311,28 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     In this order: the site of a gyro on the base, or of the only gyro on the robot; a site of the base named like an
     IMU; the only site on the robot with a sensor of an orientation; the base itself.
     """
-    gyros, frames = _sensor_sites(model, base, _GYRO), _sensor_sites(model, base, _FRAME)
-    names = {i: model.site(i).name for i in range(model.nsite) if model.body_rootid[model.site_bodyid[i]] == base}
-    named = [i for i, name in names.items() if "imu" in name.lower()]
+    sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
+    gyros, frames = ([i for i in _sensor_sites(model, kinds) if i in sites] for kinds in (_GYRO, _FRAME))
+    named = [i for i in sites if "imu" in model.site(i).name.lower()]
     choices = (
         ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
         (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
         ([i for i in named if model.site_bodyid[i] == base], "a site of the base named like an IMU"),
         (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
     )
-    for sites, why in choices:
-        if sites:
-            return names[sites[0]], why
-    others = list(dict.fromkeys(names[i] for i in (*gyros, *frames, *named)))
-    elsewhere = f"; other sites could be it: {', '.join(others)}" if others else ""
+    for found, why in choices:
+        if found:
+            return model.site(found[0]).name, why
+    others = ", ".join(model.site(i).name for i in dict.fromkeys((*gyros, *frames, *named)))
+    elsewhere = f"; other sites could be it: {others}" if others else ""
     return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
 
 
-def _sensor_sites(model: mujoco.MjModel, base: int, kinds: Sequence[mujoco.mjtSensor]) -> list[int]:
-    """Return the named sites of the robot that have such a sensor, once each."""
-    sites = [
-        int(model.sensor_objid[i])
-        for i in range(model.nsensor)
-        if mujoco.mjtSensor(int(model.sensor_type[i])) in kinds and model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_SITE
-    ]
-    ours = [site for site in sites if model.body_rootid[model.site_bodyid[site]] == base and model.site(site).name]
-    return list(dict.fromkeys(ours))
+def _sensor_sites(model: mujoco.MjModel, kinds: Sequence[mujoco.mjtSensor]) -> dict[int, None]:
+    """Return the sites that have such a sensor, in the order of the sensors."""
+    on_site = model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE
+    pairs = zip(model.sensor_objid[on_site].tolist(), model.sensor_type[on_site].tolist(), strict=True)
+    return dict.fromkeys(site for site, kind in pairs if mujoco.mjtSensor(kind) in kinds)
 
 
 def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:

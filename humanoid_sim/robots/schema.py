@@ -7,7 +7,7 @@ values a field accepts, `humanoid_sim.robots.description` checks what has to hol
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -26,20 +26,14 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """The motor that drives a joint, and where it is on the bus."""
 
-    family: Text = "robstride"
-    """A key of `humanoid_sim.robots.motors.FAMILIES`: whose protocol it speaks."""
-    bus: Annotated[int, msgspec.Meta(ge=0)]
-    """Index into the robot's buses."""
-    can_id: int
-    """1 to 127; a Sito's up to 255 where all motors are Sitos."""
-    model: Text
-    """Such as `rs-02`."""
-    direction: Literal[-1, 1]
-    """Sign between motor and joint frame: a fact of the design, not of one physical robot."""
+    family: Text = "robstride"  # key of `humanoid_sim.robots.motors.FAMILIES`
+    bus: Annotated[int, msgspec.Meta(ge=0)]  # index into the robot's buses
+    can_id: int  # 1 to 127; a Sito's up to 255 where all motors are Sitos
+    model: Text  # such as `rs-02`
+    direction: Literal[-1, 1]  # sign between motor and joint frame: of the design, not of one physical robot
     torque_limit: NotNegative | None = None
     """N·m, written to the firmware; 0 leaves the firmware's own. Required where the family has such a limit."""
-    current_limit: NotNegative | None = None
-    """A, likewise."""
+    current_limit: NotNegative | None = None  # A, likewise
 
 
 class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -48,24 +42,20 @@ class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     armature: NotNegative | None = None  # kg·m², inertia of motor and gear at the joint
     friction: NotNegative | None = None  # N·m, dry friction
     damping: NotNegative | None = None  # N·m·s/rad, viscous friction, whatever `joint_damping` says of the MJCF's
-    torque_scale: Positive = 1.0
-    """Torque at the joint over the torque that the motor reports."""
-    delay: NotNegative = 0.0
-    """s from a command to its effect. Emulated motors have one each, simulations the mean of all joints."""
+    torque_scale: Positive = 1.0  # torque at the joint over the torque that the motor reports
+    delay: NotNegative = 0.0  # s from a command to its effect; simulations have the mean of all joints
 
 
 class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One actuated joint, in the joint frame. Limits are infinite where a user's MJCF gives none."""
 
-    name: Text
-    """The joint's name in the MJCF, in policies and in every file."""
+    name: Text  # in the MJCF, in policies and in every file
     lower: float  # rad
     upper: float  # rad
     effort_limit: Positive  # N·m, the hardware's, at which the MIT law saturates
     stiffness: NotNegative  # N·m/rad, default K_p
     damping: NotNegative  # N·m·s/rad, default K_d
-    motor: MotorDescription | None = None
-    """None: this joint exists in simulation only."""
+    motor: MotorDescription | None = None  # None: this joint exists in simulation only
     dynamics: JointDynamics | None = None
 
 
@@ -73,10 +63,8 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Base that carries the robot: welded to the world (`fixed`), or free to move and to fall (`floating`)."""
 
     type: Literal["fixed", "floating"] = "fixed"
-    body: str = ""
-    """The MJCF body with the free joint of a floating base."""
-    height: float | None = None
-    """m above the world's origin at the start; None: the robot touches the floor in its initial position."""
+    body: str = ""  # the MJCF body with the free joint of a floating base
+    height: float | None = None  # m above the world's origin at the start; None: its lowest part touches the floor
 
 
 class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -125,8 +113,7 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A joint that is pulled hard must come nearer to its commanded position."""
 
-    effort_share: Positive = 0.8
-    """Share of the effort limit: K_p times the error from which the joint is pulled hard."""
+    effort_share: Positive = 0.8  # of the effort limit: K_p times the error from which the joint is pulled hard
     effort: tuple[Positive | None, ...] = ()
     """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
     limits here where a policy's contract lowers them."""
@@ -159,12 +146,9 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
 
-    fingers: tuple[str, ...]
-    """MJCF sites in the middle of the round tips that strike keys: one a hand, the left hand's first."""
-    key_force_limit: Positive
-    """N, with which no key may be touched."""
-    reach: tuple[tuple[int, int], ...]
-    """Lowest and highest key of each finger, 0 is A0, 87 is C8."""
+    fingers: tuple[str, ...]  # MJCF sites in the middle of the tips that strike keys, the left hand's first
+    key_force_limit: Positive  # N, with which no key may be touched
+    reach: tuple[tuple[int, int], ...]  # lowest and highest key of each finger, 0 is A0, 87 is C8
 
     @property
     def keys(self) -> frozenset[int]:
@@ -173,13 +157,13 @@ class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class _PerJoint:
-    """A field of every joint as a read-only array of shape (n,), in the order of `joints`."""
+    """A value of every joint as a read-only array of shape (n,), in the order of `joints`."""
 
-    def __init__(self, field: str) -> None:
-        self._field = field
+    def __init__(self, value: Callable[[JointDescription], float]) -> None:
+        self._value = value
 
     def __get__(self, robot: RobotDescription, _: type[RobotDescription]) -> FloatArray:
-        return _array([getattr(joint, self._field) for joint in robot.joints])
+        return _array(map(self._value, robot.joints))
 
 
 def _array(values: Iterable[float]) -> FloatArray:
@@ -192,18 +176,13 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """A robot. Every per-joint list and array is in the order of `joints`."""
 
     name: Text
-    topic_prefix: str = ""
-    """Prefix of its own ROS 2 topics, such as `lite` of `/lite/joint_states`; empty: its name."""
-    mjcf: Text
-    """The MJCF model's path, relative to the description's own folder."""
+    topic_prefix: str = ""  # of its own ROS 2 topics, such as `lite` of `/lite/joint_states`; empty: its name
+    mjcf: Text  # path relative to the description's own folder
     joints: Annotated[tuple[JointDescription, ...], msgspec.Meta(min_length=1)]
-    initial_position: tuple[float, ...]
-    """rad, one per joint: where a simulated robot starts, at rest under gravity."""
-    imu: Text
-    """The MJCF site or body whose frame is the IMU's."""
+    initial_position: tuple[float, ...]  # rad, one per joint: where a simulated robot starts, at rest under gravity
+    imu: Text  # the MJCF site or body whose frame is the IMU's
     base: BaseSettings = BaseSettings()
-    hands: tuple[str, ...] = ()
-    """MJCF bodies whose poses are tracked and reported."""
+    hands: tuple[str, ...] = ()  # MJCF bodies whose poses are tracked and reported
     simulation: SimulationSettings = SimulationSettings()
     hardware: HardwareSettings = HardwareSettings()
     damping_controller: DampingSettings = DampingSettings()
@@ -212,14 +191,15 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     remote_policy_controller: RemoteSettings = RemoteSettings()
     guards: GuardSettings = GuardSettings()
     piano: PianoSettings | None = None
-    folder: str = ""
-    """Folder where the description was read; empty: the folder of the shipped robots. Not part of the file."""
+    folder: str = ""  # where the description was read; empty: the folder of the shipped robots. Not part of the file
 
-    lower = _PerJoint("lower")  # rad
-    upper = _PerJoint("upper")  # rad
-    effort_limit = _PerJoint("effort_limit")  # N·m
-    stiffness = _PerJoint("stiffness")  # N·m/rad, default K_p
-    damping = _PerJoint("damping")  # N·m·s/rad, default K_d
+    lower = _PerJoint(lambda joint: joint.lower)  # rad
+    upper = _PerJoint(lambda joint: joint.upper)  # rad
+    effort_limit = _PerJoint(lambda joint: joint.effort_limit)  # N·m
+    stiffness = _PerJoint(lambda joint: joint.stiffness)  # N·m/rad, default K_p
+    damping = _PerJoint(lambda joint: joint.damping)  # N·m·s/rad, default K_d
+    torque_scale = _PerJoint(lambda joint: joint.dynamics.torque_scale if joint.dynamics else 1.0)
+    delay = _PerJoint(lambda joint: joint.dynamics.delay if joint.dynamics else 0.0)  # s
 
     @property
     def mjcf_path(self) -> Path:
@@ -246,16 +226,6 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     def has_no_gains(self) -> bool:
         """True if no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
         return not any(joint.stiffness or joint.damping for joint in self.joints)
-
-    @property
-    def torque_scale(self) -> FloatArray:
-        """Shape (n,), read-only: torque at each joint over its motor's own; 1 where nothing was measured."""
-        return _array(1.0 if joint.dynamics is None else joint.dynamics.torque_scale for joint in self.joints)
-
-    @property
-    def delay(self) -> FloatArray:
-        """Shape (n,), s, read-only: from a command to its effect; 0 where nothing was measured."""
-        return _array(0.0 if joint.dynamics is None else joint.dynamics.delay for joint in self.joints)
 
     @property
     def mode_damping(self) -> FloatArray:
