@@ -55,8 +55,8 @@ _INTENTS_AT_ONCE = 3
 def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervisor]:
     """For `fuzz_stack`: all controllers of a shipped robot, a YAML description or an MJCF, with its settings.
 
-    LOCOMOTION runs the fuzzed policy on all joints, around the final pose of standby A and within their limits: a
-    policy that presses a joint against its stop is ended by a guard, however healthy the robot.
+    LOCOMOTION runs the fuzzed policy on all joints, or a second one with half its stiffness, around the final pose of
+    standby A and within the limits: one that presses a joint against its stop is ended by a guard.
     """
     description = load_robot(name_or_path)
     period = 1.0 / description.hardware.control_frequency
@@ -64,7 +64,11 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     contract = replace(unbounded, position_clip="joint_limits")
 
     def build(policy: ScriptedPolicy) -> Supervisor:
-        return build_supervisor(description, period, load_policy(contract, policy, None), remote=True)
+        firm, soft = (
+            load_policy(replace(contract, joint_stiffness=share * contract.joint_stiffness), policy, None)
+            for share in (1.0, 0.5)
+        )
+        return build_supervisor(description, period, firm, policies={"firm": firm, "soft": soft}, remote=True)
 
     return build
 
@@ -117,10 +121,11 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
             machine.joints, machine.time + machine.period, remote=machine.remote, externs=machine.externs
         )
         trials = [replace(given, safety=safety) for safety in _reports()]
+        trials += [replace(given, policy=name) for name in (*machine.stack.policies, "unheard_of")]
         for count in range(1, _INTENTS_AT_ONCE + 1):
             trials += [replace(given, intents=intents) for intents in product(Intent, repeat=count)]
         for one in trials:
-            with _after(f"{way}, with {[intent.name for intent in one.intents] or one.safety}"):
+            with _after(f"{way}, with {[intent.name for intent in one.intents] or one.safety or one.policy}"):
                 trial = copy.copy(machine)  # a tick that is checked like any other, and taken back
                 trial.properties, trial.history = machine.properties.copy(), []
                 trial.feed(one)

@@ -216,6 +216,13 @@ class StackMachine(RuleBasedStateMachine):
         """To a pose, with a patience that an operator may lack at first, and on into LOCOMOTION or REMOTE."""
         self.go(pose, begin, impatient)
 
+    @rule(data=st.data(), wanted=strategies.intents())
+    def select(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
+        """Select a policy, or one that is not loaded, in whatever mode it is."""
+        self.time += self.period
+        name = data.draw(st.sampled_from([*self.stack.policies, "unheard_of"]))
+        self.feed(replace(self._healthy(*wanted, remote=self.remote), policy=name))
+
     @precondition(lambda self: self.memory.controller == REMOTE_POLICY)
     @rule(data=st.data(), steps=st.lists(st.tuples(_SMALL_JUMPS, st.none() | _SKEWS), min_size=1, max_size=25))
     def commands_arrive(self, data: DataObject, steps: list[tuple[float, float | None]]) -> None:

@@ -103,6 +103,7 @@ class SafetyProperties:
       recovers by itself, and DAMPING never goes limp.
     - A controller that fails is named with its fallback, which gives this tick's command; none raises.
     - A guard that trips ends the mode in its tick.
+    - A policy is selected in ZERO_TORQUE and DAMPING only, and is the one that runs then.
     - LOCOMOTION and REMOTE begin only after a standby pose was reached.
     - A remote command from before the activation, or one that is stale, is never applied.
     """
@@ -111,6 +112,7 @@ class SafetyProperties:
         self._stack = stack
         self._name = ZERO_TORQUE
         self._finished = False
+        self._policy = next(iter(stack.policies), "")
         self._time = math.nan
         self._command: MITCommand | None = None
         self._guards: GuardMemory | None = None
@@ -131,6 +133,7 @@ class SafetyProperties:
         self._check_mode(name, given, output)
         self._check_change(name, given, output)
         self._check_quit(given, output)
+        self._check_selection(given, output)
         self._check_faults(name, output)
         self._check_command(name, given, output.command)
         self._check_guards(name, given, output.command)
@@ -170,6 +173,13 @@ class SafetyProperties:
             said = any(text.startswith("QUIT refused: ") for text in output.refusals)
             require(said, "QUIT had no effect and no refusal says why: {}", output.refusals)
 
+    def _check_selection(self, given: TickInput, output: TickOutput) -> None:
+        if given.policy in self._stack.policies and self._name in SAFE:
+            self._policy = given.policy
+        elif given.policy:
+            said = any(text.startswith(f"policy {given.policy} refused: ") for text in output.refusals)
+            require(said, "policy {} was selected in {}, and no refusal says why not", given.policy, self._name)
+
     def _check_faults(self, name: str, output: TickOutput) -> None:
         failed = [fault.controller for fault in output.faults]
         require(name not in failed, "{} failed and stays in control", name)
@@ -186,6 +196,8 @@ class SafetyProperties:
     def _check_command(self, name: str, given: TickInput, command: MITCommand) -> None:
         """Check what the mode's own controller must command; `before` is its command of the tick before."""
         controller = self._stack.controllers[name]
+        if name == RL_POLICY and self._policy:
+            controller = self._stack.policies[self._policy]
         before = self._command if name == self._name else None
         if name == ZERO_TORQUE:
             _same("ZERO_TORQUE's command", command, MITCommand.zeros(command.joint_count))

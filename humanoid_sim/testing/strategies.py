@@ -165,4 +165,5 @@ def any_tick_inputs(n: int, time: float, extern_names: tuple[str, ...] = EXTERN_
         safety=safety_statuses(),
         intents=intents(),
         remote=st.none() | any_remote_commands(n, time),
+        policy=st.sampled_from(["", "unheard_of"]),
     )

@@ -100,9 +100,10 @@ def tick(
     safety: tuple[SafetyStatus, ...] = (),
     remote: RemoteCommand | None = None,
     extern: dict[str, Extern] | None = None,
+    policy: str = "",
 ) -> TickInput:
     """One tick's input."""
-    return TickInput(state(time, position, extern=extern or {}), safety, intents, remote)
+    return TickInput(state(time, position, extern=extern or {}), safety, intents, remote, policy)
 
 
 def command(value: float = 0.7, n: int = len(JOINTS), **changes: Any) -> MITCommand:

@@ -40,6 +40,7 @@ class Stack:
     def __init__(self, policy: Any) -> None:
         self.sound = SOUND(policy)
         self.joints, self.controllers, self.guards = self.sound.joints, self.sound.controllers, self.sound.guards
+        self.policies = self.sound.policies
 
     def initial(self) -> Counted:
         return Counted(self.sound.initial())
@@ -131,6 +132,15 @@ class RemembersOutsideItsMemory(Stack):
         return memory, output
 
 
+class ChangesTheRunningPolicy(Stack):
+    """A selection is refused in LOCOMOTION, and holds from the next tick all the same."""
+
+    def after(self, memory, given, output):
+        if given.policy in self.policies and output.control_mode.mode is Mode.LOCOMOTION:
+            return replace(memory, inner=replace(memory.inner, policy=given.policy)), output
+        return memory, output
+
+
 class RaisesOnOtherWidths(Stack):
     def before(self, memory, given):
         if given.state.joint_count != len(self.joints):
@@ -165,6 +175,7 @@ DEFECTS: dict[str, type[Stack]] = {
     "DAMP together with QUIT is ignored": IgnoresDampWithQuit,
     "a negative gain in REMOTE, from strong ones": NegativeGainInRemote,
     "something is remembered outside the memory": RemembersOutsideItsMemory,
+    "a selection changes the policy that runs": ChangesTheRunningPolicy,
     "another width of the state raises": RaisesOnOtherWidths,
     "guards are not asked": SleepingGuards,
     "guards trip on a healthy robot": NervousGuards,

@@ -123,6 +123,9 @@ BROKEN = {
     ),
     "quits while moving": row(RL, lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy", Intent.QUIT),
     "QUIT says nothing": row(RL, lambda o: replace(o, refusals=()), "no refusal says why", Intent.QUIT),
+    "selection says nothing": row(
+        RL, lambda o: replace(o, refusals=()), "policy dance was selected in rl_policy_controller", policy="dance"
+    ),
     "failed and stays": row(RL, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
     "failed for nothing": row(
         DAMPING, lambda o: replace(o, faults=(replace(REPORT, message=""),)), "without saying why"
