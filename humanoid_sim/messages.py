@@ -78,7 +78,7 @@ class SafetyStatus:
 
 
 OK = SafetyStatus()
-"""Nothing is wrong, and nobody in particular says so."""
+"""Nothing is wrong; of no source in particular."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,13 +116,13 @@ class MITState:
     time: float | FloatArray
     """s, robot's clock. Scalar for one robot; shape (...) for a batch whose clocks differ."""
     joint_position: FloatArray
-    """Shape (..., n), rad, joint frame. NaN: this joint has never been heard."""
+    """Shape (..., n), rad, joint frame. NaN: nothing was ever received of this joint."""
     joint_velocity: FloatArray
     """Shape (..., n), rad/s, joint frame."""
     joint_effort: FloatArray
     """Shape (..., n), N·m, measured or simulated."""
     joint_age: FloatArray
-    """Shape (..., n), s since the joint was last heard; a silent joint keeps its last values and ages."""
+    """Shape (..., n), s since the joint last reported; a silent joint keeps its last values and ages."""
     imu_quaternion: FloatArray
     """Shape (..., 4), w x y z, body frame in the world frame."""
     imu_angular_velocity: FloatArray

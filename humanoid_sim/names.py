@@ -5,12 +5,9 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Sequence
-from itertools import islice
 
 _AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
 _SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
-_LONGEST, _MOST = 200, 2000
-"""Characters, and names: a file from outside may hold any number of any length, and comparing takes time."""
 
 
 def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
@@ -19,8 +16,8 @@ def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
     Args:
         likeness: of the letters of the two, 0 to 1, from which one is taken for a slip of the other.
     """
-    plain = {_plain(other[:_LONGEST]): other for other in islice(known, _MOST)}
-    wanted = _plain(name[:_LONGEST])
+    plain = {_plain(other): other for other in known}
+    wanted = _plain(name)
     if wanted in plain:
         return plain[wanted]
     shuffled = [other for other in plain if sorted(other.split("_")) == sorted(wanted.split("_"))]

@@ -17,7 +17,6 @@ from functools import cached_property
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from weakref import finalize
 
@@ -126,7 +125,7 @@ class Policy(_Shown):
     @property
     def provenance(self) -> Mapping[str, str]:
         """Source of each field of the contract, by its name."""
-        return MappingProxyType({line.name: line.source for line in field_lines(self.contract)})
+        return {line.name: line.source for line in field_lines(self.contract)}
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values, as `policy show --json` prints it."""
