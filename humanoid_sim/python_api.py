@@ -231,46 +231,43 @@ class Diagnosis(_Shown):
     """Findings of `policy doctor`, shown as it prints them."""
 
     is_healthy: bool
-    """The contract as it is does best, and keeps the robot up."""
-    conclusion: str
+    """Nothing wrong was found."""
+    verdict: str
     ranking: tuple[Mapping[str, Any], ...]
-    """The changes that were tried, the best first, as `policy doctor --json` lists them."""
+    """The changes that may be right, the best first, as `policy doctor --json` lists them."""
+    fix: Mapping[str, Any]
+    """Fields of the contract file that put it right; empty where nothing was found."""
     _examined: Examination
 
     def frame(self) -> Any:
         """Return the ranking as a pandas frame. Raises `MissingPackageError` without pandas."""
-        return _frame({name: row[name] for name in _RANKED} for row in self.ranking)
+        return _frame(self.ranking)
 
     def __repr__(self) -> str:
-        return f"Diagnosis({self.conclusion})"
+        return f"Diagnosis({self.verdict})"
 
     def _print(self, console: Console) -> None:
-        self._examined.print(console, 10)
-
-
-_RANKED = ("rank", "hypothesis", "explanation", "stays_up", "time_up", "quality")
+        self._examined.print(console)
 
 
 def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
-    """Find out what is wired wrongly in a policy that does not behave; takes minutes, and shows how far it is.
+    """Find out what is wired wrongly in a policy that does not behave; shows how far it is.
 
-    Raises `InputError` if an option, the policy or the motion is not accepted.
+    Raises `InputError` if an option, the policy, the motion or the trace is not accepted.
 
     Args:
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
         quiet: do not show how far it is.
-        options: those of `policy doctor`, such as `motion`, `command`, `seconds=3`.
+        options: those of `policy doctor`, such as `motion`, `trace`.
     """
-    from humanoid_sim.doctor.run import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
+    from humanoid_sim.doctor.report import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
     chosen = _of_policy(policy)
     checkpoint = policy_path(chosen.pop("policy"), "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
     found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
-    if found.is_interrupted:
-        raise KeyboardInterrupt
     document = found.document()
-    return Diagnosis(document["healthy"], document["conclusion"], tuple(document["ranking"]), found)
+    return Diagnosis(found.result.is_healthy, found.result.verdict, tuple(document["ranking"]), found.fix, found)
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,178 +1,188 @@
-"""The ranking for a person, as a table, a conclusion and what to write into a contract.yaml; for programs, as JSON."""
+"""`policy doctor`: search, and print the verdict, the values that differ, and the lines that put them right."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+import yaml
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Column, Table
+from rich.progress import Progress
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.overrides import Pasting, change_lines
-from humanoid_sim.doctor.ranking import Ranking, Verdict
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor import DoctorConfig
+from humanoid_sim.doctor.samples import Samples
+from humanoid_sim.doctor.search import Result, search_episodes, search_trace
+from humanoid_sim.doctor.trial import load_subject
+from humanoid_sim.policy.readers.contract_yaml import own_contract
+from humanoid_sim.policy_tools.show import make_console
+from humanoid_sim.robots.description import load_robot, with_imu
 
-_EQUALS = 5
-"""Changes that are named as good as the first."""
-_NOTICEABLE = "each is about 1 where an onlooker would begin to notice it"
-
-
-def conclusion(ranking: Ranking) -> str:
-    """Say in a few sentences what the ranking shows: the cause, what explains it as well, and what was not tried."""
-    text = _cause(ranking)
-    equals = [] if ranking.finding is None else ranking.equals(ranking.finding)
-    if equals:
-        names = ", ".join(f"'{verdict.hypothesis.name}'" for verdict in equals[:_EQUALS])
-        more = f" and {len(equals) - _EQUALS} more" if len(equals) > _EQUALS else ""
-        text += f" As good in this trial, which cannot tell them apart: {names}{more}."
-    if ranking.tried < ranking.known:
-        text += f" Not tried: {ranking.known - ranking.tried} of {ranking.known} changes."
-    return text
-
-
-def _cause(ranking: Ranking) -> str:
-    best, present, finding = ranking.best(), ranking.present, ranking.finding
-    if not best or present is None:
-        return "Nothing has been tried yet."
-    if not any(verdict.stays_up for verdict in best):
-        return (
-            "Nothing in this space keeps the robot up, so the ranking is only a hint. Look at the robot model (joint "
-            "armature, contacts, effort limits), at the gains, and for more than two mistakes at once."
-        )
-    if finding is None:
-        return _nothing_wrong(ranking, present)
-    if present.stays_up and ranking.is_slight(finding):
-        return (
-            f"The robot stays up with the contract as it is. '{finding.hypothesis.name}' does "
-            f"{ranking.saved(finding):.0%} better, which is little: believe it only if the training configuration says "
-            "so."
-        )
-    before = f"does {ranking.saved(finding):.0%} better" if present.stays_up else "keeps the robot up"
-    if not finding.is_inconspicuous:
-        return (
-            f"Most likely: {finding.hypothesis.explanation}. With that it {before}, but not yet well: there may be "
-            "another mistake beside it."
-        )
-    return f"Most likely: {finding.hypothesis.explanation}. With that it {before}."
-
-
-def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
-    """Say that the contract is not to blame, and what does clearly better without being believed."""
-    nothing = "Nothing wrong found in this space: "
-    up = [verdict for verdict in ranking.best() if verdict.stays_up]
-    better = min(up, key=lambda verdict: verdict.cost, default=present)
-    if ranking.is_slight(better):
-        is_best = ranking.best()[0] is present
-        return nothing + ("the contract as it is does best." if is_best else "no change does clearly better.")
-    ruled_out = ranking.ruled_out
-    if ruled_out is not None:
-        return (
-            f"{nothing}the wiring agrees with the trainer's samples, which rule out '{ruled_out.hypothesis.name}', "
-            f"{ranking.saved(ruled_out):.0%} better; small gains like these come from an immature policy."
-        )
-    if not present.is_inconspicuous:
-        return (
-            f"Nothing is certain. '{better.hypothesis.name}' does {ranking.saved(better):.0%} better, but such a "
-            "change may suit a robot without being what its policy was trained with: compare it with the training "
-            "configuration."
-        )
-    worse = better.worsens(present)
-    cost = f", though worse in {' and '.join(worse)}" if worse else ""
-    return (
-        f"{nothing}the run as it is shows nothing noticeable. It also runs with '{better.hypothesis.name}', "
-        f"{ranking.saved(better):.0%} better{cost}; most healthy policies have such a change."
-    )
+_SHOWN = 6  # joints, or other edits, listed one by one
+_WIDTH = 110
+_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 
 
 @dataclass(frozen=True)
 class Examination:
-    """Outcome of a search."""
+    """A contract, and what the search found."""
 
-    ranking: Ranking
     contract: PolicyContract
-    pasting: Pasting
-    """Place where a change is to be written."""
-    is_interrupted: bool = False
-    """Ctrl-C ended it."""
-    samples_problem: str = ""
-    """Difference between the trainer's samples in the checkpoint and the contract; empty if there is none."""
+    result: Result
+    file: Path
+    """Where the fix belongs."""
+    seconds: float
+    """s of wall time."""
 
-    def print(self, console: Console, rows: int) -> None:
-        """Print the best of every cause, the conclusion, and what the first would have you write."""
-        best = self.ranking.best()
-        parts = ", ".join(best[0].outcome.quality) if best else ""  # they depend on what the policy is to do
-        table = Table(
-            Column(justify="right"),
-            "hypothesis",
-            Column("time up", justify="right"),
-            Column("quality", justify="right"),
-            "what it changes",
-            title="by time up, then by quality (smaller is better); unlikely causes rank lower",
-            title_justify="left",
-            caption=f"quality: the sum of {parts}; {_NOTICEABLE}" if parts else None,
-            caption_justify="left",
-        )
-        for rank, verdict in enumerate(best, 1):
-            if rank <= rows or verdict.hypothesis.edit is None:
-                table.add_row(str(rank), *_row(verdict, self.contract))
-        console.print(table)
-        if self.samples_problem:
-            told = f"The trainer's own samples in the checkpoint contradict the contract. {self.samples_problem}"
-            console.print(escape(told), style="bold", soft_wrap=True)
-        console.print(escape(conclusion(self.ranking)), style="bold", soft_wrap=True)
-        finding = self.ranking.finding
-        if finding is None:
-            return
-        text = self.pasting.text(self.contract, finding.hypothesis.contract)
-        console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
-        others = [verdict.hypothesis.name for verdict in self.ranking.alternatives(finding) if verdict.stays_up]
-        if others:
-            console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
+    @property
+    def changes(self) -> list[str]:
+        """Values that differ with the finding, one line a field: before and after."""
+        return [] if self.result.finding is None else list(changes(self.contract, self.result.finding.contract))
+
+    @property
+    def fix(self) -> dict[str, Any]:
+        """Fields of the contract file that put it right, as plain values; empty without a finding."""
+        return {} if self.result.finding is None else fixed_fields(self.contract, self.result.finding.contract)
+
+    def print(self, console: Console) -> None:
+        """Print everything, the verdict first."""
+        rows = [f"{row.edit.name}: {row.note}" for row in self.result.rows[:_SHOWN]]
+        console.print(f"{self.result.verdict}.", style="bold", soft_wrap=True, markup=False, highlight=False)
+        for line in (*self.changes, *self.result.notes, *rows):
+            console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False, emoji=False)
+        if self.fix:
+            text = yaml.safe_dump(self.fix, sort_keys=False, default_flow_style=None, width=_WIDTH, allow_unicode=True)
+            console.print(f"# {self.file}\n{text}", soft_wrap=True, end="", markup=False, highlight=False, emoji=False)
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values, for JSON."""
-        ranking = self.ranking
+        result = self.result
         return {
-            "complete": not self.is_interrupted,
-            "samples_problem": self.samples_problem,
-            "seconds": round(ranking.seconds, 1),
-            "tried": ranking.tried,
-            "known": ranking.known,
-            "healthy": ranking.is_healthy,
-            "conclusion": conclusion(ranking),
-            "as_good": [each.hypothesis.name for each in (ranking.equals(ranking.finding) if ranking.finding else ())],
-            "file": str(self.pasting.file),
-            "ranking": [self._entry(rank, verdict) for rank, verdict in enumerate(ranking.best(), 1)],
-        }
-
-    def _entry(self, rank: int, verdict: Verdict) -> dict[str, Any]:
-        hypothesis = verdict.hypothesis
-        return {
-            "rank": rank,
-            "hypothesis": hypothesis.name,
-            "cause": hypothesis.cause,
-            "explanation": hypothesis.explanation,
-            "stays_up": verdict.stays_up,
-            "time_up": verdict.time_up,
-            "seconds": verdict.outcome.seconds,
-            "lost": verdict.outcome.lost,
-            "quality": verdict.cost,
-            "parts": dict(verdict.outcome.quality),
-            "changes": change_lines(self.contract, hypothesis.contract),
-            "override": self.pasting.override(self.contract, hypothesis.contract),
-            "alternatives": [other.hypothesis.name for other in self.ranking.alternatives(verdict)],
+            "healthy": result.is_healthy,
+            "verdict": result.verdict,
+            "finding": None if result.finding is None else result.finding.family,
+            "changes": self.changes,
+            "notes": list(result.notes),
+            "file": str(self.file),
+            "fix": self.fix,
+            "ranking": [
+                {"edit": row.edit.name, "family": row.edit.family, "score": row.score, "note": row.note}
+                for row in result.rows
+            ],
+            "seconds": round(self.seconds, 1),
         }
 
 
-def _row(verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:
-    outcome = verdict.outcome
-    color = "green" if verdict.stays_up else "yellow" if verdict.time_up > 0.5 else "red"
-    reason = f"\n[dim]{escape(outcome.lost)}[/dim]" if outcome.lost else ""
-    name = escape(verdict.hypothesis.name)
-    return (
-        f"[bold]{name}[/bold]" if verdict.hypothesis.edit is None else f"{name}{reason}",
-        f"[{color}]{outcome.time_up:.1f} of {outcome.seconds:g} s[/]",
-        f"{verdict.cost:.2f}" if verdict.stays_up else "–",
-        escape("\n".join(change_lines(contract, verdict.hypothesis.contract))),
+def doctor(config: DoctorConfig) -> int:
+    """Search and print; returns the exit status. Raises `InputError` as `examine`."""
+    found = examine(config, Console(stderr=True))
+    if config.json:
+        print(json.dumps(found.document(), indent=2))
+    else:
+        found.print(make_console())
+    return ExitStatus.of(found.result.is_healthy)
+
+
+def examine(config: DoctorConfig, console: Console) -> Examination:
+    """Search, with progress on a console. Raises `InputError` if checkpoint, robot, motion or trace is refused."""
+    start = time.perf_counter()
+    robot = with_imu(load_robot(config.robot), config.imu_site)
+    subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("changes", total=None)
+        if config.trace is not None:
+            result = search_trace(subject, Samples(subject, config.trace))
+        else:
+            result = search_episodes(subject, lambda done, total: bar.update(task, completed=done, total=total))
+    file = config.contract or own_contract(config.checkpoint)
+    return Examination(subject.contract, result, file, time.perf_counter() - start)
+
+
+def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
+    """Return the fields of `after` that differ, as a contract file has them."""
+    found = {name: _plain(getattr(after, name)) for name in _differing(before, after)}
+    if found.get("command_ranges"):
+        found["command_ranges"] = dict(zip(_AXES, found["command_ranges"], strict=True))
+    return {name: _one(value) for name, value in found.items()}
+
+
+def _differing(before: PolicyContract, after: PolicyContract) -> list[str]:
+    """Names of the fields that differ; an action offset does not where it is the default pose, before and after."""
+    own = [item.name for item in fields(PolicyContract) if item.name not in ("provenance", "source")]
+    changed = [name for name in own if _plain(getattr(before, name)) != _plain(getattr(after, name))]
+    follows = all(
+        dict(zip(each.action_joint_names, np.asarray(each.action_offset).tolist(), strict=True)).items()
+        <= dict(zip(each.joint_names, each.default_joint_pos.tolist(), strict=True)).items()
+        for each in (before, after)
     )
+    return [name for name in changed if name != "action_offset" or not follows]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a contract file has it; of a term or a clock what is not the default."""
+    if isinstance(value, np.ndarray):
+        return value.round(9).tolist()
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if not is_dataclass(value):
+        return value
+    kept: dict[str, Any] = {}
+    for item in fields(value):
+        own = _plain(getattr(value, item.name))
+        own = _one(own) if item.name == "scale" else own
+        usual = item.default_factory() if item.default_factory is not MISSING else item.default
+        if own != _plain(usual) and (item.name != "kind" or own != Term(kept["name"]).kind):
+            kept[item.name] = own
+    return kept["name"] if list(kept) == ["name"] else kept
+
+
+def _one(value: Any) -> Any:
+    """Return one number for a list that repeats it."""
+    repeats = isinstance(value, list) and bool(value) and isinstance(value[0], float) and len(set(value)) == 1
+    return value[0] if repeats else value
+
+
+def changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
+    """Yield what differs: the field, the joint or place, the value before and after."""
+    for name in _differing(before, after):
+        if name == "observation":
+            yield from _term_changes(before, after)
+            continue
+        old, new = _plain(getattr(before, name)), _plain(getattr(after, name))
+        if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
+            yield f"{name}: {_text(old)} -> {_text(new)}"
+            continue
+        joints = before.action_joint_names if name.startswith("action_") else before.joint_names
+        places = (
+            joints if isinstance(new[0], float) and len(joints) == len(new) else [f"[{i}]" for i in range(len(new))]
+        )
+        pairs = [f"{at} {_text(a)} -> {_text(b)}" for at, a, b in zip(places, old, new, strict=True) if a != b]
+        yield f"{name}: {', '.join(pairs[:_SHOWN])}" + (f" and {len(pairs) - _SHOWN} more" if pairs[_SHOWN:] else "")
+
+
+def _term_changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
+    if before.observation_names != after.observation_names:
+        yield f"observation: {', '.join(before.observation_names)} -> {', '.join(after.observation_names)}"
+    terms = {term.name: term for term in before.terms}
+    for term in after.terms:
+        for item in fields(Term):
+            old, new = (_one(_plain(getattr(each, item.name))) for each in (terms[term.name], term))
+            if item.name == "relative":
+                old, new = (after.kind(term).relative if each is None else each for each in (old, new))
+            if old != new:
+                yield f"{term.name} {item.name}: {_text(old)} -> {_text(new)}"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value[:3]))}{f', … {len(value)} in all' if len(value) > 3 else ''}]"
+    return str(value)

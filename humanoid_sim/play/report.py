@@ -69,10 +69,10 @@ def _doctor(config: PlayConfig) -> str:
     if config.first_policy in (None, "placeholder", NO_POLICY):
         return ""
     command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.first_policy), "--robot", config.robot]
-    for option in ("contract", "motion", "base_height"):
+    for option in ("contract", "motion"):
         value = getattr(config, option)
         if value is not None:
-            command += [f"--{option.replace('_', '-')}", str(value)]
+            command += [f"--{option}", str(value)]
     return shlex.join(command)
 
 

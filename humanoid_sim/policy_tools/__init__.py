@@ -81,7 +81,7 @@ _PROGRAMS = {
     Show: ("policy_tools.show", "show"),
     Check: ("policy_tools.check", "check"),
     Stamp: ("policy_tools.stamp", "stamp_copy"),
-    DoctorConfig: ("doctor.run", "doctor"),
+    DoctorConfig: ("doctor.report", "doctor"),
 }
 """By options the module and function that take them; heavy, so only what runs is imported."""
 

@@ -1,0 +1,227 @@
+"""A trace of the trainer's environment: what a contract makes of its states, and how the robot moved there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, advance_phase
+from humanoid_sim.controllers.reference import Alignment
+from humanoid_sim.doctor.edits import Edit, with_pose, with_term
+from humanoid_sim.doctor.trial import Simulations, Subject
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
+from humanoid_sim.npz_file import read_arrays
+from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
+from humanoid_sim.policy_tools.stamp import body_reader
+from humanoid_sim.robots.description import with_joint_limits
+from humanoid_sim.simulation.floating_base import base_addresses
+from humanoid_sim.simulation.model import joint_addresses
+
+_TOLERANCE = 1e-4  # of an observation: absolute up to 1, relative beyond; float32 sums in another order stay below
+_ACTION_TOLERANCE = 1e-3  # networks amplify the rounding of other hardware
+_ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
+_CONSTANT = 1e-3  # largest range over the samples of what is constant
+_EXPLAINED = 0.05  # share of the efforts' squares that gains may leave
+_TRANSITIONS = 40  # steps of the trace that are predicted
+_NO_LIMIT = 1e9  # a recorded action is what it is
+
+
+class Samples:
+    """S policy steps of the trainer's environment."""
+
+    def __init__(self, subject: Subject, path: Path) -> None:
+        """Read them. Raises `InputError` if the file is malformed, or of another network."""
+        self._subject, self._path = subject, path
+        self._traces: dict[tuple[object, ...], Trace] = {}
+        self._file = read_arrays(path)
+        self._names = tuple(str(name) for name in self._file["joint_names"])
+        trace = self.trace(subject.contract)
+        frames = _frames(trace, 10**9).tolist()
+        own = [subject.policy(row, frame) for row, frame in zip(trace.arrays["observation"], frames, strict=True)]
+        if _far(np.asarray(own), trace.arrays["action"], _ACTION_TOLERANCE).any():
+            raise InputError(f"{path}: action differs from what the policy answers to observation: another network's")
+
+    def trace(self, contract: PolicyContract) -> Trace:
+        """Return the trace with what a contract observes of the robot."""
+        key = contract.anchor_body, contract.velocity_points
+        if key not in self._traces:
+            bodies = body_reader(self._subject.description, *key, contract.height_scan)
+            self._traces[key] = read_trace(self._path, contract, bodies)
+        return self._traces[key]
+
+    def wiring(self, contract: PolicyContract) -> PolicyWiring:
+        """Return a contract's wiring on the joints of the trace."""
+        loaded = self._subject.load(with_joint_limits(contract, self._subject.description))
+        joints = self.trace(contract).joint_names
+        return PolicyWiring(joints, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
+
+    def observed(self, contract: PolicyContract) -> Float32Array:
+        """Return what the policy would have observed in the S states, shape (S, N)."""
+        wiring, trace = self.wiring(contract), self.trace(contract)
+        arrays, steps, actions = trace.arrays, len(trace), trace.arrays["action"]
+        zeros = np.zeros((steps, len(trace.joint_names)))
+        live = {name: Extern(array, 0.0) for name, array in trace.under(EXTERN).items()}
+        rows = {name: arrays[name] for name in STATE_ARRAYS}
+        state = MITState(time=0.0, **rows, joint_effort=zeros, joint_age=zeros, extern=live)
+        laid = wiring.activate(trace.state(0)).alignment
+        if "alignment" in arrays:
+            laid = Alignment(yaw=arrays["alignment"][:, 3:], offset=arrays["alignment"][:, :3])
+        memory = PolicyMemory(
+            frame=_frames(trace, wiring.reference.frame_count),
+            last_action=arrays.get("last_action", np.vstack([np.zeros_like(actions[:1]), actions[:-1]])),
+            walked=arrays.get("walked", _walked(contract, arrays.get(EXTERN + VELOCITY_COMMAND), steps)),
+            alignment=laid,
+        )
+        observation, after = wiring.observe(memory, state)
+        if after.history is None:
+            return observation
+        newest, length = after.history[:, -1], after.history.shape[1]
+        past = np.maximum(np.arange(steps)[:, None] + np.arange(-length, 0), 0)  # the first step stands for all before
+        return wiring.observe(replace(memory, history=arrays.get("history", newest[past])), state)[0]
+
+    def differing(self, contract: PolicyContract) -> BoolArray:
+        """Return which of the N observed values, and of the joint targets, differ in any sample."""
+        trace = self.trace(contract)
+        actions, target = trace.arrays["action"], trace.arrays.get("target")
+        try:
+            far = _far(self.observed(contract), trace.arrays["observation"], _TOLERANCE).any(axis=0)
+            position = action_command(self.wiring(contract).action_map, actions).position
+        except (FieldError, InputError, ValueError):  # the contract does not fit the trace
+            return np.ones(trace.arrays["observation"].shape[1], dtype=np.bool_)
+        if target is None:
+            return np.asarray(far)
+        off = np.abs(position - target).max(axis=0) > _ROUNDING * (1.0 + np.abs(actions).max())
+        return np.concatenate([far, off])
+
+    def names(self, contract: PolicyContract, differing: BoolArray) -> str:
+        """Return the terms, and joints, of the values that `differing` marks."""
+        trace, found = self.trace(contract), dict[str, dict[str, None]]()
+        layout, width = self.wiring(contract).layout, self.trace(contract).arrays["observation"].shape[1]
+        for i in np.flatnonzero(differing[: layout.width]).tolist():
+            term = layout.term_at(i).term
+            joints, place = (
+                contract.kind(term).value_names(term, contract),
+                layout.locate(i).split("[")[1].split("]")[0],
+            )
+            found.setdefault(term.name, {})[joints[int(place)] if joints else place] = None
+        for name, far in zip(trace.joint_names, differing[width:], strict=False):
+            if far:
+                found.setdefault("target", {})[name] = None
+        return "; ".join(
+            f"{term} ({', '.join([*places][:3])}{', …' * (len(places) > 3)})" for term, places in found.items()
+        )
+
+    def fitted(self, contract: PolicyContract) -> tuple[Edit, ...]:
+        """Return edits whose values follow from the samples: the default pose, and the scale of each term."""
+        layout, trace, found = self.wiring(contract).layout, self.trace(contract), []
+        for item in layout.terms if layout.history == 1 else ():
+            columns, term = trace.arrays["observation"][:, item.start : item.stop].astype(np.float64), item.term
+            kind, name = contract.kind(term), f"{item.name} scale"
+            joints = kind.value_names(term, contract)
+            if kind.reads == "joint_position" and kind.is_relative(term) and np.all(term.scale):
+                shown = trace.arrays["joint_position"][:, [trace.joint_names.index(joint) for joint in joints]]
+                poses = shown - columns / term.scale
+                if np.ptp(poses, axis=0).max() < _CONSTANT:
+                    pose = contract.default_joint_pos.copy()
+                    pose[[contract.joint_names.index(joint) for joint in joints]] = np.median(poses, axis=0).round(4)
+                    edited = replace(contract, **with_pose(contract, pose))
+                    found.append(Edit("the default pose is the one of the trace", "default pose", edited))
+            plain = replace(contract, observation=with_term(contract, term, scale=1.0, clip=None))
+            raw = self.observed(plain)[:, item.start : item.stop].astype(np.float64)
+            scale = (raw * columns).sum(axis=0) / np.maximum((raw * raw).sum(axis=0), 1e-12)
+            if np.abs(raw * scale - columns).max() < _CONSTANT and raw.any(axis=0).all():
+                value: Any = scale.mean().round(4) if np.ptp(scale) < _CONSTANT else scale.round(4)
+                edited = replace(contract, observation=with_term(contract, term, scale=value))
+                found.append(
+                    Edit(f"{item.name} is multiplied by {np.array2string(scale[:3], precision=3)}", name, edited)
+                )
+        return tuple(found)
+
+    def period(self) -> float:
+        """Return the time from sample to sample, s, by the joints' positions and velocities; 0 if nothing moves."""
+        arrays = self.trace(self._subject.contract).arrays
+        moved, speed = np.diff(arrays["joint_position"], axis=0), arrays["joint_velocity"]
+        mean = 0.5 * (speed[1:] + speed[:-1])
+        fast = np.abs(mean) > 0.2 * np.abs(mean).max()
+        return float(np.median(moved[fast] / mean[fast])) if mean.any() else 0.0
+
+    def gains(self, contract: PolicyContract) -> PolicyContract | None:
+        """Return the contract with the gains that the trace's efforts, (S, J) N·m, follow; None without any."""
+        if "effort" not in self._file:
+            return None
+        trace, effort = self.trace(contract), self._file["effort"].astype(np.float64)
+        names = self._names[len(self._names) - effort.shape[1] :]
+        order = [trace.joint_names.index(name) for name in contract.joint_names]
+        effort = effort[:, [names.index(name) for name in contract.joint_names]]
+        position = action_command(self.wiring(contract).action_map, trace.arrays["action"]).position
+        off = trace.arrays.get("target", position)[:, order]
+        best: tuple[float, Any] = (_EXPLAINED, None)
+        for late in (0, 1):  # the effort of a row belongs to the action of that row, or to the one before
+            stop = len(off) - late
+            parts = np.stack(
+                [
+                    off[:stop] - trace.arrays["joint_position"][late:, order],
+                    -trace.arrays["joint_velocity"][late:, order],
+                ]
+            )
+            fit = np.stack([np.linalg.lstsq(parts[..., j].T, effort[late:, j])[0] for j in range(len(order))], axis=1)
+            rest = float(((parts * fit[:, None]).sum(axis=0) - effort[late:]).var() / max(effort[late:].var(), 1e-12))
+            best = min(best, (rest, fit.round(3).clip(0.0)), key=lambda each: each[0])
+        return None if best[1] is None else replace(contract, joint_stiffness=best[1][0], joint_damping=best[1][1])
+
+    def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
+        """Return how far predicted joint velocities are from the trace's, over how far those changed; inf if unknown.
+
+        Single policy steps are simulated, each from the trace's state and with its action.
+        """
+        robot_description, trace = self._subject.description, self.trace(contract)
+        try:
+            wiring, robot = self.wiring(contract), simulations.robot(contract)
+        except (FieldError, InputError):
+            return math.inf
+        if "qpos" not in self._file:
+            return math.inf
+        qpos, qvel = self._file["qpos"].astype(np.float64), self._file["qvel"].astype(np.float64)
+        free, data = (7 if robot_description.is_floating else 0), robot.data
+        own = joint_addresses(robot.model, self._names[len(self._names) - (qpos.shape[1] - free) :])
+        column = [trace.joint_names.index(name) for name in robot.joints]
+        dof, speed = joint_addresses(robot.model, robot.joints).dof, trace.arrays["joint_velocity"][:, column]
+        command = action_command(wiring.action_map, trace.arrays["action"])
+        off = change = 0.0
+        for i in np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp)).tolist():
+            robot.activate()
+            if free:
+                place, turn, linear, angular = base_addresses(robot.model, robot_description)
+                data.qpos[place], data.qpos[turn] = qpos[i, :3], qpos[i, 3:7]
+                data.qvel[linear], data.qvel[angular] = qvel[i, :3], qvel[i, 3:6]
+            data.qpos[own.qpos], data.qvel[own.dof] = qpos[i, free:], qvel[i, max(free - 1, 0) :]
+            robot.write(MITCommand(*(getattr(command, name)[i, column] for name in COMMAND_FIELDS)))
+            off += float(((data.qvel[dof] - speed[i + 1]) ** 2).sum())
+            change += float(((speed[i + 1] - speed[i]) ** 2).sum())
+        return math.sqrt(off / change) if math.isfinite(off) and change else math.inf
+
+
+def _frames(trace: Trace, count: int) -> npt.NDArray[np.int64]:
+    return np.minimum(trace.arrays.get("frame", np.arange(len(trace))), count - 1)
+
+
+def _walked(contract: PolicyContract, command: npt.NDArray[Any] | None, steps: int) -> npt.NDArray[np.float64]:
+    """Return the gait phase before each step, rad, shape (S,)."""
+    walked, rule = np.zeros(steps), contract.phase
+    for i in range(steps - 1) if rule is not None else ():
+        assert rule is not None
+        row = np.zeros(3) if command is None else command[i]
+        walked[i + 1] = advance_phase(rule, walked[i], row, contract.policy_dt)[0]
+    return walked
+
+
+def _far(value: npt.NDArray[np.floating], expected: npt.NDArray[np.floating], tolerance: float) -> BoolArray:
+    with np.errstate(invalid="ignore"):  # infinity - infinity
+        return np.asarray(~(np.abs(value - expected) <= tolerance * np.maximum(1.0, np.abs(expected))))

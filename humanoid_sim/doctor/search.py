@@ -1,0 +1,200 @@
+"""The search for the one edit that puts a contract right: on the samples of a trace, or in simulated episodes."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.edits import Edit, asymmetry, contract_key, robot_facts, single_edits
+from humanoid_sim.doctor.samples import Samples
+from humanoid_sim.doctor.trial import Command, Outcome, Simulations, Subject
+
+_SECONDS = 4.0  # s, of an episode
+_WALK: Command = (0.5, 0.0, 0.5)
+_LONG: Sequence[Command] = (_WALK, (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.4, 0.0), (-0.5, 0.0, 0.0))
+_PHASE = 3.0  # s, of each of these
+_DEAD = 0.25  # share of a command below which it is not answered
+_SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
+_AS_GOOD = 0.05  # share of the errors within which two edits are as good
+_ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
+_PREDICTS = 0.5  # share of the prediction's error that an edit may leave
+_EXACT = 0.01  # prediction's error below which there is nothing to explain
+_RATES = (25.0, 30.0, 50.0, 60.0, 100.0, 200.0)  # Hz
+_OFF_RATE = 1.25  # factor between two rates beyond which they differ
+_THREADS = 2  # physics and inference release the interpreter
+_UNSEEN = ("gains", "one gain", "action scale", "action offset", "default pose", "model damping")
+"""Families that no observation shows: they change how the robot moves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One edit in the ranking."""
+
+    edit: Edit
+    score: float
+    """Smaller is better."""
+    note: str
+    """What was seen with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Outcome of a search."""
+
+    verdict: str
+    rows: tuple[Row, ...] = ()
+    """Edits that may be right, best first."""
+    notes: tuple[str, ...] = ()
+    """What was seen of the contract as it is."""
+    finding: Edit | None = None
+    """The edit that puts the contract right."""
+    is_healthy: bool = False
+
+
+def _found(rows: Sequence[Row], *notes: str) -> Result:
+    """Return the first row as the finding, with those that are as good."""
+    best = tuple(row for row in rows if row.score <= rows[0].score * (1.0 + _AS_GOOD))
+    return Result(f"Most likely {best[0].edit.name}", best, notes, best[0].edit)
+
+
+def search_trace(subject: Subject, samples: Samples) -> Result:
+    """Try every edit on the samples of the trainer's environment; a finding agrees with all of them."""
+    contract, simulations = subject.contract, Simulations(subject)
+    facts = robot_facts(subject.description, subject.motion)
+    edits = _distinct(contract, (*single_edits(contract, facts, all_pairs=True), *samples.fitted(contract)))
+    far = samples.differing(contract)
+    if not far.any():
+        return _search_unseen(samples, contract, edits, simulations)
+    note = f"{far.sum()} of {len(far)} values differ from the trace's as it is: {samples.names(contract, far)}"
+    left = sorted(((int(samples.differing(edit.contract).sum()), edit) for edit in edits), key=lambda item: item[0])
+    answers = [edit for count, edit in left if not count]
+    if answers:  # of several, the one with which the robot moves as in the trace
+        errors = [samples.prediction_error(edit.contract, simulations) for edit in answers]
+        rows = [Row(edit, error, "agrees with all samples") for edit, error in zip(answers, errors, strict=True)]
+        return _found(sorted(rows, key=lambda row: row.score), note)
+    nearest = tuple(Row(edit, n, f"leaves {n} values that differ") for n, edit in left[:3] if n < far.sum())
+    return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, (note,))
+
+
+def _distinct(contract: PolicyContract, edits: Iterable[Edit]) -> list[Edit]:
+    found: dict[object, Edit] = {}
+    for edit in edits:
+        found.setdefault(contract_key(edit.contract), edit)
+    found.pop(contract_key(contract), None)
+    return list(found.values())
+
+
+def _search_unseen(samples: Samples, contract: PolicyContract, edits: list[Edit], simulations: Simulations) -> Result:
+    """Search for what no observation shows: the rate, the gains, and what actions do."""
+    agree, period = "every observation agrees with the trace's as it is", samples.period()
+    if period and not 1.0 / _OFF_RATE < period / contract.policy_dt < _OFF_RATE:
+        rate = min(_RATES, key=lambda each: abs(math.log(each * period)))
+        edit = Edit(f"the policy runs at {rate:g} Hz", "rate", replace(contract, policy_dt=1.0 / rate))
+        note = f"positions and velocities of the joints say {period:.3f} s from sample to sample"
+        return _found([Row(edit, period, note)], agree)
+    edits = [edit for edit in edits if edit.family in _UNSEEN]
+    fitted = samples.gains(contract)
+    if fitted is not None and not _same_gains(contract, fitted):
+        named = [edit for edit in edits if _same_gains(edit.contract, fitted)]
+        edit = named[0] if named else Edit("the gains are those of the trace's efforts", "gains", fitted)
+        return _found([Row(edit, 0.0, "agrees with the efforts")], agree)
+    now = samples.prediction_error(contract, simulations)
+    if math.isfinite(now):
+        agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
+        errors = [samples.prediction_error(edit.contract, simulations) for edit in edits]
+        rows = [Row(edit, error, f"misses it by {error:.0%}") for edit, error in zip(edits, errors, strict=True)]
+        rows.sort(key=lambda row: row.score)
+        if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
+            return _found(rows, agree)
+    return Result("Nothing wrong found: the contract agrees with the trace", (), (agree,), is_healthy=True)
+
+
+def _same_gains(one: PolicyContract, other: PolicyContract) -> bool:
+    pairs = [(getattr(one, name), getattr(other, name)) for name in ("joint_stiffness", "joint_damping")]
+    return all(np.allclose(a, b, rtol=0.1, atol=0.05) for a, b in pairs)
+
+
+def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
+    """Try every edit in one simulated episode, without support, that walks and turns, or follows the motion.
+
+    `progress` is called with how many episodes are done, and of how many.
+    """
+    contract, walks = subject.contract, subject.contract.task_type == "locomotion"
+    seconds = _SECONDS if walks else min(_SECONDS, subject.motion_seconds)
+    schedule = [_within(command, contract) for command in _LONG] if walks else [_WALK]
+    whole = _PHASE * len(schedule) if walks else subject.motion_seconds
+    long = Simulations(subject).run(contract, whole, schedule)
+    edits = single_edits(contract, robot_facts(subject.description, subject.motion))
+    local = threading.local()
+
+    def run(edited: PolicyContract) -> Outcome:
+        if not hasattr(local, "simulations"):
+            local.simulations = Simulations(subject)
+        outcome: Outcome = local.simulations.run(edited, seconds, schedule[:1])
+        return outcome
+
+    outcomes: list[Outcome] = []
+    with ThreadPoolExecutor(_THREADS) as pool:
+        for outcome in pool.map(run, [contract, *(edit.contract for edit in edits)]):
+            outcomes.append(outcome)
+            if progress is not None:
+                progress(len(outcomes), len(edits) + 1)
+    return judge(contract, outcomes[0], long, list(zip(edits, outcomes[1:], strict=True)))
+
+
+def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
+    """Rank the edits by their errors, and decide whether the first one is a finding.
+
+    Args:
+        now: of the contract as it is, in the episode of the edits.
+        long: of the contract as it is, with every command.
+    """
+    notes = (_describe(long), *_dead_zones(long))
+
+    def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
+        return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
+
+    up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
+    up.sort(key=lambda row: row.score)
+    if now.lost and not up:
+        longest = sorted(tried, key=lambda item: -item[1].time_up)[:3]
+        rows = tuple(Row(edit, -out.time_up, _describe(out)) for edit, out in longest)
+        return Result("No single change keeps the robot up: several mistakes, or the robot's model", rows, notes)
+    if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
+        return _found(up, *notes)
+    if long.lost:
+        return Result("The robot is lost in the long run, and no change does clearly better", tuple(up[:3]), notes)
+    return Result("Nothing wrong found: no change does clearly better", (), notes, is_healthy=True)
+
+
+def _describe(outcome: Outcome) -> str:
+    if outcome.lost:
+        return f"lost after {outcome.time_up:.1f} of {outcome.seconds:g} s: {outcome.lost}"
+    parts = sorted(outcome.parts.items(), key=lambda item: -item[1])[:3]
+    worst = ", ".join(f"{name} {value:.1f}" for name, value in parts)
+    return f"stays up for {outcome.seconds:g} s; errors {outcome.cost:.1f} ({worst}, …)"
+
+
+def _dead_zones(long: Outcome) -> list[str]:
+    """Name the commands that the policy does not answer."""
+    dead = [
+        f"{axis} {wanted:g} of ({', '.join(f'{each:g}' for each in command)}): does {done:.2f}"
+        for command, velocity in long.responses
+        for axis, wanted, done in zip(("vx", "vy", "yaw rate"), command, velocity, strict=True)
+        if wanted and done / wanted < _DEAD
+    ]
+    return [f"commands that it does not answer: {'; '.join(dead)}"] if dead else []
+
+
+def _within(command: Command, contract: PolicyContract) -> Command:
+    """Return the nearest command that the policy knows."""
+    if contract.command_ranges is None:
+        return command
+    vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])
+    return float(vx), float(vy), float(wz)

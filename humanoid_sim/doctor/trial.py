@@ -1,0 +1,340 @@
+"""The policy under examination on its robot, and a closed-loop episode of it under a contract, without support."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from humanoid_sim.assets import motion_path
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
+from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.controllers.rl_policy import infer
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.evaluation.errors import pose_error
+from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
+from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
+from humanoid_sim.evaluation.tracking import TrackingErrors
+from humanoid_sim.messages import SafetyLevel
+from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, FloatArray, MITState
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.robots.description import RobotDescription, with_contract, with_joint_limits
+from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import BatchActuation
+from humanoid_sim.simulation.stability import DampingStability
+
+Command = tuple[float, float, float]
+"""vx, vy in m/s and yaw rate in rad/s."""
+
+_YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
+_SETTLED = 0.5  # s from a new command until the velocity counts
+_PLANTS: tuple[tuple[BatchActuation, float], ...] = (
+    *(("affine", 0.005), ("affine", 0.0025), ("affine", 0.002), ("implicit", 0.0025), ("implicit", 0.002)),
+    *(("affine", 0.001), ("affine", 0.0005)),
+)
+"""Plant and physics step, s, fastest first: where damping is stable the longest gives the figures of the shortest."""
+_STABLE = 1.5  # see simulation.stability
+_NOTICED: Mapping[str, float] = {
+    "velocity": 0.2,  # m/s, of the mean
+    "turning": 0.5,  # rad/s, of the mean
+    "tilt": 0.1,  # rad, root mean square
+    "height": 0.02,  # m, standard deviation
+    "joints": 0.1,  # rad, mean
+    "position": 0.3,  # m, mean
+    "angle": 0.2,  # rad, mean
+    "hand position": 0.1,  # m, root mean square
+    "hand angle": 0.3,  # rad, root mean square
+    "shaking": 5.0,  # rad/s, root mean square of the commanded positions' change
+    "torque": 15.0,  # N·m, root mean square
+}
+"""Errors at which an onlooker begins to notice."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """A policy, its present contract, the motion that it follows, and the robot."""
+
+    contract: PolicyContract
+    policy: Policy
+    description: RobotDescription
+    motion: Motion | None = None
+    in_policy_order: bool = False
+    """The motion comes from the policy's graph: its joints are the policy's, place by place, a frame a policy step."""
+
+    @property
+    def motion_seconds(self) -> float:
+        """s, length of the motion; 0 without one."""
+        return 0.0 if self.motion is None else len(self.motion.frames) * self.contract.policy_dt
+
+    def load(self, contract: PolicyContract) -> LoadedPolicy:
+        """Return the policy and its motion under a contract. Raises `InputError` if they do not fit."""
+        return load_policy(contract, self.policy, self.motion_under(contract))
+
+    def base_reference(self, contract: PolicyContract) -> MotionReference | None:
+        """Return the poses of the robot's base in the motion, as its anchor terms; None if it has none."""
+        motion, base = self.motion, self.description.base.body
+        if motion is None or motion.layout != "joints_bodies_w" or base not in motion.body_names:
+            return None
+        return self.load(replace(contract, anchor_body=base)).reference
+
+    def motion_under(self, contract: PolicyContract) -> Motion | None:
+        """Return the motion as a contract would have it read; None for a policy that follows none."""
+        motion = self.motion
+        if motion is None:
+            return None
+        if not self.in_policy_order:
+            count = max(round(len(motion.frames) * motion.policy_dt / contract.policy_dt), 1)
+            places = (np.arange(count) * contract.policy_dt / motion.policy_dt + 1e-6).astype(np.intp)
+            frames = motion.frames[np.minimum(places, len(motion.frames) - 1)]
+            return replace(motion, frames=frames, policy_dt=contract.policy_dt)
+        motion = replace(motion, policy_dt=contract.policy_dt, joint_names=contract.joint_names)
+        if contract.reference_quaternion == self.contract.reference_quaternion or motion.layout != "joints_bodies_w":
+            return motion
+        start = 2 * len(motion.joint_names) + 3 * len(motion.body_names)
+        frames = motion.frames.copy()
+        shift = 1 if contract.reference_quaternion == "xyzw" else -1
+        turned = np.roll(frames[:, start:].reshape(len(frames), -1, 4), shift, axis=-1)
+        frames[:, start:] = turned.reshape(len(frames), -1)
+        return replace(motion, frames=frames)
+
+
+def load_subject(
+    path: Path, description: RobotDescription, contract_file: Path | None = None, motion: str | None = None
+) -> Subject:
+    """Return a checkpoint on a robot, however wrong its contract.
+
+    Raises `InputError` if it cannot run at all: unreadable, widths that do not fit, no motion, a live input.
+
+    Args:
+        contract_file: a contract.yaml; None: the one beside the model, if there is one.
+        motion: name or file; None: the motion that the model carries.
+    """
+    checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
+    contract, own = checkpoint.contract, checkpoint.motion
+    for name, width in contract.live_inputs.items():
+        raise InputError(f"{path}: needs the live input '{name}' of width {width}, and doctor has none")
+    follows = contract.task_type != "locomotion"
+    if motion is not None and not follows:
+        raise InputError(f"--motion: is '{motion}', but {path} follows no motion")
+    if follows and motion is None and own is None:
+        raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
+    given = None if motion is None else read_motion(motion_path(motion))
+    chosen = (given or own) if follows else None
+    load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
+    return Subject(contract, checkpoint.policy, description, chosen, given is None)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one episode."""
+
+    time_up: float
+    """s until the robot was lost."""
+    seconds: float
+    """s, length of the episode."""
+    parts: Mapping[str, float]
+    """Errors by name, each about 1 where an onlooker begins to notice."""
+    lost: str = ""
+    """Way in which the robot was lost; empty if it stayed up."""
+    responses: Sequence[tuple[Command, FloatArray]] = ()
+    """Each command, and the mean velocity that it led to, shape (3,)."""
+
+    @property
+    def cost(self) -> float:
+        """Sum of the errors: smaller is better."""
+        return sum(self.parts.values())
+
+
+class Simulations:
+    """Robots in simulation for contracts, kept and used again. Not thread-safe."""
+
+    def __init__(self, subject: Subject) -> None:
+        self._subject = subject
+        self._robots: dict[tuple[object, ...], MujocoRobot] = {}
+        self._stability: dict[tuple[object, ...], DampingStability] = {}
+
+    def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
+        """Run a contract once; one that cannot run is lost at 0 s. The same contract gives the same outcome.
+
+        Args:
+            seconds: length of the episode.
+            commands: velocity commands, for equal shares of the time.
+        """
+        try:
+            loaded, robot = self._subject.load(contract), self.robot(contract)
+            robot.activate()
+            one = OneRobot(robot)
+            contract = with_joint_limits(contract, robot.description)
+            wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
+            loop = ClosedLoop(one, wiring, np.array(commands[0]))
+        except (FieldError, InputError) as error:
+            return Outcome(0.0, seconds, {}, str(error))
+        score, period = _Score(loaded, robot, self._subject.base_reference(contract)), contract.policy_dt
+        steps = round(seconds / period)
+        for step in range(steps):
+            command = commands[step * len(commands) // steps]
+            lost = score.look(int(loop.memory.frame), loop.state, robot.base_state)
+            if one.safety.level >= SafetyLevel.FAULT:
+                lost = one.safety.message
+            elif has_run_away(loop.state.joint_velocity):
+                lost = "the joints run away"
+            inferred = infer(wiring, loaded.policy, loop.observation, int(loop.memory.frame))
+            if lost or isinstance(inferred, Fault):
+                lost = lost or inferred.message  # type: ignore[union-attr]
+                return Outcome(step * period, seconds, score.parts(period), lost, score.responses())
+            sent = loop.act(inferred.action, velocity=np.array(command))
+            is_settled = step * period % (seconds / len(commands)) >= _SETTLED
+            score.add(loop.state, robot.base_state, sent.position, command if is_settled else None)
+        return Outcome(seconds, seconds, score.parts(period), "", score.responses())
+
+    def robot(self, contract: PolicyContract) -> MujocoRobot:
+        """Return the robot in the contract's default pose, on the fastest plant that is stable with its gains."""
+        order, limits = np.argsort(contract.joint_names), contract.effort_limit
+        actuation, timestep = self._plant(contract)
+        key = (
+            actuation,
+            timestep,
+            contract.default_joint_pos[order].tobytes(),
+            None if limits is None else limits[order].tobytes(),
+            contract.model_joint_damping,
+            contract.policy_dt,
+            contract.anchor_body,
+            contract.velocity_points,
+        )
+        if key not in self._robots:
+            self._robots[key] = MujocoRobot(
+                self._limp(contract),
+                control_period=contract.policy_dt,
+                physics_timestep=timestep,
+                actuation=actuation,
+                support=False,
+                base_yaw=_YAW,
+                anchor_body=contract.anchor_body,
+                velocity_at=contract.velocity_points,
+                height_scan=contract.height_scan,
+            )
+        return self._robots[key]
+
+    def _plant(self, contract: PolicyContract) -> tuple[BatchActuation, float]:
+        robot = self._subject.description
+        own = [contract.joint_names.index(name) for name in robot.joint_names]
+        for actuation, timestep in _PLANTS:
+            try:
+                steps_per_period(contract.policy_dt, timestep)
+            except InputError:
+                continue
+            key = actuation, timestep, contract.model_joint_damping
+            if key not in self._stability:
+                is_implicit = actuation == "implicit"
+                model = build_model(
+                    self._limp(contract),
+                    physics_timestep=timestep,
+                    affine_actuators=True,
+                    implicit=is_implicit,
+                    scene=False,
+                )
+                self._stability[key] = DampingStability(model, self._limp(contract))
+            if self._stability[key].suits(contract.joint_damping[own], contract.joint_stiffness[own], _STABLE):
+                return actuation, timestep
+        raise InputError("its damping is unstable in simulation")
+
+    def _limp(self, contract: PolicyContract) -> RobotDescription:
+        """Return the robot in the contract's default pose, without gains: they come with every command."""
+        zeros = np.zeros(len(contract.joint_names))
+        return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
+
+
+_SQUARED = ("shaking", "torque", "tilt")
+
+
+class _Score:
+    """Errors of one episode: the robot in the world, whatever the contract says."""
+
+    def __init__(self, loaded: LoadedPolicy, robot: MujocoRobot, base: MotionReference | None) -> None:
+        contract, terms = loaded.contract, loaded.reference.terms
+        self._walks = contract.task_type == "locomotion" and robot.base_state is not None
+        self._targets = loaded.reference if "reference_joint_pos" in terms else None
+        self._base, self._poses = base, base or loaded.reference
+        self._alignment: Alignment | None = None
+        self._order = joint_indices(contract.joint_names, robot.joints, "joint_names of the policy")
+        self._bodies: TrackingErrors | None = None
+        if "motion_body_pos_b" in terms:
+            frames = np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]])
+            self._bodies = TrackingErrors(robot.description, frames, contract.body_names, contract.policy_dt)
+        self._values: dict[str, list[float]] = {}
+        self._velocities: dict[Command, list[FloatArray]] = {}
+        self._sent: FloatArray | None = None
+        self._standing = 0.0
+
+    def _add(self, name: str, value: float) -> None:
+        self._values.setdefault(name, []).append(value)
+
+    def look(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """Compare the state with the reference's frame; return how the robot was lost, or ''."""
+        if self._bodies is not None:
+            self._bodies.update(frame, state.joint_position)
+        if self._targets is not None:
+            target = self._targets.term("reference_joint_pos", frame)
+            self._add("joints", float(np.abs(state.joint_position[self._order] - target).mean()))
+        pose = self._pose(state, base)
+        if pose is not None:
+            self._alignment = self._alignment or self._poses.align(pose)
+            error = pose_error(pose, *self._poses.anchor(frame, self._alignment))
+            self._add("position", float(error.distance))
+            self._add("angle", float(error.angle))
+            return describe_stray(error) if has_strayed(error) else ""
+        if base is None:
+            return ""
+        self._standing = self._standing or float(base.mass_height)
+        return describe_fall(base, self._standing) if has_fallen(base, self._standing) else ""
+
+    def _pose(self, state: MITState, base: BaseState | None) -> FloatArray | None:
+        """Return the pose of the body that is compared with the motion, shape (7,); None if there is none."""
+        if self._base is not None and base is not None:
+            return np.concatenate([base.position, base.quaternion])
+        live = state.extern.get(ANCHOR_POSE)
+        return live.value if live is not None and "anchor_pos" in self._poses.terms else None
+
+    def add(self, state: MITState, base: BaseState | None, sent: FloatArray, command: Command | None) -> None:
+        """Take in a policy step: the positions sent, the state after it, and the command; None: not settled yet."""
+        if self._sent is not None:
+            self._add("shaking", float(((sent - self._sent) ** 2).mean()))
+        self._sent = sent
+        self._add("torque", float((state.joint_effort**2).mean()))
+        if self._walks and base is not None:
+            self._add("tilt", float(base.tilt) ** 2)
+            if command is not None:
+                self._velocities.setdefault(command, []).append(np.array(base.planar_velocity))
+                self._add("height", float(base.height))
+
+    def parts(self, period: float) -> dict[str, float]:
+        """Return the errors, each about 1 where an onlooker begins to notice."""
+        errors = {name: float(np.mean(values)) for name, values in self._values.items()}
+        errors |= {name: math.sqrt(errors[name]) for name in _SQUARED if name in errors}
+        if "shaking" in errors:
+            errors["shaking"] /= period
+        if "height" in errors:
+            errors["height"] = float(np.std(self._values["height"]))
+        off = np.array([mean - np.array(command) for command, mean in self.responses()])
+        if len(off):
+            errors["velocity"] = float(np.hypot(off[:, 0], off[:, 1]).mean())
+            errors["turning"] = float(np.abs(off[:, 2]).mean())
+        if self._bodies is not None:
+            hands = self._bodies.summary().hands
+            errors |= {"hand position": hands.position_rms, "hand angle": hands.orientation_rms}
+        return {name: value / _NOTICED[name] for name, value in errors.items()}
+
+    def responses(self) -> list[tuple[Command, FloatArray]]:
+        """Return each command, and the mean velocity that it led to, shape (3,)."""
+        return [(command, np.mean(each, axis=0)) for command, each in self._velocities.items()]

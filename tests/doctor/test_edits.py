@@ -1,0 +1,123 @@
+"""The space of single edits, on small contracts that have every kind of term."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from models import contract_of
+from plants import alike, at_rate, gains_listed, multiplied, no_pose, relabelled, swapped, term, terms_swapped, turned
+
+from humanoid_sim.controllers.contract import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor.edits import RobotFacts, asymmetry, contract_key, single_edits
+
+JOINTS = ("left_hip_pitch", "left_hip_roll", "left_knee", "right_hip_pitch", "right_hip_roll", "right_knee")
+BREADTH_FIRST = ("left_hip_pitch", "right_hip_pitch", "left_hip_roll", "right_hip_roll", "left_knee", "right_knee")
+FACTS = RobotFacts(
+    joint_names=JOINTS,
+    breadth_first=BREADTH_FIRST,
+    effort_limit=np.array([88.0, 139.0, 139.0] * 2),
+    stiffness=np.zeros(6),
+    damping=np.zeros(6),
+    initial_position=np.array([-0.2, 0.0, 0.4] * 2),
+    motion_bodies=("pelvis", "torso"),
+    points=("imu_in_pelvis",),
+)
+WALKER = contract_of(
+    JOINTS,
+    joint_stiffness=[40.0, 99.0, 60.0] * 2,
+    joint_damping=[2.0, 6.0, 3.0] * 2,
+    default_joint_pos=[-0.2, 0.0, 0.4] * 2,
+    action_scale=[0.55, 0.35, 0.45] * 2,
+    observation=[
+        Term("base_lin_vel", history=3),
+        Term("base_ang_vel", scale=0.25, history=3),
+        Term("projected_gravity", history=3),
+        Term("velocity_commands", history=3),
+        Term("joint_pos", history=3),
+        Term("joint_vel", scale=0.05, joints=JOINTS, history=3),
+        Term("last_action", history=3),
+        Term("imu_quaternion", history=3),
+        Term("gait_phase", history=3),
+    ],
+    command_names=("twist",),
+    phase=PhaseRule(0.8),
+)
+TRACKER = contract_of(
+    JOINTS,
+    task_type="tracking",
+    observation=["command", "motion_anchor_pos_b", "motion_anchor_ori_b", "joint_pos", "actions"],
+    command_names=("motion",),
+    body_names=("pelvis", "torso"),
+    anchor_body="torso",
+)
+
+PLANTS = {
+    "two joints swapped": swapped("left_hip_roll", "left_knee"),
+    "mirror images swapped": swapped("left_knee", "right_knee"),
+    "order of all joints": relabelled(BREADTH_FIRST),
+    "sign of a joint": turned("right_knee"),
+    "gains x 2": multiplied(2.0, "joint_stiffness", "joint_damping"),
+    "action scale x 0.5": multiplied(0.5, "action_scale"),
+    "action scale x 2": multiplied(2.0, "action_scale"),
+    "default pose zero": no_pose,
+    "gravity sign": term("projected_gravity", scale=-1.0),
+    "quaternion order": term("imu_quaternion", quaternion="xyzw"),
+    "gyro in the world frame": term("base_ang_vel", frame="world"),
+    "velocity of a site": term("base_lin_vel", at="imu_in_pelvis"),
+    "absolute joint positions": term("joint_pos", relative=False),
+    "last action scaled": term("last_action", form="scaled"),
+    "scale of a term": term("base_ang_vel", scale=1.0),
+    "two terms swapped": terms_swapped("joint_pos", "joint_vel"),
+    "25 Hz": at_rate(25.0),
+    "gains in another order": gains_listed(BREADTH_FIRST),
+    "history layout": lambda contract: replace(contract, history_layout="per_step"),
+    "history order": lambda contract: replace(
+        contract, observation=tuple(replace(item, history_order="newest_first") for item in contract.terms)
+    ),
+    "the other foot first": lambda contract: replace(contract, phase=PhaseRule(0.8, offsets=np.array([np.pi, 0.0]))),
+}
+
+
+OF_MOTIONS = {
+    "anchor body": lambda contract: replace(contract, anchor_body="pelvis"),
+    "heading": lambda contract: replace(contract, align_reference=False),
+    "the motion's quaternions": lambda contract: replace(contract, reference_quaternion="xyzw"),
+    "two rows": term("motion_anchor_ori_b", layout="two_rows"),
+    "column by column": term("motion_anchor_ori_b", layout="columns"),
+    "inverse rotation": term("motion_anchor_ori_b", inverse=True),
+    "anchor in the world frame": term("motion_anchor_pos_b", frame="world"),
+    "relative command": term("command", relative=True),
+}
+
+
+@pytest.mark.parametrize(
+    ("right", "plant"),
+    [(WALKER, plant) for plant in PLANTS.values()] + [(TRACKER, plant) for plant in OF_MOTIONS.values()],
+    ids=[*PLANTS, *OF_MOTIONS],
+)
+def test_one_edit_undoes_a_usual_mistake(right, plant):
+    wrong = plant(right)
+    assert contract_key(wrong) != contract_key(right)
+    assert contract_key(right) in {contract_key(edit.contract) for edit in single_edits(wrong, FACTS)}
+
+
+@pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])
+def test_no_contract_is_tried_twice(contract):
+    edits = single_edits(contract, FACTS, all_pairs=True)
+    assert len({contract_key(edit.contract) for edit in edits} - {contract_key(contract)}) == len(edits)
+    assert len({edit.name for edit in edits}) == len(edits)
+
+
+def test_gains_that_break_the_symmetry_of_the_robot_are_not_proposed():
+    assert asymmetry(WALKER) == 0
+    gains = [edit for edit in single_edits(WALKER, FACTS) if "gain" in edit.family]
+    assert gains
+    assert all(asymmetry(edit.contract) == 0 for edit in gains)
+
+
+def test_a_flipped_sign_is_named_as_such_and_not_as_a_set_of_scales():
+    plain = replace(WALKER, observation=tuple(replace(item, scale=1.0) for item in WALKER.terms))
+    wrong = term("projected_gravity", scale=-1.0)(plain)
+    (answer,) = [edit for edit in single_edits(wrong, FACTS) if alike(edit.contract, plain)]
+    assert answer.family == "projected_gravity sign"

@@ -1,0 +1,120 @@
+"""The search on a trace: the shipped walker's first steps, under its right contract, are the trainer's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import alike, at_rate, multiplied, no_pose, swapped, term, turned
+
+from humanoid_sim.assets import policy_path
+from humanoid_sim.controllers.policy_step import PolicyWiring
+from humanoid_sim.doctor.samples import Samples
+from humanoid_sim.doctor.search import search_trace
+from humanoid_sim.doctor.trial import Simulations, load_subject
+from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
+from humanoid_sim.mit import EXTERN_WIDTHS
+from humanoid_sim.robots.description import load_robot
+
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return load_subject(policy_path("lite_biped_velocity"), load_robot("lite_biped"))
+
+
+@pytest.fixture(scope="module")
+def steps(walker):
+    """The arrays of a trace, and the efforts by the right gains."""
+    loaded, robot = walker.load(walker.contract), Simulations(walker).robot(walker.contract)
+    wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
+    robot.activate()
+    velocity = np.array([0.3, 0.1, 0.2])
+    loop, rows = ClosedLoop(OneRobot(robot), wiring, velocity), []
+    for _ in range(STEPS):
+        state, seen = loop.state, loop.observation
+        row = {"qpos": robot.qpos, "qvel": robot.data.qvel.copy(), "obs": seen}
+        row |= {"joint_position": state.joint_position, "joint_velocity": state.joint_velocity}
+        row |= {"imu_quaternion": state.imu_quaternion, "imu_angular_velocity": state.imu_angular_velocity}
+        row["action"] = walker.policy(seen, 0)
+        sent = loop.act(row["action"])
+        off = sent.position - state.joint_position
+        row["effort"] = sent.stiffness * off - sent.damping * state.joint_velocity
+        rows.append(row)
+    arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    return {**arrays, "cmd": velocity, "joint_names": np.array(robot.joints)}
+
+
+@pytest.fixture
+def search(walker, steps, tmp_path):
+    def run(contract, left_out=("effort",), **changed):
+        arrays = {name: array for name, array in {**steps, **changed}.items() if name not in left_out}
+        path = tmp_path / "trace.npz"
+        np.savez(path, **arrays)
+        subject = replace(walker, contract=contract)
+        return search_trace(subject, Samples(subject, path))
+
+    return run
+
+
+def test_the_right_contract_is_clean(walker, search):
+    result = search(walker.contract)
+    assert result.is_healthy
+    assert result.finding is None
+    assert result.rows == ()
+
+
+def plants(joints):
+    return {
+        "gravity sign": term("projected_gravity", scale=-1.0),
+        "gyro in the world frame": term("base_ang_vel", frame="world"),
+        "two joints swapped": swapped(joints[1], joints[4]),
+        "sign of a joint": turned(joints[3]),
+        "gains x 2": multiplied(2.0, "joint_stiffness", "joint_damping"),
+        "action scale x 0.5": multiplied(0.5, "action_scale"),
+        "default pose zero": no_pose,
+        "25 Hz": at_rate(25.0),
+    }
+
+
+@pytest.mark.parametrize("plant", plants("abcdef"))
+def test_a_planted_mistake_is_found_at_once(walker, search, plant):
+    right = walker.contract
+    result = search(plants(right.joint_names)[plant](right))
+    assert not result.is_healthy
+    assert alike(result.finding.contract, right)
+
+
+def test_gains_follow_from_the_efforts_where_the_base_is_unknown(walker, search):
+    right = walker.contract
+    wrong = multiplied(1.5, "joint_stiffness", "joint_damping")(right)
+    result = search(wrong, left_out=("qpos", "qvel"))
+    assert result.finding.family == "gains"
+    np.testing.assert_allclose(result.finding.contract.joint_stiffness, right.joint_stiffness, rtol=0.01)
+    np.testing.assert_allclose(result.finding.contract.joint_damping, right.joint_damping, rtol=0.01)
+    assert search(right, left_out=("qpos", "qvel")).is_healthy
+
+
+def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
+    right = walker.contract
+    joint = right.joint_names[3]
+    result = search(turned(joint)(term("projected_gravity", scale=-1.0)(right)))
+    assert result.finding is None
+    assert not result.is_healthy
+    assert joint in result.notes[0]
+    assert "projected_gravity" in result.notes[0]
+
+
+def test_one_sample_that_disagrees_is_enough_to_refuse_an_edit(walker, steps, search):
+    observed = steps["obs"].copy()
+    observed[STEPS // 2, 0] += 0.5
+    actions = np.stack([walker.policy(row, 0) for row in observed])
+    result = search(term("projected_gravity", scale=-1.0)(walker.contract), obs=observed, action=actions)
+    assert result.finding is None
+    assert not result.is_healthy
+
+
+def test_the_trace_of_another_network_is_refused(walker, steps, search):
+    with pytest.raises(InputError, match="action"):
+        search(walker.contract, action=steps["action"] + 0.1)

@@ -1,0 +1,93 @@
+"""The verdict on simulated episodes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from models import contract_of
+from plants import term
+
+from humanoid_sim.assets import policy_path
+from humanoid_sim.doctor.edits import Edit
+from humanoid_sim.doctor.search import judge, search_episodes
+from humanoid_sim.doctor.trial import Outcome, Simulations, load_subject
+from humanoid_sim.robots.description import load_robot
+
+PAIR = contract_of(("left_knee", "right_knee"), joint_stiffness=[40.0, 40.0])
+UNEVEN = replace(PAIR, joint_stiffness=np.array([40.0, 80.0]))
+UP = Outcome(15.0, 15.0, {"velocity": 1.0})
+LOST = Outcome(0.7, 15.0, {"tilt": 9.0}, "fell")
+
+
+def up(errors):
+    return Outcome(4.0, 4.0, {"velocity": errors})
+
+
+def lost(seconds):
+    return Outcome(seconds, 4.0, {"velocity": 0.1}, "fell")
+
+
+def edit(name, contract=PAIR, doubt=0.0):
+    return Edit(name, name, contract, doubt)
+
+
+@pytest.mark.parametrize(
+    ("present", "long", "tried", "finding", "is_healthy"),
+    [
+        (up(2.0), UP, [(edit("a"), up(1.9))], None, True),  # some edit suits every healthy policy
+        (up(2.0), UP, [(edit("a"), up(1.9)), (edit("b"), up(1.2))], "b", False),
+        (up(2.0), UP, [(edit("a"), lost(3.9))], None, True),
+        (up(2.0), UP, [(edit("a", UNEVEN), up(1.5))], None, True),  # gains that differ between the sides
+        (up(2.0), LOST, [(edit("a"), up(1.9))], None, False),
+        (lost(3.9), LOST, [(edit("a"), lost(3.95)), (edit("b"), up(9.0))], "b", False),
+        (lost(3.9), LOST, [(edit("a"), lost(3.95))], None, False),
+        (lost(1.0), LOST, [(edit("a", doubt=0.5), up(1.0)), (edit("b"), up(1.2))], "b", False),
+        (lost(1.0), LOST, [(edit("a", UNEVEN), up(1.0)), (edit("b"), up(1.2))], "b", False),
+    ],
+)
+def test_an_edit_is_a_finding_where_it_keeps_the_robot_up_or_saves_much(present, long, tried, finding, is_healthy):
+    result = judge(PAIR, present, long, tried)
+    assert (result.finding and result.finding.name) == finding
+    assert result.is_healthy is is_healthy
+
+
+def test_edits_that_do_as_well_are_named_beside_the_first():
+    result = judge(PAIR, lost(1.0), LOST, [(edit("a"), up(1.0)), (edit("b"), up(1.04)), (edit("c"), up(1.2))])
+    assert [row.edit.name for row in result.rows] == ["a", "b"]
+
+
+def test_commands_that_the_policy_does_not_answer_are_named():
+    responses = [((0.5, 0.0, 0.5), np.array([0.45, 0.0, 0.4])), ((0.0, 0.4, 0.0), np.array([0.0, 0.01, 0.0]))]
+    result = judge(PAIR, up(1.0), replace(UP, responses=responses), [])
+    (dead,) = [note for note in result.notes if "answer" in note]
+    assert "vy 0.4" in dead
+    assert "vx" not in dead
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return load_subject(policy_path("lite_biped_velocity"), load_robot("lite_biped"))
+
+
+def test_an_episode_can_be_repeated_to_the_bit(walker):
+    simulations, command = Simulations(walker), [(0.3, 0.0, 0.3)]
+    first = simulations.run(walker.contract, 1.0, command)
+    soft = replace(walker.contract, joint_stiffness=0.1 * walker.contract.joint_stiffness)
+    assert simulations.run(soft, 1.0, command).cost > first.cost
+    again = simulations.run(walker.contract, 1.0, command)
+    assert first.lost == ""
+    assert (first.parts, first.time_up) == (again.parts, again.time_up)
+
+
+def test_a_contract_that_cannot_run_is_lost_at_once(walker):
+    outcome = Simulations(walker).run(replace(walker.contract, policy_dt=0.0333), 1.0, [(0.3, 0.0, 0.0)])
+    assert outcome.time_up == 0.0
+    assert outcome.lost
+
+
+def test_a_planted_sign_is_found_in_simulation(walker):
+    wrong = term("projected_gravity", scale=-1.0)(walker.contract)
+    shown = []
+    result = search_episodes(replace(walker, contract=wrong), lambda done, total: shown.append((done, total)))
+    assert result.finding.family == "projected_gravity sign"
+    assert shown[-1][0] == shown[-1][1] == len(shown)
