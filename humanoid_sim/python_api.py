@@ -263,7 +263,8 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     from humanoid_sim.doctor.report import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
     chosen = _of_policy(policy)
-    checkpoint = policy_path(chosen.pop("policy"), "diagnose")
+    (name,) = chosen.pop("policy")
+    checkpoint = policy_path(name, "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
     found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
     document = found.document()

@@ -23,7 +23,6 @@ from humanoid_sim.robots.mjcf import bare_model, own_actuators, own_joint_dampin
 from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
 
 _SIDES = (("left", "right"), ("Left", "Right"), ("LL", "LR"), ("L_", "R_"), ("l_", "r_"), ("_L", "_R"), ("_l", "_r"))
-_NEAR = 2  # joints apart on a limb
 _LEGGED_GYM: Mapping[str, Any] = {"base_ang_vel": 0.25, "joint_vel": 0.05}
 _COMMANDS: Mapping[str, Any] = {
     **{"base_lin_vel": 2.0, "velocity_command": (2.0, 2.0, 0.25), "command_lin_vel": 2.0, "command_ang_vel": 0.25}
@@ -162,7 +161,7 @@ def _joint_orders(contract: PolicyContract, robot: RobotFacts, all_pairs: bool) 
     mirror = mirrored(names)
     for one, other in combinations(names, 2):
         is_near = abs(names.index(one) - names.index(other)) == 1 or mirror.get(one) == other
-        is_near |= abs(place[one] - place[other]) <= _NEAR and _side(one) == _side(other)
+        is_near |= abs(place[one] - place[other]) == 1 and _side(one) == _side(other)
         if all_pairs or is_near:
             swap = {one: other, other: one}
             order = tuple(swap.get(name, name) for name in names)
