@@ -15,7 +15,6 @@ import numpy.typing as npt
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.controllers.rotation import rotation_angle
-from humanoid_sim.errors import FieldError
 from humanoid_sim.evaluation.errors import length, pose_error
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -89,23 +88,14 @@ class TrackingErrors(_Errors):
         body_names: tuple[str, ...],
         policy_dt: float,
     ) -> None:
-        """Look the bodies up.
+        """Look the bodies up. Raises `InputError` if the robot lacks one.
 
         Args:
             frames: shape (F, 9 B), tracking frames `[positions 3 B | orientations 6 B]`, m, base frame.
             body_names: the B bodies.
             policy_dt: s between two frames.
-
-        Raises:
-            InputError: if the robot lacks one of the bodies.
-            FieldError: if the frames' width does not fit the bodies.
         """
         count = len(body_names)
-        if frames.ndim != 2 or frames.shape[1] != 9 * count or count == 0:
-            raise FieldError(
-                f"TrackingErrors.frames: shape is {frames.shape}, expected (F, {9 * count}), "
-                f"9 for each of {count} bodies"
-            )
         super().__init__(len(frames), (count, 2))
         self._kinematics = ForwardKinematics(description, body_names)
         self.names = body_names

@@ -27,25 +27,21 @@ from humanoid_sim.regress.suite import Suite
 
 _CASE_TOLERANCE = 2.0
 """Tolerance for a single case, in multiples of that for the mean over all of them."""
-CONFIDENCE = 0.95
-"""Probability that none of a candidate's intervals misses its change."""
+_CONFIDENCE = 0.95  # that none of a candidate's intervals misses its change
 _RESAMPLES, _SEED = 10_000, 2026
+_ROUNDING = 1e-9  # in any unit: machines of a kind may differ in the last bits
 _MOST_FREEDOM = 1e4
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)  # that `student_quantile` integrates over
 
 
 def compare_runs(suite: Suite, baseline: PolicyRun, run: PolicyRun) -> tuple[Comparison, ...]:
-    """Return every metric that the suite judges of a run against the baseline's.
-
-    The confidence of the suite is that of all metrics' intervals together (Bonferroni), so that a suite does not raise
-    more false alarms for having more metrics.
-    """
+    """Return every metric that the suite judges of a run against the baseline's."""
     return tuple(_compare(suite, metric, baseline, run) for metric in suite.metrics)
 
 
 def _compare(suite: Suite, metric: Metric, baseline: PolicyRun, run: PolicyRun) -> Comparison:
     name, is_failure = metric.name, metric.name in failures_of(suite.task)
-    confidence = 1.0 - (1.0 - CONFIDENCE) / len(suite.metrics)
+    confidence = 1.0 - (1.0 - _CONFIDENCE) / len(suite.metrics)  # Bonferroni: more metrics raise no more alarms
     old, new = baseline.values(name), run.values(name)
     seeds = {case: sorted(old[case].keys() & new[case].keys()) for case in sorted(old.keys() & new.keys())}
     was, now = (
@@ -87,6 +83,8 @@ def _compare(suite: Suite, metric: Metric, baseline: PolicyRun, run: PolicyRun) 
 def _verdict(metric: Metric, change: Interval, tolerance: float) -> Verdict:
     """Judge by where the interval of the worsening lies."""
     low, high = (change.low, change.high) if metric.better == "lower" else (-change.high, -change.low)
+    if max(-low, high) < _ROUNDING:
+        return "no difference seen"
     if low > tolerance:
         return WORSE
     if low > 0.0:
@@ -99,7 +97,7 @@ def _mean(cases: Sequence[FloatArray]) -> float:
 
 
 class Interval(NamedTuple):
-    """A mean and where it lies with some confidence."""
+    """A mean with its confidence interval."""
 
     mean: float
     low: float

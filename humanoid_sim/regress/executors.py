@@ -21,10 +21,8 @@ from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, prepare_policy
 from humanoid_sim.regress.results import Episode
 
-Advance = Callable[[int], object]
-"""Called with how many episodes have just ended."""
-Executor = Callable[[TestedPolicy, Advance], list[Episode]]
-"""Function that runs every case with every seed and returns the episodes case by case, seed by seed."""
+Advance = Callable[[int], object]  # of so many episodes that have just ended
+Executor = Callable[[TestedPolicy, Advance], list[Episode]]  # case by case, seed by seed
 _CHUNK = 8  # seeds of one task of a cluster
 
 

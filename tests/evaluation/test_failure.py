@@ -180,13 +180,6 @@ def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
     assert failure.has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]
 
 
-def test_definitions_name_their_numbers():
-    assert "below 0.6 of the height" in DEFINITIONS["fall"]
-    assert "more than 1 rad" in DEFINITIONS["fall"]
-    assert "0.3 m from the motion" in DEFINITIONS["loss"]
-    assert "0.35 m off its height or leans by more than 1.2 rad" in DEFINITIONS["loss"]
-
-
 def test_what_differs_is_named():
     assert differing(DEFINITIONS) == ()
     assert differing({**DEFINITIONS, "loss": "it is out of sight"}) == ("loss",)

@@ -25,6 +25,7 @@ def compare(baseline, candidate, suite=None):
     [
         (1.0, 0.0, "no difference seen"),
         (1.0, 0.1, "no difference seen"),
+        (1.0 + 1e-12, 0.0, "no difference seen"),
         (1.02, 0.01, "worse within tolerance"),
         (1.05, 0.2, "worse within tolerance"),  # worse, and not shown to be beyond tolerance
         (1.1, 0.1, "worse beyond tolerance"),
