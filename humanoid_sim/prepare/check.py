@@ -80,8 +80,4 @@ def _check_joints(motion: SourceMotion, joints: FloatArray, skeleton: Skeleton) 
     if abs(rate[frame, joint]) > limit[joint]:
         speed = f"{abs(rate[frame, joint]):.3g} rad/s in frame {frame}, the robot's limit is {limit[joint]:.3g}"
         lines.append(f"note: joint '{names[joint]}' moves at {speed}")
-    if motion.joint_velocity is not None:
-        off, usual = (float(np.sqrt((each * each).mean())) for each in (motion.joint_velocity - rate, rate))
-        if off > 0.5 * usual:
-            lines.append(f"note: joint velocities are {off:.2g} rad/s rms from the derivatives of the positions")
     return lines

@@ -20,17 +20,17 @@ from humanoid_sim.prepare.sources import SourceMotion, even_times, joint_of, pos
 _FORMAT = "v3.0"
 _CONVERTER = "convert_dataset_v21_to_v30"
 _WIDTHS = {"body_pos_w": 3, "body_quat_w": 4, "motion_body_pos_b": 3, "motion_body_ori_b": 6}
+_EPISODE_COLUMNS = ["episode_index", "length", "data/chunk_index", "data/file_index"]
 ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
 """Parts of a motion; a feature whose name ends in one of them is it, and one that ends in `state` joint positions."""
 
 
-def dataset_folder(name: str) -> Path:
-    """Return the folder of a dataset: of that path, of LeRobot's own copy, or fetched from the hub without videos."""
+def hub_dataset(name: str) -> Path:
+    """Return the folder of a dataset on the hub: LeRobot's own copy, else fetched, without its videos."""
     cache = os.environ.get("HF_HOME", "~/.cache/huggingface")
-    kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser()
-    for folder in (Path(name), kept / name):
-        if (folder / "meta").is_dir():
-            return folder
+    kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser() / name
+    if (kept / "meta").is_dir():
+        return kept
     with needing("huggingface_hub", "lerobot", f"fetching the dataset '{name}'"):
         from huggingface_hub import snapshot_download  # noqa: PLC0415 - optional
     try:
@@ -48,7 +48,8 @@ def read_dataset(folder: Path, episode: int | None, roles: Mapping[str, str], jo
         if info["codebase_version"] != _FORMAT:
             version = one_line(str(info["codebase_version"]))[:80]
             raise InputError(f"{folder}: has LeRobot's format {version}, expected {_FORMAT}; {_conversion()}")
-        rows = {row["episode_index"]: row for row in parquet.read_table(folder / "meta" / "episodes").to_pylist()}
+        listed = parquet.read_table(folder / "meta" / "episodes", columns=_EPISODE_COLUMNS).to_pylist()
+        rows = {row["episode_index"]: row for row in listed}
         chosen = 0 if episode is None and len(rows) == 1 else episode
         if chosen not in rows:
             raise InputError(f"--episode: is {chosen}, expected one of the {len(rows)} episodes of {folder}, from 0")

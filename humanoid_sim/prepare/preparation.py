@@ -15,7 +15,7 @@ from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.check import check
 from humanoid_sim.prepare.conventions import Skeleton, interpret
 from humanoid_sim.prepare.convert import at_rate, convert
-from humanoid_sim.prepare.lerobot_dataset import dataset_folder, parse_roles, read_dataset
+from humanoid_sim.prepare.lerobot_dataset import hub_dataset, parse_roles, read_dataset
 from humanoid_sim.prepare.sources import SourceMotion, read_csv, read_joint_states, read_npz
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -118,7 +118,8 @@ def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> Sourc
     if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
         return read_joint_states(path, options.topic, joints)
     if path.is_dir() or str(path).count("/") == 1:
-        return read_dataset(dataset_folder(str(path)), options.episode, parse_roles(options.features), joints)
+        folder = path if path.is_dir() else hub_dataset(str(path))
+        return read_dataset(folder, options.episode, parse_roles(options.features), joints)
     raise InputError(
         f"--motion: is '{path}', expected an .npz, .csv or .mcap file, a folder of rosbag2, or a LeRobot dataset: "
         "its folder, or user/name on the hub"

@@ -12,7 +12,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
-from humanoid_sim.prepare.lerobot_dataset import dataset_folder
+from humanoid_sim.prepare.lerobot_dataset import hub_dataset
 
 POLICY = asset_path("policies", "lite_tracking.onnx")
 ORDER = np.random.default_rng(2).permutation(14)
@@ -113,6 +113,11 @@ def test_what_is_missing_or_ambiguous_is_named(tmp_path, capsys, columns, option
     assert error.count("\n") == 1
 
 
+def test_a_folder_that_is_no_dataset(tmp_path, capsys):
+    pytest.importorskip("pyarrow")
+    assert "info.json: no such file" in refusal(capsys, tmp_path, tmp_path)
+
+
 def test_frames_that_are_missing(tmp_path, capsys):
     root = write(tmp_path / "dances", IN_BASE)
     path = root / "data" / "chunk-000" / "file-000.parquet"
@@ -141,7 +146,7 @@ def test_older_formats_name_the_converter_that_is_installed(tmp_path, capsys, mo
 def test_a_dataset_of_the_hub(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "home"))
     kept = write(tmp_path / "home" / "lab" / "kept", IN_BASE)
-    assert dataset_folder("lab/kept") == kept
+    assert hub_dataset("lab/kept") == kept
     hub = types.ModuleType("huggingface_hub")
     fetched = write(tmp_path / "hub", IN_BASE)
     hub.snapshot_download = lambda name, **_: {"lab/dances": str(fetched)}[name]
