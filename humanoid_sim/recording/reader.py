@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeAlias
@@ -227,46 +227,22 @@ _DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_e
 def open_recording(path: str | os.PathLike[str]) -> Recording:
     """Open a recording and read its header. Raises `InputError` naming the file and what is wrong with it."""
     path = Path(path)
-    parts = _HeaderParts()
+    documents: Mapping[str, str] = {}
+    attachments: dict[str, bytes] = {}
     with _open(path) as file:
         stream = McapStream(file)
         for record in stream:
-            try:
-                parts.look(record)
-            except HeaderError as error:
-                raise InputError(f"{path}: {error}") from None
-            header = parts.take()
-            if header is not None:
-                return Recording(path, header)
-            if isinstance(record, Message):
+            if isinstance(record, Attachment):
+                attachments[record.name] = record.data
+            elif isinstance(record, Metadata) and record.name == DOCUMENTS:
+                documents = record.metadata
+            elif isinstance(record, Metadata) and record.name == SESSION:
+                with blaming(path, HeaderError):
+                    return Recording(path, parse_header(record.metadata, documents, attachments))
+            elif isinstance(record, Message):
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
     raise InputError(f"{path}: {reason}")
-
-
-class _HeaderParts:
-    """Puts a header together from its records: it stands at the front, and another before each `POLICY` event."""
-
-    def __init__(self) -> None:
-        self._documents: dict[str, str] = {}
-        self._attachments: dict[str, bytes] = {}
-        self._header: SessionHeader | None = None
-
-    def look(self, record: object) -> None:
-        """Take a record of the file. Raises `HeaderError` if it completes a header that is damaged."""
-        if isinstance(record, Attachment):
-            self._attachments[record.name] = record.data
-        elif isinstance(record, Metadata) and record.name == DOCUMENTS:
-            self._documents = record.metadata
-        elif isinstance(record, Metadata) and record.name == SESSION:
-            documents, attachments = self._documents, self._attachments
-            self._documents, self._attachments = {}, {}
-            self._header = parse_header(record.metadata, documents, attachments)
-
-    def take(self) -> SessionHeader | None:
-        """Give the header that is complete since the last call; None without one."""
-        header, self._header = self._header, None
-        return header
 
 
 def _open(path: Path) -> IO[bytes]:

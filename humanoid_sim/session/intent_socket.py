@@ -1,7 +1,8 @@
 """Intents from other programs on the machine: a Unix datagram socket that only its user can reach.
 
-It carries intents, `reactivate`, `load`, a simulation's controls, safety statuses and marks alone, so no flood of data
-can keep a DAMP waiting. It is drained completely in every tick before anything else comes in, and all of it answered.
+It carries intents, `reactivate`, selections of a policy, a simulation's controls, safety statuses and marks alone, so
+no flood of data can keep a DAMP waiting. It is drained completely in every tick before anything else comes in, and all
+of it answered.
 What was asked for too long ago is refused there, before the supervisor sees it: see `sources.Freshness`.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
