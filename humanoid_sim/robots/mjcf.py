@@ -81,8 +81,8 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
 def find_files(spec: mujoco.MjSpec, path: Path) -> None:
     """Point the meshes and textures of a model to files that exist. Raises `InputError` with all that are missing.
 
-    `package://NAME/…` is in the folder above the file that is the package NAME; what is not in the model's folder of
-    meshes is looked up beside the file.
+    `package://NAME/…` is in the folder above the file that is the package NAME, or has it; what is not in the model's
+    folder of meshes is looked up beside the file.
     """
     here, missing = path.resolve().parent, []
     for folder, assets in ((spec.meshdir, spec.meshes), (spec.texturedir, spec.textures)):
@@ -104,8 +104,10 @@ def find_files(spec: mujoco.MjSpec, path: Path) -> None:
 
 
 def _package_folders(name: str, here: Path) -> list[Path]:
-    """Return the folders from `here` upwards that are the ROS package of this name."""
-    return [folder for folder in (here, *here.parents) if folder.name == name or _package_name(folder) == name]
+    """Return the folders that may be the ROS package of this name: above `here`, or in one above."""
+    above = (here, *here.parents)
+    named = [folder for folder in above if folder.name == name or _package_name(folder) == name]
+    return [*named, *(folder / name for folder in above)]
 
 
 def _package_name(folder: Path) -> str:
@@ -164,7 +166,8 @@ def describe_mjcf(path: Path) -> RobotDescription:
     lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
     upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
     pose = tuple(np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper).tolist())
-    efforts = [_effort_limit(model, joint) for joint in joints]
+    own = own_actuators(model)
+    efforts = [_effort_limit(model, joint, own.get(name)) for joint, name in zip(joints, names, strict=True)]
     zeros = (0.0,) * len(joints)
     standby = StandbySettings(
         target_stiffness=zeros,
@@ -219,9 +222,8 @@ def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
     return min(own, longest)
 
 
-def _effort_limit(model: mujoco.MjModel, joint: int) -> float:
+def _effort_limit(model: mujoco.MjModel, joint: int, own: OwnActuator | None) -> float:
     """N·m: the least of what the joint and its actuators allow, infinite where neither says."""
-    own = own_actuators(model).get(model.joint(joint).name)
     limit = math.inf if own is None else max(abs(bound) for bound in own.force_range)
     return min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else limit)
 

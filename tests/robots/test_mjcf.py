@@ -181,6 +181,10 @@ def test_a_package_path_is_in_the_folder_above_that_is_the_package(tmp_path, fol
     path = package / "mjcf" / "x.xml"
     path.write_text(MESHES.format(LEG.format("package://my_robot/meshes/leg.obj")))
     assert bare_model(load_robot(path)).nmesh == 1
+    (tmp_path / "sibling").mkdir()
+    path.rename(tmp_path / "sibling" / "x.xml")
+    if not manifest:
+        assert bare_model(load_robot(tmp_path / "sibling" / "x.xml")).nmesh == 1
     path.write_text(MESHES.format(LEG.format("package://another/meshes/leg.obj")))
     with pytest.raises(InputError, match=r"does not find package:/+another/meshes/leg\.obj"):
         load_robot(path)
