@@ -172,7 +172,9 @@ def _problem(pad: Pad, joy: JoyBindings) -> str:
 def _drive(pads: Pads, config: GamepadConfig) -> int:
     with attached(config.session, "gamepad") as attachment:
         is_hardware = bool(attachment.session.hardware)
-        driver = Driver(attachment.intake, config, speeds=policy_speeds(attachment.contract), is_hardware=is_hardware)
+        driver = Driver(
+            attachment.intake, config, speeds=policy_speeds(attachment.walking_contract), is_hardware=is_hardware
+        )
         found = pads.look()
         ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
         for _ in steps(attachment, lambda: driver.step(pads.look())):

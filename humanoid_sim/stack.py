@@ -208,6 +208,13 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
     return None if text is None else decode(text, "recording")
 
 
+def recorded_contracts(header: SessionHeader) -> tuple[PolicyContract, ...]:
+    """Return the contracts of all of a run's policies, the first one first. Raises `InputError` if they are damaged."""
+    several = json.loads(header.documents.get("policies", "{}")).values()
+    texts = [one["contract"] for one in several] or [header.documents.get("contract")]
+    return tuple(decode(text, "recording") for text in texts if text is not None)
+
+
 def recorded_motion(header: SessionHeader) -> Motion | None:
     """Return the motion that a recorded run's policy follows; None if it follows none.
 

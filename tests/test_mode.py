@@ -64,6 +64,16 @@ def test_it_names_the_session_that_it_reached(word, local, capsys):
     assert capsys.readouterr().out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"
 
 
+def test_a_policy_is_selected_by_its_name(local, capsys):
+    status = []
+    serve(local, lambda: status.append(run("policy", "--name", "dance")))
+    serve(local, lambda: status.append(run("policy", "--name", "danse")))
+    assert status == [0, 1]
+    granted, refused = capsys.readouterr().out.splitlines()
+    assert granted.endswith("policy dance selected")
+    assert "did you mean 'dance'?" in refused
+
+
 def test_a_damp_is_granted_although_others_are_refused_with_it(local, capsys):
     status = []
     thread = threading.Thread(target=lambda: status.append(run("damp")))

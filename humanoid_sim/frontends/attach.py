@@ -26,7 +26,7 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import BaseObserver
-from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
+from humanoid_sim.stack import no_policy, recorded_contract, recorded_contracts, recorded_policy
 
 _LATE = 0.2
 """s after which a tick is the past; at least `_LATE_TICKS` control periods."""
@@ -64,6 +64,11 @@ class Attachment:
     def contract(self) -> PolicyContract | None:
         """The policy's; None without one."""
         return recorded_contract(self.header)
+
+    @property
+    def walking_contract(self) -> PolicyContract | None:
+        """Contract of the first policy that takes a velocity command; None if none does."""
+        return next((one for one in recorded_contracts(self.header) if one.takes_velocity_command), None)
 
     @cached_property
     def base(self) -> BaseObserver | None:

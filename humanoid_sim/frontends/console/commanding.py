@@ -43,7 +43,7 @@ class Commanding:
         self._attachment, self._clock = attachment, clock
         self._joint_names = attachment.description.joint_names
         self._turn = SliderTurn(attachment.description)
-        self._speeds = policy_speeds(attachment.contract)
+        self._speeds = policy_speeds(attachment.walking_contract)
         self._steering = None if self._speeds is None else Steering(self._speeds)
         self._timeout = 1e-3 * attachment.description.remote_policy_controller.stale_command_timeout_ms
         self._intake = Intake(attachment.session, "console")
