@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.controllers.term_kinds import TERM_KINDS, term_kind
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, IMU, FloatArray
@@ -101,13 +100,16 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
     )
 
 
-def single_edits(contract: PolicyContract, robot: RobotFacts, *, all_pairs: bool = False) -> tuple[Edit, ...]:
+def single_edits(
+    contract: PolicyContract, robot: RobotFacts, *, all_pairs: bool = False, more: Iterable[Edit] = ()
+) -> tuple[Edit, ...]:
     """Return every edit that fits the contract and changes it, no edited contract twice.
 
     Args:
+        more: further edits of this contract.
         all_pairs: swap any two joints, not only neighbours in the list or on a limb, and mirror images.
     """
-    found: dict[Hashable, Edit | None] = {contract_key(contract): None}
+    found: dict[str, Edit | None] = {contract_key(contract): None}
     unlike = asymmetry(contract)
     for changes in (
         _joint_orders(contract, robot, all_pairs),
@@ -131,6 +133,8 @@ def single_edits(contract: PolicyContract, robot: RobotFacts, *, all_pairs: bool
             if "gain" not in family or asymmetry(edited) <= unlike:  # robots are alike on both sides
                 doubt = _DOUBTS.get(family, 0.0)
                 found.setdefault(contract_key(edited), Edit(name, family, edited, doubt))
+    for edit in more:
+        found.setdefault(contract_key(edit.contract), edit)
     return tuple(edit for edit in found.values() if edit is not None)
 
 
@@ -181,17 +185,11 @@ def _reordered(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, An
     """Sort the joints, and all values that belong to them, into `order`."""
     driven = tuple(name for name in order if name in contract.action_joint_names)
     joints, actions = _places(order, contract.joint_names), _places(driven, contract.action_joint_names)
-    moved: dict[str, Any] = {"joint_names": order, "action_joint_names": driven, "observation": []}
+    moved: dict[str, Any] = {"joint_names": order, "action_joint_names": driven}
     for names, places in ((_OF_JOINTS, joints), (_OF_ACTIONS, actions)):
         for name in names:
             value = getattr(contract, name)
             moved[name] = value[places] if isinstance(value, np.ndarray) else value
-    for term in contract.terms:
-        if term.joints is not None:
-            shown, scale = tuple(name for name in order if name in term.joints), np.asarray(term.scale)
-            scale = scale[[term.joints.index(name) for name in shown]] if scale.size > 1 else scale
-            term = replace(term, joints=shown, scale=scale)  # noqa: PLW2901
-        moved["observation"].append(term)
     return moved
 
 
@@ -266,10 +264,8 @@ def _conventions(contract: PolicyContract, robot: RobotFacts) -> Changes:
             changes["has the other sign"] = "sign", {"scale": -np.asarray(term.scale)}
         if "relative" in kind.conventions:
             relative = not kind.is_relative(term)
-            changes[f"holds angles {'less the default pose' if relative else 'themselves'}"] = (
-                "relative",
-                {"relative": relative},
-            )
+            option = {"relative": None if relative == kind.relative else relative}
+            changes[f"holds angles {'less the default pose' if relative else 'themselves'}"] = "relative", option
         if "inverse" in kind.conventions:
             seen = "the reference seen from the robot" if term.inverse else "the robot seen from the reference"
             changes[f"is {seen}"] = "inverse", {"inverse": not term.inverse}
@@ -415,25 +411,31 @@ def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
 # --- comparison ---
 
 
-def contract_key(contract: PolicyContract) -> Hashable:
+def contract_key(contract: PolicyContract) -> str:
     """Return the same for contracts that wire a policy alike; where their fields came from does not count."""
-    skipped = ("provenance", "source")
-    return tuple(_key(getattr(contract, item.name)) for item in fields(contract) if item.name not in skipped)
+    return repr([plain(getattr(contract, name)) for name in FIELDS])
 
 
-def _key(value: Any) -> Hashable:
-    """Return the same for values that mean the same: one number stands for all, and a term states what is usual."""
-    if isinstance(value, Term):
-        return _term_key(value)
-    if isinstance(value, PhaseRule | TensorNames):
-        return tuple(_key(getattr(value, item.name)) for item in fields(value))
+def plain(value: Any) -> Any:
+    """Return a value as a contract file has it: of a term or a clock what is not the default, one number for all."""
     if isinstance(value, np.ndarray):
-        is_one = value.size > 0 and bool((value == value.flat[0]).all())
-        return float(value.flat[0]) if is_one else (value.shape, np.round(value + 0.0, 9).tobytes())  # -0 is 0
-    return tuple(map(_key, value)) if isinstance(value, tuple) else value
+        listed = (value + 0.0).round(9).tolist()  # -0 is 0
+        return listed[0] if value.ndim == 1 and value.size and (value == value[0]).all() else listed
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if not is_dataclass(value):
+        return value
+    kept: dict[str, Any] = {}
+    for item in fields(value):
+        own, usual = plain(getattr(value, item.name)), _DEFAULTS[type(value).__name__, item.name]
+        if own != usual and (item.name != "kind" or own != Term(kept["name"]).kind):
+            kept[item.name] = own
+    return kept["name"] if list(kept) == ["name"] else kept
 
 
-@lru_cache(maxsize=10_000)
-def _term_key(term: Term) -> Hashable:
-    options = (getattr(term, option.name) for option in fields(term) if option.name != "relative")
-    return term_kind(term.kind).is_relative(term), *map(_key, options)
+FIELDS = tuple(item.name for item in fields(PolicyContract) if item.name not in ("provenance", "source"))
+_DEFAULTS = {
+    (kind.__name__, item.name): plain(item.default_factory() if item.default_factory is not MISSING else item.default)
+    for kind in (Term, PhaseRule, TensorNames)
+    for item in fields(kind)
+}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor import DoctorConfig
+from humanoid_sim.doctor.edits import FIELDS, plain
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import Result, search_episodes, search_trace
 from humanoid_sim.doctor.trial import load_subject
@@ -27,7 +28,6 @@ from humanoid_sim.robots.description import load_robot, with_imu
 
 _SHOWN = 6  # joints, or other edits, listed one by one
 _WIDTH = 110
-_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 
 
 @dataclass(frozen=True)
@@ -107,16 +107,12 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
 
 def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
     """Return the fields of `after` that differ, as a contract file has them."""
-    found = {name: _plain(getattr(after, name)) for name in _differing(before, after)}
-    if found.get("command_ranges"):
-        found["command_ranges"] = dict(zip(_AXES, found["command_ranges"], strict=True))
-    return {name: _one(value) for name, value in found.items()}
+    return {name: plain(getattr(after, name)) for name in _differing(before, after)}
 
 
 def _differing(before: PolicyContract, after: PolicyContract) -> list[str]:
     """Names of the fields that differ; an action offset does not where it is the default pose, before and after."""
-    own = [item.name for item in fields(PolicyContract) if item.name not in ("provenance", "source")]
-    changed = [name for name in own if _plain(getattr(before, name)) != _plain(getattr(after, name))]
+    changed = [name for name in FIELDS if plain(getattr(before, name)) != plain(getattr(after, name))]
     follows = all(
         dict(zip(each.action_joint_names, np.asarray(each.action_offset).tolist(), strict=True)).items()
         <= dict(zip(each.joint_names, each.default_joint_pos.tolist(), strict=True)).items()
@@ -125,46 +121,22 @@ def _differing(before: PolicyContract, after: PolicyContract) -> list[str]:
     return [name for name in changed if name != "action_offset" or not follows]
 
 
-def _plain(value: Any) -> Any:
-    """Return a value as a contract file has it; of a term or a clock what is not the default."""
-    if isinstance(value, np.ndarray):
-        return value.round(9).tolist()
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    if not is_dataclass(value):
-        return value
-    kept: dict[str, Any] = {}
-    for item in fields(value):
-        own = _plain(getattr(value, item.name))
-        own = _one(own) if item.name == "scale" else own
-        usual = item.default_factory() if item.default_factory is not MISSING else item.default
-        if own != _plain(usual) and (item.name != "kind" or own != Term(kept["name"]).kind):
-            kept[item.name] = own
-    return kept["name"] if list(kept) == ["name"] else kept
-
-
-def _one(value: Any) -> Any:
-    """Return one number for a list that repeats it."""
-    repeats = isinstance(value, list) and bool(value) and isinstance(value[0], float) and len(set(value)) == 1
-    return value[0] if repeats else value
-
-
 def changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
     """Yield what differs: the field, the joint or place, the value before and after."""
     for name in _differing(before, after):
         if name == "observation":
             yield from _term_changes(before, after)
             continue
-        old, new = _plain(getattr(before, name)), _plain(getattr(after, name))
-        if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
-            yield f"{name}: {_text(old)} -> {_text(new)}"
+        old, new = getattr(before, name), getattr(after, name)
+        if np.ndim(old) != 1 or np.shape(old) != np.shape(new):
+            yield f"{name}: {_text(plain(old))} -> {_text(plain(new))}"
             continue
-        joints = before.action_joint_names if name.startswith("action_") else before.joint_names
-        places = (
-            joints if isinstance(new[0], float) and len(joints) == len(new) else [f"[{i}]" for i in range(len(new))]
-        )
-        pairs = [f"{at} {_text(a)} -> {_text(b)}" for at, a, b in zip(places, old, new, strict=True) if a != b]
-        yield f"{name}: {', '.join(pairs[:_SHOWN])}" + (f" and {len(pairs) - _SHOWN} more" if pairs[_SHOWN:] else "")
+        places = before.action_joint_names if name.startswith("action_") else before.joint_names
+        if not isinstance(new, np.ndarray):  # names have places
+            places = tuple(f"[{i}]" for i in range(len(new)))
+        pairs = zip(places, np.asarray(old).tolist(), np.asarray(new).tolist(), strict=True)
+        lines = [f"{at} {_text(a)} -> {_text(b)}" for at, a, b in pairs if a != b]
+        yield f"{name}: {', '.join(lines[:_SHOWN])}" + (f" and {len(lines) - _SHOWN} more" if lines[_SHOWN:] else "")
 
 
 def _term_changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
@@ -173,7 +145,7 @@ def _term_changes(before: PolicyContract, after: PolicyContract) -> Iterator[str
     terms = {term.name: term for term in before.terms}
     for term in after.terms:
         for item in fields(Term):
-            old, new = (_one(_plain(getattr(each, item.name))) for each in (terms[term.name], term))
+            old, new = (plain(getattr(each, item.name)) for each in (terms[term.name], term))
             if item.name == "relative":
                 old, new = (after.kind(term).relative if each is None else each for each in (old, new))
             if old != new:

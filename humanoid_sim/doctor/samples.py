@@ -101,22 +101,14 @@ class Samples:
         return np.concatenate([far, off])
 
     def names(self, contract: PolicyContract, differing: BoolArray) -> str:
-        """Return the terms, and joints, of the values that `differing` marks."""
-        trace, found = self.trace(contract), dict[str, dict[str, None]]()
-        layout, width = self.wiring(contract).layout, self.trace(contract).arrays["observation"].shape[1]
+        """Name the values that `differing` marks: of each term the first, with its joint."""
+        layout, found = self.wiring(contract).layout, dict[str, str]()
         for i in np.flatnonzero(differing[: layout.width]).tolist():
-            term = layout.term_at(i).term
-            joints, place = (
-                contract.kind(term).value_names(term, contract),
-                layout.locate(i).split("[")[1].split("]")[0],
-            )
-            found.setdefault(term.name, {})[joints[int(place)] if joints else place] = None
-        for name, far in zip(trace.joint_names, differing[width:], strict=False):
-            if far:
-                found.setdefault("target", {})[name] = None
-        return "; ".join(
-            f"{term} ({', '.join([*places][:3])}{', …' * (len(places) > 3)})" for term, places in found.items()
-        )
+            located, term = layout.locate(i), layout.term_at(i).term
+            joints, place = contract.kind(term).value_names(term, contract), int(located.split("[")[1].split("]")[0])
+            found.setdefault(term.name, f"{located} ({joints[place]})" if joints else located)
+        targets = zip(self.trace(contract).joint_names, differing[layout.width :], strict=False)
+        return ", ".join([*found.values(), *(f"target of {name}" for name, far in targets if far)])
 
     def fitted(self, contract: PolicyContract) -> tuple[Edit, ...]:
         """Return edits whose values follow from the samples: the default pose, and the scale of each term."""

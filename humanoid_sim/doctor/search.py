@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.edits import Edit, asymmetry, contract_key, robot_facts, single_edits
+from humanoid_sim.doctor.edits import Edit, asymmetry, robot_facts, single_edits
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Command, Outcome, Simulations, Subject
 
@@ -67,7 +67,7 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
     """Try every edit on the samples of the trainer's environment; a finding agrees with all of them."""
     contract, simulations = subject.contract, Simulations(subject)
     facts = robot_facts(subject.description, subject.motion)
-    edits = _distinct(contract, (*single_edits(contract, facts, all_pairs=True), *samples.fitted(contract)))
+    edits = single_edits(contract, facts, all_pairs=True, more=samples.fitted(contract))
     far = samples.differing(contract)
     if not far.any():
         return _search_unseen(samples, contract, edits, simulations)
@@ -82,15 +82,9 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
     return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, (note,))
 
 
-def _distinct(contract: PolicyContract, edits: Iterable[Edit]) -> list[Edit]:
-    found: dict[object, Edit] = {}
-    for edit in edits:
-        found.setdefault(contract_key(edit.contract), edit)
-    found.pop(contract_key(contract), None)
-    return list(found.values())
-
-
-def _search_unseen(samples: Samples, contract: PolicyContract, edits: list[Edit], simulations: Simulations) -> Result:
+def _search_unseen(
+    samples: Samples, contract: PolicyContract, edits: Sequence[Edit], simulations: Simulations
+) -> Result:
     """Search for what no observation shows: the rate, the gains, and what actions do."""
     agree, period = "every observation agrees with the trace's as it is", samples.period()
     if period and not 1.0 / _OFF_RATE < period / contract.policy_dt < _OFF_RATE:
