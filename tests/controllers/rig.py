@@ -15,7 +15,7 @@ from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import Extern, MITCommand, MITState
-from humanoid_sim.testing import SafetyProperties, healthy_state, misbehaviours
+from humanoid_sim.testing import healthy_state
 
 JOINTS = ("shoulder", "elbow", "wrist")
 PERIOD = 0.02
@@ -23,8 +23,6 @@ DAMPING_KD = [1.5, 1.6, 1.7]
 PASSIVE_KD = [6.5, 6.5, 6.5]
 POSE_A = [0.1, 0.2, 0.3]
 POSE_B = [-0.1, -0.2, -0.3]
-POLICY_KP = [33.0, 32.0, 31.0]
-POLICY_KD = [3.3, 3.2, 3.1]
 KNOWN = (0.4, 0.5, 0.6)
 
 
@@ -55,9 +53,6 @@ def reference(frames: int = 4) -> MotionReference:
 def good_answer(observation: np.ndarray, frame: int) -> np.ndarray:
     """An action within limits that depends on everything the policy sees."""
     return np.array([np.tanh(observation.sum(dtype=np.float64)), 0.1 * frame])
-
-
-BAD_ANSWERS = misbehaviours(2)
 
 
 def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:
@@ -151,36 +146,3 @@ PATHS: dict[str, tuple[Intent, ...]] = {
     "remote_policy_controller": (Intent.DAMP, Intent.LOAD_B, Intent.START_REMOTE),
 }
 """How an operator gets to each controller."""
-
-
-STANDBY_KP = {"standby_controller_a": [10.0, 11.0, 12.0], "standby_controller_b": [20.0, 21.0, 22.0]}
-
-
-class RigProperties(SafetyProperties):
-    """Of a stack whose controllers can be told apart by their gains alone."""
-
-    limp_damping: list[float] | None = None
-    """K_d that REMOTE last obeyed without stiffness; None if what it did last was something else."""
-
-    def check(self, given: TickInput, output: TickOutput) -> None:
-        super().check(given, output)
-        name, command = output.control_mode.controller_name, output.command
-        kp, kd = command.stiffness, command.damping
-        assert command.position.shape == (3,)
-        if name == "damping_controller":
-            assert kd.tolist() == DAMPING_KD
-        elif name == "rl_policy_controller":
-            assert kp.tolist() == POLICY_KP
-            assert kd.tolist() == POLICY_KD
-            assert command.position[2] == 0.0
-        elif name in STANDBY_KP:
-            ramp = kp / np.array(STANDBY_KP[name])
-            np.testing.assert_allclose(ramp, ramp[0], rtol=1e-12)
-            np.testing.assert_allclose(kd, 0.1 * kp, rtol=1e-12)
-        elif name == "remote_policy_controller" and not kp.any():
-            sent = given.remote is not None and not given.remote.command.stiffness.any()
-            # A command that is refused leaves the one before it in force, until that is too old.
-            assert sent or kd.tolist() in (PASSIVE_KD, self.limp_damping)
-            self.limp_damping = kd.tolist()
-            return
-        self.limp_damping = None
