@@ -264,8 +264,8 @@ def _conventions(contract: PolicyContract, robot: RobotFacts) -> Changes:
             changes["has the other sign"] = "sign", {"scale": -np.asarray(term.scale)}
         if "relative" in kind.conventions:
             relative = not kind.is_relative(term)
-            option = {"relative": None if relative == kind.relative else relative}
-            changes[f"holds angles {'less the default pose' if relative else 'themselves'}"] = "relative", option
+            title = f"holds angles {'less the default pose' if relative else 'themselves'}"
+            changes[title] = "relative", {"relative": None if relative == kind.relative else relative}
         if "inverse" in kind.conventions:
             seen = "the reference seen from the robot" if term.inverse else "the robot seen from the reference"
             changes[f"is {seen}"] = "inverse", {"inverse": not term.inverse}
