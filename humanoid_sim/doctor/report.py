@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.edits import FIELDS, plain
@@ -106,8 +106,24 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
 
 
 def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
-    """Return the fields of `after` that differ, as a contract file has them."""
-    return {name: plain(getattr(after, name)) for name in _differing(before, after)}
+    """Return the fields of `after` that differ, as a contract file has them; of terms and clock too what is usual."""
+    found = {name: plain(getattr(after, name)) for name in _differing(before, after)}
+    if "observation" in found:
+        terms = {term.name: term for term in before.terms}
+        found["observation"] = [_stated(terms[term.name], term, after.kind(term).relative) for term in after.terms]
+    if before.phase is not None and after.phase is not None and "phase" in found:
+        found["phase"] = _stated(before.phase, after.phase)
+    return found
+
+
+def _stated(before: Term | PhaseRule, after: Term | PhaseRule, relative: bool = False) -> Any:
+    """Return `after` as a contract file has it, with every option that differs; None for `relative` is as given."""
+    options = {
+        item.name: (plain(getattr(before, item.name)), plain(getattr(after, item.name))) for item in fields(after)
+    }
+    changed = {name: relative if new is None else new for name, (old, new) in options.items() if old != new}
+    own = plain(after)
+    return {**({"name": own} if isinstance(own, str) else own), **changed} if changed else own
 
 
 def _differing(before: PolicyContract, after: PolicyContract) -> list[str]:

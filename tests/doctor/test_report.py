@@ -5,7 +5,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import yaml
 from models import contract_of
@@ -44,7 +43,12 @@ RIGHT = contract_of(
         (
             term("joint_pos", relative=False)(RIGHT),
             {"joint_pos relative: False -> True"},
-            {"observation": [{"name": "base_ang_vel", "scale": 0.25}, "joint_pos", "joint_vel", "actions"]},
+            {
+                "observation": [
+                    *({"name": "base_ang_vel", "scale": 0.25}, {"name": "joint_pos", "relative": True}),
+                    *("joint_vel", "actions"),
+                ]
+            },
         ),
         (
             terms_swapped("joint_vel", "joint_pos")(RIGHT),
@@ -59,9 +63,12 @@ def test_only_what_differs_is_shown_and_written(wrong, shown, fix):
     assert fixed_fields(wrong, RIGHT) == fix
 
 
-def test_a_clock_is_written_without_its_defaults():
-    clock = replace(RIGHT, phase=PhaseRule(0.8, offsets=np.array([np.pi, 0.0])))
-    assert fixed_fields(RIGHT, clock) == {"phase": {"period": 0.8, "offsets": [round(np.pi, 9), 0.0]}}
+def test_what_is_usual_is_written_too_where_it_was_otherwise():
+    late = replace(RIGHT, phase=PhaseRule(0.8, advance_first=False))
+    clock = replace(RIGHT, phase=PhaseRule(0.8))
+    assert fixed_fields(late, clock) == {"phase": {"period": 0.8, "advance_first": True}}
+    flipped = term("joint_vel", scale=-1.0)(RIGHT)
+    assert {"name": "joint_vel", "scale": 1.0} in fixed_fields(flipped, RIGHT)["observation"]
 
 
 @pytest.fixture
