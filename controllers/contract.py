@@ -1,21 +1,20 @@
-"""Contract of a checkpoint: all that it needs to run, in one frozen struct, whatever file it came from.
+"""Contract of a checkpoint: everything that it needs to run, as plain data, whatever file it came from.
 
-The annotations of its fields are the one table of them: the checks at construction go by it, and so does whatever reads
-a contract from a file, writes it, or shows it. A new field is one line here.
+Every convention that differs between exporters is a field here, so that any wiring, a wrong one too, can be written
+down. What the terms of an observation mean is in `terms`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
-from humanoid_sim.controllers.term_kinds import TERM_KINDS, TermKind, live_kind, term_kind
-from humanoid_sim.controllers.terms import HeightScan, QuaternionOrder, Term
+from humanoid_sim.controllers.parameters import joint_tuple, number, one_of, per_joint
+from humanoid_sim.controllers.terms import TERM_KINDS, TERM_NAMES, TermKind, is_known, live_kind, term_kind
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     BASE,
@@ -31,42 +30,176 @@ TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 ModelDamping = Literal["undecided", "keep", "drop"]
 Speed = Literal["command", "planar", "forward"]
+Frame = Literal["body", "world"]
+OrientationLayout = Literal["rows", "columns", "two_rows"]
+QuaternionOrder = Literal["wxyz", "xyzw"]
+HistoryOrder = Literal["oldest_first", "newest_first"]
+ActionForm = Literal["raw", "scaled"]
+RayOrder = Literal["xy", "yx"]
 JOINT_LIMITS = "joint_limits"
 
-_OWNER = "PolicyContract"
+_MOST_RAYS = 2000  # as many values fit into one message of another program
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
-    """Form of a field of the contract: the values that it holds, and whether a source has to state it."""
+class HeightScan:
+    """A grid of points around a body, and the value made of the ground's height at each of them.
 
-    kind: Literal[
-        "choice", "names", "text", "flag", "number", "limit", "values", "limits", "pairs", "steps", "axes", "structure"
-    ]
-    """`limit`: a number that may be infinite; `values`: one number for each joint; `limits`: one limit for each joint;
-    `pairs`: least and greatest for each joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers;
-    `structure`: fields of its own."""
-    joints: str = ""
-    """The field that names the joints: of values and pairs those in their order, of names those that may be named."""
-    minimum: float = -np.inf
-    """Smallest accepted value."""
-    may_be_empty: bool = False
-    """True if a list of names may be empty."""
-    choices: tuple[str, ...] = ()
-    in_metadata: bool = False
-    """True if it is one of the thirteen keys of a model's metadata."""
-    is_required: bool = False
-    """True if some source has to state it; a kind of observation term may require another field."""
-    instead: tuple[str | None, ...] = ()
-    """Other accepted values."""
+    The grid lies level and turns with the body's yaw. From each point a ray goes straight down; a value is the body's
+    height less that of the ground, less `offset`. The defaults are mjlab's (`RayCastSensorCfg`, `GridPatternCfg` and
+    `mdp.height_scan` of 1.6.0).
+    """
+
+    at: str = BASE
+    """The body in the grid's middle: `base`, `imu`, or the name of a site or body."""
+    grid: tuple[float, float] = (1.6, 1.0)
+    """m, length along the body's x and y."""
+    resolution: float = 0.1
+    """m between two points."""
+    ray_order: RayOrder = "xy"
+    """The coordinate that changes first from one value to the next."""
+    offset: float = 0.0
+    """m"""
+    range: float = 5.0
+    """m, length of a ray."""
+    miss: float | None = None
+    """m, value of a ray that hits nothing; None: its range."""
+    above: float = 0.0
+    """m above the body where rays begin."""
+
+    def __post_init__(self) -> None:
+        for name in ("resolution", "range"):
+            number("HeightScan", name, getattr(self, name), above=True)
+        number("HeightScan", "above", self.above)
+        one_of("HeightScan", "ray_order", self.ray_order, RayOrder)
+        if len(self.grid) != 2 or not all(0.0 <= side < np.inf for side in self.grid):
+            raise FieldError(f"HeightScan.grid: is {list(self.grid)}, expected two lengths >= 0, along x and y")
+        if self.count > _MOST_RAYS:
+            raise FieldError(f"HeightScan.resolution: is {self.resolution:g}, {self.count} rays, at most {_MOST_RAYS}")
+
+    @property
+    def missed(self) -> float:
+        """m, value of a ray that hits nothing."""
+        return self.range if self.miss is None else self.miss
+
+    @property
+    def _sides(self) -> tuple[int, int]:
+        """Points along x and y: those within the grid, however a multiple of the resolution is rounded."""
+        return int(self.grid[0] / self.resolution + 1e-6) + 1, int(self.grid[1] / self.resolution + 1e-6) + 1
+
+    @property
+    def count(self) -> int:
+        """Number of rays."""
+        columns, rows = self._sides
+        return columns * rows
+
+    @property
+    def points(self) -> FloatArray:
+        """Shape (count, 2), m, x and y from the grid's middle, in the order of the values."""
+        x, y = (np.arange(n) * self.resolution - 0.5 * side for n, side in zip(self._sides, self.grid, strict=True))
+        if self.ray_order == "xy":
+            return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
+        return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
 
 
-def _choice(choices: Any, *, in_metadata: bool = False) -> Form:
-    return Form("choice", choices=get_args(choices), in_metadata=in_metadata)
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """One observation term. Processing order: the value, its conventions, clip, scale, history."""
+
+    name: str
+    """As the exporter calls it."""
+    kind: str = ""
+    """Its meaning, a name of `TERM_KINDS` or `command`; empty: by its name. Any other is the name of a live input."""
+    scale: FloatArray | float = 1.0
+    """Scalar, or one factor per value. 0 feeds zeros."""
+    clip: tuple[float, float] | None = None
+    """Bounds before scaling."""
+    history: int = 1
+    """Number of policy steps that are shown, this one included."""
+    history_order: HistoryOrder = "oldest_first"
+    frame: Frame = "body"
+    """For velocities and the anchor position."""
+    at: str = BASE
+    """For the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site."""
+    relative: bool | None = None
+    """For joint positions (default true) and the motion command (default false): less the default pose."""
+    layout: OrientationLayout = "rows"
+    """Layout of six orientation values: the first two columns row by row, column by column, or the first two rows."""
+    inverse: bool = False
+    """For the anchor orientation: seen from the reference instead of from the robot."""
+    quaternion: QuaternionOrder = "wxyz"
+    """For terms that are quaternions."""
+    form: ActionForm = "raw"
+    """For the last action: the network's output, or that times the action scale."""
+    joints: tuple[str, ...] | None = None
+    """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
+    scan: HeightScan | None = None
+    """For a height scan: its grid; None: mjlab's."""
+    width: int | None = None
+    """Number of values of a live input that no kind of term expresses; None: the kind's."""
+    topic: str | None = None
+    """Topic on which other programs publish a live input; None: the kind's."""
+    timeout: float | None = None
+    """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
+
+    def __post_init__(self) -> None:
+        where, set_field = f"observation term '{self.name}'", object.__setattr__
+        set_field(self, "kind", self.kind or (self.name if self.width else TERM_NAMES.get(self.name, self.name)))
+        set_field(self, "scale", frozen_array(where, "scale", self.scale))
+        if np.ndim(self.scale) > 1 or not np.isfinite(self.scale).all():
+            raise FieldError(f"{where}.scale: is {self.scale}, expected a finite number, or one per value")
+        if self.clip is not None and not self.clip[0] <= self.clip[1]:
+            raise FieldError(f"{where}.clip: is {self.clip}, expected a lower and an upper bound")
+        for name in ("history", "width"):
+            value = getattr(self, name)
+            if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
+                raise FieldError(f"{where}.{name}: is {value!r}, expected a whole number >= 1")
+        if self.joints is not None:
+            set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
+        for name, choices in TERM_CHOICES.items():
+            one_of(where, name, getattr(self, name), choices)
+        if self.kind == HEIGHT_SCAN and self.width is None and self.scan is None:
+            set_field(self, "scan", HeightScan())
+        elif self.scan is not None and (self.kind != HEIGHT_SCAN or self.width is not None):
+            raise FieldError(f"{where}.scan: is given, expected none: only a height_scan has one")
+        self._check_live(where)
+
+    def _check_live(self, where: str) -> None:
+        """Refuse a live input's options on a term that no other program publishes."""
+        usual = TERM_KINDS.get(TERM_NAMES.get(self.kind, self.kind))
+        is_published = (self.width is not None and not is_known(self.kind)) or (usual is not None and usual.topic != "")
+        for name in ("width", "topic", "timeout"):
+            value = getattr(self, name)
+            if value is not None and not is_published:
+                hint = "" if is_known(self.kind) else f"; a width declares one: {{name: {self.name}, width: 2}}"
+                raise FieldError(f"{where}.{name}: is {value!r}, expected none: only a live input has one{hint}")
+        if self.topic is not None and not _is_topic(self.topic):
+            raise FieldError(f"{where}.topic: is {self.topic!r}, expected a ROS 2 name such as '/foot_contact'")
+        if self.timeout is not None and not self.timeout > 0.0:
+            raise FieldError(f"{where}.timeout: is {self.timeout!r}, expected seconds > 0, or .inf")
+
+    def process(self, value: FloatArray) -> FloatArray:
+        """Clip, then scale, a value of shape (..., width)."""
+        if self.clip is not None:
+            value = np.clip(value, *self.clip)
+        return value * self.scale
 
 
-def _stated_values(joints: str, minimum: float = -np.inf) -> Form:
-    return Form("values", joints, minimum, in_metadata=True, is_required=True)
+TERM_CHOICES: Mapping[str, Any] = MappingProxyType(
+    {
+        "history_order": HistoryOrder,
+        "frame": Frame,
+        "layout": OrientationLayout,
+        "quaternion": QuaternionOrder,
+        "form": ActionForm,
+    }
+)
+"""Options of a term that are one of a few words."""
+
+
+def _is_topic(name: str) -> bool:
+    root, *parts = name.split("/")
+    return not root and bool(parts) and name.isascii() and all(part.isidentifier() for part in parts)
 
 
 class LiveTopic(NamedTuple):
@@ -110,173 +243,183 @@ class PhaseRule:
     """Speed by which `frequency` is looked up: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
 
     def __post_init__(self) -> None:
-        owner = "PhaseRule"
         set_field = object.__setattr__
         if (self.period is None) == (self.frequency is None):
             both = "neither is given" if self.period is None else "both are given"
-            raise FieldError(f"{owner}.period: {both}, expected a period, or a frequency for each speed")
+            raise FieldError(f"PhaseRule.period: {both}, expected a period, or a frequency for each speed")
         if self.period is not None:
-            set_field(self, "period", number(owner, "period", self.period, above=True))
+            set_field(self, "period", number("PhaseRule", "period", self.period, above=True))
         if self.frequency is not None:
-            set_field(self, "frequency", self._checked_frequency(self.frequency))
-        if self.speed not in get_args(Speed):
-            raise FieldError(f"{owner}.speed: is {self.speed!r}, expected one of {', '.join(get_args(Speed))}")
-        offsets = frozen_array(owner, "offsets", self.offsets)
-        if offsets.ndim != 1 or not offsets.size or not np.isfinite(offsets).all():
-            raise FieldError(f"{owner}.offsets: is {self.offsets}, expected one finite angle per foot")
-        set_field(self, "offsets", offsets)
-        set_field(self, "standing_threshold", number(owner, "standing_threshold", self.standing_threshold))
-        if self.standing_value is not None:
-            set_field(self, "standing_value", number(owner, "standing_value", self.standing_value, minimum=-np.inf))
-
-    @staticmethod
-    def _checked_frequency(value: Any) -> FloatArray:
-        table = frozen_array("PhaseRule", "frequency", value)
-        is_table = table.ndim == 2 and table.shape[1] == 2 and len(table) > 0 and bool(np.isfinite(table).all())
-        if not is_table or not (np.diff(table[:, 0]) > 0.0).all() or not (table[:, 1] > 0.0).all():
-            accepted = "[speed, Hz] once or more, speeds ascending, frequencies > 0"
-            raise FieldError(f"PhaseRule.frequency: is {table.tolist()}, expected {accepted}")
-        return table
+            table = frozen_array("PhaseRule", "frequency", self.frequency)
+            is_table = table.ndim == 2 and table.shape[1] == 2 and len(table) > 0 and bool(np.isfinite(table).all())
+            if not is_table or not (np.diff(table[:, 0]) > 0.0).all() or not (table[:, 1] > 0.0).all():
+                accepted = "[speed, Hz] once or more, speeds ascending, frequencies > 0"
+                raise FieldError(f"PhaseRule.frequency: is {table.tolist()}, expected {accepted}")
+            set_field(self, "frequency", table)
+        one_of("PhaseRule", "speed", self.speed, Speed)
+        set_field(self, "offsets", frozen_array("PhaseRule", "offsets", self.offsets))
+        if self.offsets.ndim != 1 or not self.offsets.size or not np.isfinite(self.offsets).all():
+            raise FieldError(f"PhaseRule.offsets: is {self.offsets}, expected one finite angle per foot")
+        number("PhaseRule", "standing_threshold", self.standing_threshold)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyContract:
-    """Everything that a checkpoint needs to run, checked against itself.
+    """Everything that a checkpoint needs to run: n joints, of which the action drives m.
 
-    Every convention that differs between exporters is a field here or in `Term`, so that any wiring can be written
-    down.
+    Raises `FieldError` at construction if the fields do not fit each other.
     """
 
-    task_type: Annotated[TaskType, _choice(TaskType, in_metadata=True)]
+    task_type: TaskType
     """Selects the layout of the motion reference."""
-    joint_names: Annotated[tuple[str, ...], Form("names", in_metadata=True, is_required=True)]
+    joint_names: tuple[str, ...]
     """The full articulation, n joints; the order of the per-joint arrays."""
-    action_joint_names: Annotated[tuple[str, ...], Form("names", "joint_names", in_metadata=True)]
+    action_joint_names: tuple[str, ...]
     """The m joints that the action drives, in its order; the others are pinned to position 0."""
-    joint_stiffness: Annotated[FloatArray, _stated_values("joint_names", minimum=0.0)]
-    """Shape (n,), N·m/rad."""
-    joint_damping: Annotated[FloatArray, _stated_values("joint_names", minimum=0.0)]
+    joint_stiffness: FloatArray
+    """Shape (n,), N·m/rad; a scalar stands for all, as in every field of this shape."""
+    joint_damping: FloatArray
     """Shape (n,), N·m·s/rad."""
-    default_joint_pos: Annotated[FloatArray, _stated_values("joint_names")]
+    default_joint_pos: FloatArray
     """Shape (n,), rad."""
-    observation: Annotated[Sequence[Term | str], Form("structure", in_metadata=True, is_required=True)]
+    observation: Sequence[Term | str]
     """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
-    command_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, in_metadata=True)]
+    command_names: tuple[str, ...]
     """Runtime command terms."""
-    action_scale: Annotated[FloatArray, _stated_values("action_joint_names")]
-    """Shape (m,) or scalar, rad per unit of action."""
-    policy_dt: Annotated[float, Form("number", in_metadata=True, is_required=True)]
+    action_scale: FloatArray
+    """Shape (m,), rad per unit of action."""
+    policy_dt: float
     """s"""
-    body_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, in_metadata=True)]
+    body_names: tuple[str, ...] = ()
     """Bodies that the motion reference describes, b of them."""
-    dataset_repo_id: Annotated[str, Form("text", in_metadata=True)] = ""
+    dataset_repo_id: str = ""
     """Dataset that the default motion comes from; empty for none."""
-    lookahead_steps: Annotated[tuple[int, ...], Form("steps", in_metadata=True)] = ()
+    lookahead_steps: tuple[int, ...] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
-    action_offset: Annotated[FloatArray | None, Form("values", "action_joint_names")] = None
-    """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
-    action_clip: Annotated[float, Form("limit")] = float("inf")
+    action_offset: FloatArray | None = None
+    """Shape (m,), rad, added to the scaled action; None: the default pose of the driven joints."""
+    action_clip: float = np.inf
     """Magnitude at which a raw action is clipped before it is scaled."""
-    action_limit: Annotated[float | None, Form("limit", instead=(None,))] = None
+    action_limit: float | None = None
     """Magnitude of a raw action beyond which the policy has failed; None: `ACTION_LIMIT`."""
-    position_clip: Annotated[
-        FloatArray | str | None, Form("pairs", "action_joint_names", instead=(None, JOINT_LIMITS))
-    ] = None
+    position_clip: FloatArray | str | None = None
     """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any; `joint_limits`:
     those of the robot's joints."""
-    effort_limit: Annotated[FloatArray | None, Form("limits", "joint_names", instead=(None,))] = None
-    """Shape (n,) or scalar, N·m, the torques that the policy was trained with, infinite where it was not limited. A
-    robot with lower limits keeps them. None: the robot's."""
-    model_joint_damping: Annotated[ModelDamping, _choice(ModelDamping)] = "undecided"
+    effort_limit: FloatArray | None = None
+    """Shape (n,), N·m, the torques that the policy was trained with, infinite where it was not limited. A robot with
+    lower limits keeps them. None: the robot's."""
+    model_joint_damping: ModelDamping = "undecided"
     """Treatment, in simulation, of the damping that a robot's own model gives its joints: it acts in addition to
     `joint_damping`, or it is dropped. Undecided: it stays, and checks ask for a decision."""
-    history_layout: Annotated[HistoryLayout, _choice(HistoryLayout)] = "per_term"
+    history_layout: HistoryLayout = "per_term"
     """Order of terms that show more than one step: each term's steps together, or each step's terms together."""
-    command_ranges: Annotated[FloatArray | None, Form("axes", instead=(None,))] = None
+    command_ranges: FloatArray | None = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
-    phase: Annotated[PhaseRule | None, Form("structure")] = None
+    phase: PhaseRule | None = None
     """The gait clock of policies that observe one."""
-    anchor_body: Annotated[str, Form("text")] = ""
+    anchor_body: str = ""
     """The body that the reference's anchor terms compare."""
-    align_reference: Annotated[bool, Form("flag")] = True
+    align_reference: bool = True
     """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
-    reference_quaternion: Annotated[QuaternionOrder, _choice(QuaternionOrder)] = "wxyz"
+    reference_quaternion: QuaternionOrder = "wxyz"
     """Order in which the motion's source gives quaternions."""
-    tensors: Annotated[TensorNames, Form("structure")] = field(default_factory=TensorNames)
+    tensors: TensorNames = field(default_factory=TensorNames)
     """Names in the model's graph."""
-    provenance: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Field to the source it came from."""
+    source: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION` to where it came from; others: by default."""
 
     def __post_init__(self) -> None:
-        for name, form in FORMS.items():
-            object.__setattr__(self, name, self._checked(name, form, getattr(self, name)))
+        owner, set_field = "PolicyContract", object.__setattr__
+        set_field(self, "joint_names", joint_tuple(owner, self.joint_names, "joint_names"))
+        names = joint_tuple(owner, self.action_joint_names, "action_joint_names")
+        strangers = [name for name in names if name not in self.joint_names]
+        if strangers:
+            known = ", ".join(self.joint_names)
+            raise FieldError(f"{owner}.action_joint_names: {', '.join(strangers)} not in joint_names: {known}")
+        set_field(self, "action_joint_names", names)
+        for name in ("body_names", "command_names"):
+            set_field(self, name, joint_tuple(owner, getattr(self, name), name, may_be_empty=True))
+        set_field(self, "lookahead_steps", tuple(int(step) for step in self.lookahead_steps))
+        for name, choices in (
+            ("task_type", TaskType),
+            ("model_joint_damping", ModelDamping),
+            ("history_layout", HistoryLayout),
+            ("reference_quaternion", QuaternionOrder),
+        ):
+            one_of(owner, name, getattr(self, name), choices)
+        set_field(self, "policy_dt", number(owner, "policy_dt", self.policy_dt, above=True))
+        for name in ("action_clip", "action_limit"):
+            limit = getattr(self, name)
+            if limit is not None and not limit > 0.0:
+                raise FieldError(f"{owner}.{name}: is {limit!r}, expected a number > 0")
+        self._set_arrays(owner)
+        terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.observation)
+        set_field(self, "observation", terms)
+        set_field(self, "source", MappingProxyType(dict(self.source)))
+        self._check_terms(owner)
+
+    def _set_arrays(self, owner: str) -> None:
+        set_field = object.__setattr__
+        joints, driven = self.joint_names, self.action_joint_names
+        for name, least in (("joint_stiffness", 0.0), ("joint_damping", 0.0), ("default_joint_pos", -np.inf)):
+            set_field(self, name, per_joint(owner, name, getattr(self, name), joints, minimum=least))
+        offset = self.action_offset
+        if offset is None:  # an action that is counted from the default pose
+            offset = self.default_joint_pos[[joints.index(joint) for joint in driven]]
+        set_field(self, "action_offset", per_joint(owner, "action_offset", offset, driven))
+        set_field(self, "action_scale", per_joint(owner, "action_scale", self.action_scale, driven))
+        if self.effort_limit is not None:
+            limits = frozen_array(owner, "effort_limit", self.effort_limit)
+            if limits.shape not in ((), (len(joints),)) or not (limits > 0.0).all():
+                accepted = f"a number > 0 for each of {len(joints)} joints, or one for all"
+                raise FieldError(f"{owner}.effort_limit: is {limits.tolist()}, expected {accepted}")
+            set_field(self, "effort_limit", frozen_array(owner, "effort_limit", np.broadcast_to(limits, len(joints))))
+        if isinstance(self.position_clip, str):
+            one_of(owner, "position_clip", self.position_clip, Literal["joint_limits"])
+        for name, rows, what in (
+            ("position_clip", len(driven), f"each of {len(driven)} action joints, or one for all"),
+            ("command_ranges", 3, "vx, vy and yaw rate"),
+        ):
+            value = getattr(self, name)
+            if value is None or isinstance(value, str):
+                continue
+            pairs = frozen_array(owner, name, value)
+            shapes = [(rows, 2), (1, 2)] if name == "position_clip" else [(rows, 2)]
+            if pairs.shape not in shapes or not (pairs[:, 0] <= pairs[:, 1]).all():
+                raise FieldError(f"{owner}.{name}: is {pairs.tolist()}, expected [least, greatest] for {what}")
+            set_field(self, name, frozen_array(owner, name, np.broadcast_to(pairs, (rows, 2))))
+
+    def _check_terms(self, owner: str) -> None:
+        """Refuse terms that do not fit each other, or the other fields."""
+        joint_tuple(owner, self.observation_names, "observation")
+        for term in self.terms:
+            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
+            if strangers:
+                shown = f"term '{term.name}' shows {', '.join(strangers)}"
+                raise FieldError(f"{owner}.observation: {shown}, not in joint_names")
+            for option in ("width", "topic", "timeout", "scan"):
+                same = [getattr(other, option) for other in self.terms if other.kind == term.kind]
+                if any(value != same[0] for value in same):
+                    raise FieldError(f"{owner}.observation: '{term.kind}' has {option}s {same}, expected one")
+        topics = [topic.name for topic in self.live_topics.values()]
+        twice = sorted({topic for topic in topics if topics.count(topic) > 1})
+        if twice:
+            raise FieldError(f"{owner}.observation: two live inputs have the topic {twice[0]}, expected one each")
         lengths = sorted({term.history for term in self.terms})
         if self.history_layout == "per_step" and len(lengths) > 1:
-            raise FieldError(f"{_OWNER}.history_layout: per_step needs one history for all terms, they have {lengths}")
+            raise FieldError(f"{owner}.history_layout: per_step needs one history for all terms, they have {lengths}")
         if "target_keys_future" in self.observation_names and not self.lookahead_steps:
-            raise FieldError(f"{_OWNER}.lookahead_steps: is empty, but the observation has target_keys_future")
-        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+            raise FieldError(f"{owner}.lookahead_steps: is empty, but the observation has target_keys_future")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled through the constructor: a read-only mapping cannot be, and arrays would come back writable."""
-        values = [getattr(self, f.name) for f in fields(self)]
-        return type(self), (*values[:-1], dict(self.provenance))
+        values = [getattr(self, item.name) for item in fields(self)]
+        return type(self), (*values[:-1], dict(self.source))
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """The observation terms, in order, every one written out."""
-        return tuple(term for term in self.observation if isinstance(term, Term))
-
-    def kind(self, term: Term) -> TermKind:
-        """Return what a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
-        return term_kind(term.kind, self.command_names) if term.width is None else live_kind(term.kind)
-
-    def requires(self, field: str) -> bool:
-        """Return whether the observation has a term that means nothing without this field."""
-        return any(self.kind(term).requires == field for term in self.terms)
-
-    @property
-    def velocity_points(self) -> tuple[str, ...]:
-        """Points of the robot beside its base whose velocity is observed: `imu`, or names of sites; each once."""
-        points = [term.at for term in self.terms if "at" in self.kind(term).conventions]
-        return tuple(point for point in dict.fromkeys(points) if point != BASE)
-
-    @property
-    def extern_widths(self) -> Mapping[str, int]:
-        """Name and width of the live inputs that such a policy can have: of a robot in a simulation, and declared."""
-        points = {point_velocity(point): 3 for point in self.velocity_points}
-        return {**EXTERN_WIDTHS, **points, **self.sent_inputs}
-
-    @property
-    def sent_inputs(self) -> Mapping[str, int]:
-        """Name and width of the live inputs that a program may send: declared ones, and a height scan."""
-        scan = self.height_scan
-        return {**self.live_inputs, **({} if scan is None else {HEIGHT_SCAN: scan.count})}
-
-    @property
-    def height_scan(self) -> HeightScan | None:
-        """The scan of the ground that is observed; None without one."""
-        return next((term.height_scan for term in self.terms if _is_scan(term)), None)
-
-    @property
-    def live_inputs(self) -> Mapping[str, int]:
-        """Name and width of the live inputs that terms declare, because no kind expresses them."""
-        return {term.kind: term.width for term in self.terms if term.width is not None}
-
-    @property
-    def live_topics(self) -> Mapping[str, LiveTopic]:
-        """Topics of the live inputs that are observed and that other programs may publish, by name."""
-        return _live_topics(self.terms)
-
-    @property
-    def live_timeouts(self) -> Mapping[str, float]:
-        """Timeouts that terms state, s, by the name of the live input."""
-        return {name: topic.timeout for name, topic in self.live_topics.items() if topic.timeout is not None}
-
-    @property
-    def takes_velocity_command(self) -> bool:
-        """Tell whether what the policy observes depends on the velocity command: as a term, or by the gait clock."""
-        return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
+        return self.observation  # type: ignore[return-value]  # terms all, since construction
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -288,103 +431,57 @@ class PolicyContract:
         """m, the width of the action."""
         return len(self.action_joint_names)
 
-    def _checked(self, name: str, form: Form, value: Any) -> Any:
-        """Return the value as it is kept; the fields before it are checked already."""
-        if (value is None or isinstance(value, str)) and value in form.instead:
-            return value
-        if form.joints or form.kind in ("names", "axes"):
-            return self._checked_arrays(name, form, value)
-        match form.kind:
-            case "choice":
-                accepted, is_right = f"one of {', '.join(form.choices)}", value in form.choices
-            case "number":
-                return number(_OWNER, name, value, above=True)
-            case "limit":
-                is_number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
-                accepted, is_right = "a number > 0", is_number and value > 0.0
-                value = float(value) if is_right else value
-            case "steps":
-                value = tuple(value) if isinstance(value, Iterable) else value
-                accepted, is_right = "integers >= 0", isinstance(value, tuple) and all(map(_is_step, value))
-                value = tuple(map(int, value)) if is_right else value
-            case _:
-                return self._checked_terms(value) if name == "observation" else value
-        if not is_right:
-            raise FieldError(f"{_OWNER}.{name}: is {value!r}, expected {accepted}")
-        return value
+    def kind(self, term: Term) -> TermKind:
+        """Return what a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
+        return live_kind(term.kind) if term.width is not None else term_kind(term.kind, self.command_names)
 
-    def _checked_arrays(self, name: str, form: Form, value: Any) -> Any:
-        match form.kind:
-            case "names":
-                names = joint_tuple(_OWNER, value, name, may_be_empty=form.may_be_empty)
-                strangers = [joint for joint in names if form.joints and joint not in self.joint_names]
-                if strangers:
-                    known = ", ".join(self.joint_names)
-                    raise FieldError(f"{_OWNER}.{name}: {', '.join(strangers)} not in {form.joints}: {known}")
-                return names
-            case "limits":
-                return self._checked_limits(name, form, value)
-            case "pairs" | "axes":
-                return self._checked_pairs(name, form, value)
-        if value is None:  # the offset of an action that is counted from the default pose
-            value = self.default_joint_pos[[self.joint_names.index(joint) for joint in self.action_joint_names]]
-        return per_joint(_OWNER, name, value, getattr(self, form.joints), minimum=form.minimum)
+    def requires(self, name: str) -> bool:
+        """Return whether the observation has a term that means nothing without this field."""
+        return any(self.kind(term).requires == name for term in self.terms)
 
-    def _checked_limits(self, name: str, form: Form, value: Any) -> FloatArray:
-        limits, joints = frozen_array(_OWNER, name, value), getattr(self, form.joints)
-        if limits.shape not in ((), (len(joints),)) or not (limits > 0.0).all():
-            accepted = f"a number > 0 for each of {len(joints)} joints, or one for all"
-            raise FieldError(f"{_OWNER}.{name}: is {limits.tolist()}, expected {accepted}")
-        return frozen_array(_OWNER, name, np.broadcast_to(limits, len(joints)))
+    @property
+    def takes_velocity_command(self) -> bool:
+        """Tell whether what the policy observes depends on the velocity command: as a term, or by the gait clock."""
+        return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
 
-    def _checked_pairs(self, name: str, form: Form, value: Any) -> FloatArray:
-        limits = frozen_array(_OWNER, name, value)
-        if form.kind == "axes":
-            rows, shapes, what = 3, [(3, 2)], "vx, vy and yaw rate"
-        else:
-            rows = len(getattr(self, form.joints))
-            shapes, what = [(1, 2), (rows, 2)], f"each of {rows} action joints, or one for all"
-        if limits.shape not in shapes or not (limits[:, 0] <= limits[:, 1]).all():
-            raise FieldError(f"{_OWNER}.{name}: is {limits.tolist()}, expected [least, greatest] for {what}")
-        return frozen_array(_OWNER, name, np.broadcast_to(limits, (rows, 2)))
+    @property
+    def velocity_points(self) -> tuple[str, ...]:
+        """Points of the robot beside its base whose velocity is observed: `imu`, or names of sites; each once."""
+        points = [term.at for term in self.terms if "at" in self.kind(term).conventions]
+        return tuple(point for point in dict.fromkeys(points) if point != BASE)
 
-    def _checked_terms(self, value: Any) -> tuple[Term, ...]:
-        if isinstance(value, str) or not isinstance(value, Iterable):
-            raise FieldError(f"{_OWNER}.observation: is {value!r}, expected a sequence of terms")
-        terms = tuple(term if isinstance(term, Term) else Term(term) for term in value)
-        joint_tuple(_OWNER, [term.name for term in terms], "observation")
-        scans = [term for term in terms if _is_scan(term)]
-        for other in scans[1:]:
-            if other.height_scan != scans[0].height_scan:
-                both = f"'{scans[0].name}' and '{other.name}'"
-                raise FieldError(f"{_OWNER}.observation: terms {both} have different height scans, expected one")
-        for term in terms:
-            for option in ("width", "topic", "timeout"):
-                same = [getattr(other, option) for other in terms if other.kind == term.kind]
-                if same.count(same[0]) < len(same):
-                    raise FieldError(
-                        f"{_OWNER}.observation: live input '{term.kind}' has {option}s {same}, expected one"
-                    )
-            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
-            if strangers:
-                raise FieldError(
-                    f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
-                )
-        owners: dict[str, str] = {}
-        for name, topic in _live_topics(terms).items():
-            if owners.setdefault(topic.name, name) != name:
-                both = f"'{owners[topic.name]}' and '{name}'"
-                raise FieldError(f"{_OWNER}.observation: live inputs {both} have the topic {topic.name}, expected two")
-        return terms
+    @property
+    def height_scan(self) -> HeightScan | None:
+        """The scan of the ground that is observed; None without one."""
+        return next((term.scan for term in self.terms if term.scan is not None), None)
 
+    @property
+    def live_inputs(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that terms declare, because no kind expresses them."""
+        return {term.kind: term.width for term in self.terms if term.width is not None}
 
-def _live_topics(terms: Iterable[Term]) -> dict[str, LiveTopic]:
-    kinds = ((term, live_kind(term.kind) if term.width is not None else TERM_KINDS.get(term.kind)) for term in terms)
-    return {
-        kind.reads: LiveTopic(term.topic or kind.topic, term.timeout)
-        for term, kind in kinds
-        if kind is not None and kind.topic
-    }
+    @property
+    def sent_inputs(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that a program may send: declared ones, and a height scan."""
+        scan = self.height_scan
+        return {**self.live_inputs, **({} if scan is None else {HEIGHT_SCAN: scan.count})}
+
+    @property
+    def extern_widths(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that such a policy can have: of a robot in a simulation, and declared."""
+        points = {point_velocity(point): 3 for point in self.velocity_points}
+        return {**EXTERN_WIDTHS, **points, **self.sent_inputs}
+
+    @property
+    def live_topics(self) -> Mapping[str, LiveTopic]:
+        """Topics of the live inputs that are observed and that other programs may publish, by name."""
+        kinds = ((term, self.kind(term)) for term in self.terms)
+        return {kind.reads: LiveTopic(term.topic or kind.topic, term.timeout) for term, kind in kinds if kind.topic}
+
+    @property
+    def live_timeouts(self) -> Mapping[str, float]:
+        """Timeouts that terms state, s, by the name of the live input."""
+        return {name: topic.timeout for name, topic in self.live_topics.items() if topic.timeout is not None}
 
 
 def live_topic(contract: PolicyContract | None, name: str) -> LiveTopic | None:
@@ -392,21 +489,3 @@ def live_topic(contract: PolicyContract | None, name: str) -> LiveTopic | None:
     usual = TERM_KINDS.get(name)
     default = LiveTopic(usual.topic) if usual is not None and usual.topic else None
     return default if contract is None else contract.live_topics.get(name, default)
-
-
-def _is_scan(term: Term) -> bool:
-    return term.kind == HEIGHT_SCAN and term.width is None
-
-
-def _is_step(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)
-
-
-FORMS: Mapping[str, Form] = MappingProxyType(
-    {
-        name: hint.__metadata__[0]
-        for name, hint in get_type_hints(PolicyContract, include_extras=True).items()
-        if hasattr(hint, "__metadata__")
-    }
-)
-"""By the field's name, in order; all fields but the provenance."""

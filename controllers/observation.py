@@ -7,45 +7,23 @@ for bit what its robots give one by one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
+from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract, Term
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.term_values import ObservationContext, Request, Source
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.terms import BoundTerm, ObservationContext
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Float32Array
-
-
-@dataclass(frozen=True, slots=True)
-class ObservationTerm:
-    """One term: where it lies within one step's values, and what is read for it."""
-
-    term: Term
-    start: int
-    stop: int
-    source: Source
-    is_plain: bool
-    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every tick is not free."""
-
-    @property
-    def name(self) -> str:
-        """As the exporter calls it."""
-        return self.term.name
-
-    @property
-    def width(self) -> int:
-        """Number of values that the policy sees, all steps of its history together."""
-        return (self.stop - self.start) * self.term.history
 
 
 @dataclass(frozen=True, slots=True)
 class ObservationLayout:
     """The terms of a flat observation in their order."""
 
-    terms: tuple[ObservationTerm, ...]
+    terms: tuple[BoundTerm, ...]
     history_layout: HistoryLayout = "per_term"
     width: int = field(init=False)
     """N, the number of values of the whole observation."""
@@ -64,11 +42,11 @@ class ObservationLayout:
         term, value, step = self._place(index)
         return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 
-    def term_at(self, index: int) -> ObservationTerm:
+    def term_at(self, index: int) -> BoundTerm:
         """Return the term that the value at `index` of the whole observation belongs to."""
         return self._place(index)[0]
 
-    def _place(self, index: int) -> tuple[ObservationTerm, int, int]:
+    def _place(self, index: int) -> tuple[BoundTerm, int, int]:
         """Term, number of the value within it, and step of its history."""
         if self.history_layout == "per_step":
             step, index = divmod(index, self.step_width)
@@ -96,18 +74,34 @@ def resolve_observation(
         robot_joints: the order of the state's per-joint arrays.
         extern: name and width of the live inputs that exist.
     """
-    terms = []
-    start = 0
+    terms: list[BoundTerm] = []
     for term in contract.terms:
-        kind = contract.kind(term)
-        width, source = kind.source(Request(term, kind, contract, robot_joints, reference, extern))
-        size = np.shape(term.scale)
-        if size not in ((), (1,), (width,)):
-            raise FieldError(f"observation term '{term.name}': scale has {size[0]} values, expected 1 or {width}")
-        is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
-        terms.append(ObservationTerm(term, start, start + width, source, is_plain))
-        start += width
+        start = terms[-1].stop if terms else 0
+        terms.append(_bind(term, start, contract, robot_joints, reference, extern))
     return ObservationLayout(tuple(terms), contract.history_layout)
+
+
+def _bind(
+    term: Term,
+    start: int,
+    contract: PolicyContract,
+    robot_joints: tuple[str, ...],
+    reference: MotionReference,
+    extern: Mapping[str, int],
+) -> BoundTerm:
+    kind = contract.kind(term)
+    shown = contract.joint_names if term.joints is None else term.joints
+    order = joint_indices(shown, robot_joints, "joint_names of the policy")
+    pose = contract.default_joint_pos[joint_indices(shown, contract.joint_names, "joint_names of the policy")]
+    is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
+    zero = pose if kind.is_relative(term) else 0.0
+    bound = BoundTerm(term, kind, contract, reference, extern, order, zero, start, start, is_plain)
+    kind.check_sources(bound)
+    width = kind.width if isinstance(kind.width, int) else kind.width(bound)
+    size = np.size(term.scale)
+    if size not in (1, width):
+        raise FieldError(f"observation term '{term.name}': scale has {size} values, expected 1 or {width}")
+    return replace(bound, stop=start + width)
 
 
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
@@ -120,7 +114,7 @@ def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array
     step = np.empty((*batch, layout.step_width), dtype=np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks that the result is finite
         for term in layout.terms:
-            value = term.source(context)
+            value = term.kind.value(term, context)
             step[..., term.start : term.stop] = value if term.is_plain else term.term.process(value)
     return step
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +64,12 @@ def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: 
     if not np.isfinite(result) or result < minimum or (above and result == minimum):
         raise FieldError(f"{owner}.{name}: is {value}, expected {accepted}")
     return result
+
+
+def one_of(owner: str, name: str, value: object, choices: Any) -> None:
+    """Raise `FieldError` unless the value is one of the words of a `Literal`."""
+    if value not in get_args(choices):
+        raise FieldError(f"{owner}.{name}: is {value!r}, expected one of {', '.join(get_args(choices))}")
 
 
 def per_joint(

@@ -16,9 +16,18 @@ from humanoid_sim.controllers.contract import JOINT_LIMITS, PhaseRule, PolicyCon
 from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
-from humanoid_sim.controllers.term_values import ObservationContext, live_command
+from humanoid_sim.controllers.terms import ObservationContext, anchor_quaternion, live_command
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import ANCHOR_POSE, BoolArray, Float32Array, FloatArray, IndexArray, MITCommand, MITState
+from humanoid_sim.mit import (
+    ANCHOR_ORIENTATION,
+    ANCHOR_POSE,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+    MITCommand,
+    MITState,
+)
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
@@ -95,13 +104,13 @@ class PolicyWiring:
         """
         batch = state.joint_position.shape[:-1]
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
-        live = state.extern.get(ANCHOR_POSE) if aligns else None
+        pose = _anchor_pose(state) if aligns else None
         begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         return PolicyMemory(
             frame=begin,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
             walked=np.zeros(batch) if batch else 0.0,
-            alignment=None if live is None else self.reference.align(live.value, begin),
+            alignment=None if pose is None else self.reference.align(pose, begin),
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
@@ -126,7 +135,7 @@ class PolicyWiring:
             return ""
         i = int(np.argmin(finite))
         kind = self.contract.kind(self.layout.term_at(i).term)
-        why = f": {kind.silent}" if kind.silent and np.isnan(observation[i]) else ""
+        why = f": {kind.stale}" if kind.stale and np.isnan(observation[i]) else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> BoolArray:
@@ -154,6 +163,16 @@ class PolicyWiring:
         frame = self.reference.following(memory.frame)
         advanced = PolicyMemory(frame, action, memory.history, memory.walked, memory.alignment)
         return advanced, action_command(self.action_map, action)
+
+
+def _anchor_pose(state: MITState) -> FloatArray | None:
+    """Return the anchor body's pose, shape (..., 7), at the origin where only its orientation is known; or None."""
+    if ANCHOR_POSE in state.extern:
+        return state.extern[ANCHOR_POSE].value
+    if ANCHOR_ORIENTATION not in state.extern:
+        return None
+    quaternion = anchor_quaternion(state)
+    return np.concatenate([np.zeros((*quaternion.shape[:-1], 3)), quaternion], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

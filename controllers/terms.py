@@ -1,279 +1,558 @@
-"""One term of a policy's observation, as a contract writes it down: what it means and every convention it depends on.
+"""The one table of observation terms: the meaning, width and value of each. A new term is one row here.
 
-A convention that differs between sources is an option of the term, so that any wiring, a wrong one too, can be written
-down. What kinds of terms there are is in `term_kinds`.
+Exporters give the same quantity different names, and `command` stands for the contract's command. Functions take
+`(..., n)`, one robot or a batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from humanoid_sim.controllers.parameters import joint_tuple, number
-from humanoid_sim.controllers.term_kinds import TERM_KINDS, TERM_NAMES, is_known
-from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU, FloatArray, frozen_array
-
-Frame = Literal["body", "world"]
-OrientationLayout = Literal["rows", "columns", "two_rows"]
-QuaternionOrder = Literal["wxyz", "xyzw"]
-HistoryOrder = Literal["oldest_first", "newest_first"]
-ActionForm = Literal["raw", "scaled"]
-UPRIGHT = "x y z"
-"""Axes of a vector that is shown as it is."""
-_TURNS = tuple(f"{x} {y} {z}" for x, y, z in (
-    ("y", "-x", "z"), ("-y", "x", "z"), ("-x", "-y", "z"), ("x", "z", "-y"), ("x", "-z", "y"), ("x", "-y", "-z"),
-    ("-z", "y", "x"), ("z", "y", "-x"), ("-x", "y", "-z"),
-))  # fmt: skip
-"""Axes turned by a quarter, or by half, about z, x or y."""
-RayOrder = Literal["xy", "yx"]
-_CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "history_order": get_args(HistoryOrder),
-        "frame": get_args(Frame),
-        "layout": get_args(OrientationLayout),
-        "quaternion": get_args(QuaternionOrder),
-        "form": get_args(ActionForm),
-    }
+from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matrix, multiply, rotate, rotate_inverse
+from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.mit import (
+    ANCHOR_ORIENTATION,
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    EXTERN_WIDTHS,
+    HEIGHT_SCAN,
+    KEY_PRESSED,
+    VELOCITY_COMMAND,
+    Extern,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+    MITState,
+    point_velocity,
 )
-_MOST_RAYS = 2000
-"""Rays of a height scan: as many values fit into one message of another program."""
 
+if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
+    from humanoid_sim.controllers.contract import PolicyContract, Term
+    from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 
-@dataclass(frozen=True, slots=True)
-class HeightScan:
-    """A grid of points around a body, and the value made of the ground's height at each of them.
-
-    The grid lies level and turns with the body's yaw. From each point a ray goes straight down; a value is the body's
-    height less that of the ground, less `offset`. The defaults are mjlab's (`RayCastSensorCfg`, `GridPatternCfg` and
-    `mdp.height_scan` of 1.6.0).
-    """
-
-    at: str = BASE
-    """The body in the grid's middle: `base`, `imu`, or the name of a site or body."""
-    grid: tuple[float, float] = (1.6, 1.0)
-    """m, length along the body's x and y."""
-    resolution: float = 0.1
-    """m between two points."""
-    ray_order: RayOrder = "xy"
-    """The coordinate that changes first from one value to the next: `xy` for x, `yx` for y."""
-    offset: float = 0.0
-    """m"""
-    range: float = 5.0
-    """m, length of a ray."""
-    miss: float | None = None
-    """m, value of a ray that hits nothing; None: its range."""
-    above: float = 0.0
-    """m above the body where rays begin."""
-
-    def __post_init__(self) -> None:
-        """Check every option but `at`. Raises `FieldError` naming the option, its value and what is accepted."""
-        owner, set_field = "HeightScan", object.__setattr__
-        if len(self.grid) != 2:
-            raise FieldError(f"{owner}.grid: is {list(self.grid)}, expected two lengths, along x and y")
-        set_field(self, "grid", tuple(number(owner, "grid", side) for side in self.grid))
-        for name, above in (("resolution", True), ("range", True), ("above", False)):
-            set_field(self, name, number(owner, name, getattr(self, name), above=above))
-        set_field(self, "offset", number(owner, "offset", self.offset, minimum=-np.inf))
-        if self.miss is not None:
-            set_field(self, "miss", number(owner, "miss", self.miss, minimum=-np.inf))
-        if self.ray_order not in get_args(RayOrder):
-            accepted = " or ".join(get_args(RayOrder))
-            raise FieldError(f"{owner}.ray_order: is {self.ray_order!r}, expected {accepted}")
-        if self.count > _MOST_RAYS:
-            raise FieldError(f"{owner}.resolution: is {self.resolution:g}, {self.count} rays, expected <= {_MOST_RAYS}")
-
-    @property
-    def missed(self) -> float:
-        """m, value of a ray that hits nothing."""
-        return self.range if self.miss is None else self.miss
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """m, least and greatest value."""
-        nearest = -self.above - self.offset
-        return min(nearest, self.missed), max(nearest + self.range, self.missed)
-
-    @property
-    def count(self) -> int:
-        """Number of rays."""
-        columns, rows = self._sides
-        return columns * rows
-
-    @property
-    def _sides(self) -> tuple[int, int]:
-        """Points along x and y: those within the grid, however a multiple of the resolution is rounded."""
-        return tuple(int(side / self.resolution + 1e-6) + 1 for side in self.grid)  # type: ignore[return-value]
-
-    @property
-    def points(self) -> FloatArray:
-        """Shape (count, 2), m, x and y from the grid's middle, in the order of the values."""
-        x, y = (np.arange(n) * self.resolution - 0.5 * side for n, side in zip(self._sides, self.grid, strict=True))
-        if self.ray_order == "xy":
-            return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
-        return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
-
-
-def _is_topic(name: object) -> bool:
-    root, *parts = name.split("/") if isinstance(name, str) and name.isascii() else ("none",)
-    return not root and bool(parts) and all(part.isidentifier() for part in parts)
-
-
-SCAN_OPTIONS = tuple(field.name for field in fields(HeightScan) if field.name != "at")
-"""Options of a term that only a height scan has."""
+Convention = Literal["frame", "at", "relative", "layout", "inverse", "quaternion", "form", "sign"]
+_COMMAND = "command"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Term:
-    """One observation term. Processing order: the value, its conventions, clip, scale, history."""
+class ObservationContext:
+    """Everything that a term may read."""
 
-    name: str
-    """As the exporter calls it."""
-    kind: str = ""
-    """Its meaning, a name of `TERM_KINDS` or `command`; empty: by its name. Any other is the name of a live input."""
-    scale: FloatArray | float = 1.0
-    """Scalar, or one factor per value. 0 feeds zeros."""
-    clip: tuple[float, float] | None = None
-    """Bounds before scaling."""
-    history: int = 1
-    """Number of policy steps that are shown, this one included."""
-    history_order: HistoryOrder = "oldest_first"
-    frame: Frame = "body"
-    """For velocities and the anchor position."""
-    at: str = BASE
-    """For the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site; for a height
-    scan, the middle of its grid, which may also be a body."""
-    axes: str = UPRIGHT
-    """For vectors in the IMU's frame, those of its axes that are shown as x, y and z, each with its sign: `y -x z`."""
-    relative: bool | None = None
-    """For joint positions (default true) and the motion command (default false): less the default pose."""
-    layout: OrientationLayout = "rows"
-    """Layout of six orientation values: the first two columns row by row, column by column, or the first two rows."""
-    inverse: bool = False
-    """For the anchor orientation: seen from the reference instead of from the robot."""
-    quaternion: QuaternionOrder = "wxyz"
-    """For terms that are quaternions."""
-    form: ActionForm = "raw"
-    """For the last action: the network's output, or that times the action scale."""
-    joints: tuple[str, ...] | None = None
-    """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
-    width: int | None = None
-    """Number of values of a live input that no kind of term expresses; None: the kind's."""
-    topic: str | None = None
-    """Topic on which other programs publish a live input; None: the kind's."""
-    timeout: float | None = None
-    """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
-    grid: tuple[float, float] | None = None
-    """For a height scan, as the six options below: see `HeightScan`, whose default stands for None."""
-    resolution: float | None = None
-    ray_order: RayOrder | None = None
-    offset: float | None = None
-    range: float | None = None
-    miss: float | None = None
-    above: float | None = None
+    state: MITState
+    last_action: Float32Array
+    """Shape (..., m), raw."""
+    reference: MotionReference
+    frame: Frame
+    """Shape (...)."""
+    alignment: Alignment | None = None
+    """Alignment of the reference with the robot, made at activation."""
+    phase: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Shape (..., k), rad."""
 
-    def __post_init__(self) -> None:
-        where = f"observation term '{self.name}'"
-        set_field = object.__setattr__
-        if not self.name or not isinstance(self.name, str):
-            raise FieldError(f"observation term: its name is {self.name!r}, expected a text")
-        meant = self.name if self.width is not None else TERM_NAMES.get(self.name, self.name)
-        set_field(self, "kind", self.kind or meant)
-        scale = frozen_array(where, "scale", self.scale)
-        if scale.ndim > 1 or not np.isfinite(scale).all():
-            raise FieldError(f"{where}: scale is {self.scale}, expected a finite number, or one per value")
-        set_field(self, "scale", scale)
-        if self.clip is not None:
-            low, high = self.clip
-            if not low <= high:
-                raise FieldError(f"{where}: clip is {self.clip}, expected a lower and an upper bound")
-            set_field(self, "clip", (float(low), float(high)))
-        if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 1:
-            raise FieldError(f"{where}: history is {self.history!r}, expected a whole number >= 1")
-        if self.joints is not None:
-            set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
-        if not isinstance(self.at, str) or not self.at.strip():
-            raise FieldError(f"{where}: at is {self.at!r}, expected base, imu or the name of a site")
-        axes = self.axes.split() if isinstance(self.axes, str) else []
-        if sorted(axis.removeprefix("-") for axis in axes) != ["x", "y", "z"]:
-            raise FieldError(f"{where}: axes is {self.axes!r}, expected x, y and z in any order and sign, as 'y -x z'")
-        set_field(self, "axes", " ".join(axes))
-        if self.width is not None:
-            self._check_width(where)
-        self._check_topic(where)
-        self._check_scan(where)
-        for name, accepted in _CHOICES.items():
-            if getattr(self, name) not in accepted:
-                raise FieldError(f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(accepted)}")
 
-    def _check_width(self, where: str) -> None:
-        if isinstance(self.width, bool) or not isinstance(self.width, int) or self.width < 1:
-            raise FieldError(f"{where}: width is {self.width!r}, expected a whole number >= 1")
-        usual = TERM_KINDS.get(TERM_NAMES.get(self.kind, self.kind))
-        if is_known(self.kind) and (usual is None or not usual.topic):
-            raise FieldError(f"{where}: width is {self.width}, expected none: only a live input has one of its own")
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundTerm:
+    """A term on a robot, everything looked up once."""
 
-    def _check_topic(self, where: str) -> None:
-        for name in ("topic", "timeout"):
-            value = getattr(self, name)
-            if value is None or self.width is not None:
-                continue
-            if not is_known(self.kind):
-                declared = f"{{name: {self.name}, width: 2}}"
-                raise FieldError(f"{where}: {name} is {value!r}, but no width declares a live input: {declared}")
-            usual = TERM_KINDS.get(self.kind)
-            if usual is None or not usual.topic:
-                raise FieldError(f"{where}: {name} is {value!r}, expected none: only a live input has one")
-        if self.topic is not None and not _is_topic(self.topic):
-            raise FieldError(f"{where}: topic is {self.topic!r}, expected a ROS 2 name such as '/foot_contact'")
-        if self.timeout is not None:
-            is_number = isinstance(self.timeout, int | float | np.floating) and not isinstance(self.timeout, bool)
-            if not is_number or not self.timeout > 0.0:
-                raise FieldError(f"{where}: timeout is {self.timeout!r}, expected seconds > 0, or .inf")
-            object.__setattr__(self, "timeout", float(self.timeout))
-
-    def _check_scan(self, where: str) -> None:
-        if self.kind == HEIGHT_SCAN and self.width is None:
-            try:
-                scan = self.height_scan
-            except FieldError as error:
-                problem = str(error).removeprefix("HeightScan.").replace(": is", " is", 1)
-                raise FieldError(f"{where}: {problem}") from None
-            if self.grid is not None:
-                object.__setattr__(self, "grid", scan.grid)
-            return
-        for name in SCAN_OPTIONS:
-            if getattr(self, name) is not None:
-                problem = f"{name} is {getattr(self, name)!r}, expected none: only a height_scan has one"
-                raise FieldError(f"{where}: {problem}")
+    term: Term
+    kind: TermKind
+    contract: PolicyContract
+    reference: MotionReference
+    extern: Mapping[str, int]
+    """Name and width of the live inputs that exist."""
+    order: IndexArray
+    """The joints that the term shows, as places among the robot's."""
+    zero: FloatArray | float
+    """rad, of these joints: subtracted from positions."""
+    start: int
+    """Place of the first value within one step's values."""
+    stop: int
+    is_plain: bool
+    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every tick is not free."""
 
     @property
-    def height_scan(self) -> HeightScan:
-        """Grid of a term of that kind."""
-        given = {name: getattr(self, name) for name in SCAN_OPTIONS if getattr(self, name) is not None}
-        return HeightScan(self.at, **given)
+    def name(self) -> str:
+        """As the exporter calls it."""
+        return self.term.name
 
-    def process(self, value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Clip, then scale, a value of shape (..., width)."""
-        if self.clip is not None:
-            value = np.clip(value, *self.clip)
-        return value * self.scale
+    @property
+    def width(self) -> int:
+        """Number of values that the policy sees, all steps of its history together."""
+        return (self.stop - self.start) * self.term.history
 
-    def turned(self, vector: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Show a vector, shape (..., 3), along other axes, as `axes` has it."""
-        axes = self.axes.split()
-        signs = [-1.0 if axis.startswith("-") else 1.0 for axis in axes]
-        return vector[..., ["xyz".index(axis[-1]) for axis in axes]] * signs
 
-    def others(self, convention: str) -> tuple[str, ...]:
-        """Return what an option with a choice of words could be instead."""
-        if convention == "axes":
-            return tuple(axes for axes in (UPRIGHT, *_TURNS) if axes != self.axes)
-        if convention == "at":
-            return (IMU,) if self.at == BASE else (BASE,)
-        return tuple(choice for choice in _CHOICES[convention] if choice != getattr(self, convention))
+Width = Callable[["BoundTerm"], int]
+Value = Callable[["BoundTerm", ObservationContext], Any]
+"""Shape (..., width), before clip and scale."""
+
+
+# --- values: joints and last action ---
+
+
+def _joint_position(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return context.state.joint_position[..., bound.order] - bound.zero
+
+
+def _joint_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return context.state.joint_velocity[..., bound.order]
+
+
+def _last_action(bound: BoundTerm, context: ObservationContext) -> Any:
+    action, clip = context.last_action, bound.contract.action_clip
+    if clip < np.inf:  # trainers that clip actions keep, and show, the clipped ones
+        action = np.clip(action, -clip, clip)
+    return action * bound.contract.action_scale if bound.term.form == "scaled" else action
+
+
+# --- values: IMU and base ---
+
+
+def _angular_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    velocity = context.state.imu_angular_velocity
+    return velocity if bound.term.frame == "body" else rotate(context.state.imu_quaternion, velocity)
+
+
+def _acceleration(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return context.state.imu_linear_acceleration
+
+
+def _gravity(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return gravity_direction(context.state.imu_quaternion)
+
+
+def _quaternion(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    quaternion = context.state.imu_quaternion
+    return quaternion if bound.term.quaternion == "wxyz" else quaternion[..., [1, 2, 3, 0]]
+
+
+def _linear_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    velocity = _live_or_nan(context.state, bound.kind.input(bound.term), 3)
+    return velocity if bound.term.frame == "world" else rotate_inverse(context.state.imu_quaternion, velocity)
+
+
+# --- values: command, live inputs, clock ---
+
+
+def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
+    """Return the velocity command within the contract's ranges, shape (3,): zero if there is none, or it is too old."""
+    live = _live_input(state, VELOCITY_COMMAND, 3)
+    command = np.zeros(3) if live is None else live.at(state.time)
+    ranges = contract.command_ranges
+    return command if ranges is None else np.clip(command, ranges[:, 0], ranges[:, 1])
+
+
+def _command(part: slice) -> Value:
+    return lambda bound, context: live_command(context.state, bound.contract)[..., part]
+
+
+def _phase(*functions: Callable[[FloatArray], FloatArray]) -> Value:
+    """Return functions of the phase of each foot, one after the other; 0 where there is no phase."""
+
+    def value(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
+        values = np.concatenate([function(context.phase) for function in functions], axis=-1)
+        return np.where(np.isnan(values), 0.0, values)
+
+    return value
+
+
+def _extern(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    """Return what a robot reports beside its state, as it is; zeros while it is missing or too old."""
+    width = bound.stop - bound.start
+    live = _live_input(context.state, bound.kind.reads, width)
+    return np.zeros(width) if live is None else live.at(context.state.time)
+
+
+def _live(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return _live_or_nan(context.state, bound.kind.reads, bound.stop - bound.start)
+
+
+def _live_input(state: MITState, name: str, width: int) -> Extern | None:
+    """Return a live input, its shape checked: assigned unchecked, one value would fill every slot."""
+    live = state.extern.get(name)
+    if live is not None and live.value.shape not in ((width,), (*state.joint_position.shape[:-1], width)):
+        raise FieldError(f"MITState.extern['{name}']: has shape {live.value.shape}, expected ({width},)")
+    return live
+
+
+def _live_or_nan(state: MITState, name: str, width: int) -> FloatArray:
+    """Return a live input; NaN where it is missing or too old, so that the policy stops instead of believing zeros."""
+    live = _live_input(state, name, width)
+    if live is None:
+        return np.full(width, np.nan)
+    return np.where(live.is_fresh(state.time)[..., None], live.value, np.nan)
+
+
+# --- values: the motion ---
+
+
+def _motion_command(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    position: Any = context.reference.term("reference_joint_pos", context.frame)
+    if bound.kind.is_relative(bound.term):
+        position = position - bound.contract.default_joint_pos
+    return np.concatenate([position, context.reference.term("reference_joint_vel", context.frame)], axis=-1)
+
+
+def anchor_quaternion(state: MITState) -> FloatArray:
+    """Return the anchor body's orientation, shape (..., 4), w x y z: of its pose, or else by itself; NaN without."""
+    if ANCHOR_POSE in state.extern:
+        return _live_or_nan(state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])[..., 3:]
+    return _live_or_nan(state, ANCHOR_ORIENTATION, 4)
+
+
+def _anchor_position(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    pose = _live_or_nan(context.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
+    offset = context.reference.anchor(context.frame, context.alignment)[0] - pose[..., :3]
+    return offset if bound.term.frame == "world" else rotate_inverse(pose[..., 3:], offset)
+
+
+def _anchor_orientation(bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    target = context.reference.anchor(context.frame, context.alignment)[1]
+    relative = multiply(conjugate(anchor_quaternion(context.state)), target)
+    rotation = matrix(conjugate(relative) if bound.term.inverse else relative)
+    if bound.term.layout == "two_rows":
+        return rotation[..., :2, :].reshape(*rotation.shape[:-2], 6)
+    columns = rotation[..., :, :2]
+    if bound.term.layout == "columns":
+        columns = np.swapaxes(columns, -1, -2)
+    return columns.reshape(*rotation.shape[:-2], 6)
+
+
+def _referenced(bound: BoundTerm, context: ObservationContext) -> Any:
+    return context.reference.term(bound.kind.name, context.frame)
+
+
+def _progress(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
+    return np.asarray(context.reference.progress(context.frame))[..., None]
+
+
+# --- widths ---
+
+
+def _per_joint(bound: BoundTerm) -> int:
+    return len(bound.order)
+
+
+def _per_action(bound: BoundTerm) -> int:
+    return bound.contract.action_count
+
+
+def _feet(times: int) -> Width:
+    def width(bound: BoundTerm) -> int:
+        if bound.contract.phase is None:
+            raise _needs(bound.term, "the contract's phase rule")
+        return times * len(bound.contract.phase.offsets)
+
+    return width
+
+
+def _of_table(bound: BoundTerm) -> int:
+    return int(bound.reference.terms[bound.kind.name].shape[1])
+
+
+def _of_live(bound: BoundTerm) -> int:
+    """Return the width that the live input has, which must be the one that a declaration or a scan says."""
+    name, term = bound.kind.reads, bound.term
+    expected = term.width if term.scan is None else term.scan.count
+    if name not in bound.extern:
+        if expected is None and not bound.kind.topic:
+            unknown = known_names("observation term", term.name, sorted({*TERM_NAMES, *bound.extern}))
+            raise FieldError(f"{unknown}; a width declares a live input: {{name: {term.name}, width: 2}}")
+        raise _needs(term, f"the live input '{name}'; a program sends it, or `live` from Python feeds it")
+    if expected not in (None, bound.extern[name]):
+        raise FieldError(f"observation term '{term.name}': is {expected} wide, but the input has {bound.extern[name]}")
+    return bound.extern[name]
+
+
+def _needs(term: Term, what: str) -> FieldError:
+    return FieldError(f"observation term '{term.name}' needs {what}, and there is none")
+
+
+# --- the table ---
+
+
+@dataclass(frozen=True, slots=True)
+class TermKind:
+    """Description of a kind of observation term, whatever the term is called."""
+
+    name: str
+    meaning: str
+    """Meaning in words, with its unit."""
+    width: int | Width
+    """Number of values of one step. Raises `FieldError` where what it needs is not there."""
+    value: Value
+    _: KW_ONLY
+    names: tuple[str, ...] = ()
+    """Names that exporters use for it; empty: its own name."""
+    reads: str = ""
+    """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
+    estimate: str = ""
+    """Part of it that a simulation knows and a robot has to estimate."""
+    tables: tuple[str, ...] = ()
+    """Tables of the motion that it needs."""
+    conventions: tuple[Convention, ...] = ()
+    """Conventions that may be mistaken: options of `Term`, or its `sign`."""
+    relative: bool = False
+    """True if positions are relative to the default pose unless the term says otherwise."""
+    task: Literal["", "tracking", "piano"] = ""
+    """The task that a policy with such a term has; empty: any."""
+    requires: str = ""
+    """Field of the contract without which it means nothing."""
+    scales: tuple[float, ...] = (1.0,)
+    """Scales seen in published policies."""
+    stale: str = ""
+    """Likely cause of NaN values; empty if none is known."""
+    topic: str = ""
+    """Topic on which other programs publish it, where the term names none; empty: none does."""
+
+    def is_relative(self, term: Term) -> bool:
+        """Return whether the positions of such a term are less the default pose."""
+        return self.relative if term.relative is None else term.relative
+
+    def input(self, term: Term) -> str:
+        """Return the field of `MITState`, or the live input, that such a term is made of; empty as in `reads`."""
+        return point_velocity(term.at) if "at" in self.conventions else self.reads
+
+    def check_sources(self, bound: BoundTerm) -> None:
+        """Raise `FieldError` if what a term is made of is not there."""
+        term = bound.term
+        if term.kind == _COMMAND and not bound.contract.command_names:
+            raise FieldError(f"observation term '{term.name}': means a command, and command_names is empty")
+        inputs = (self.input(term), ANCHOR_ORIENTATION if self.name == "motion_anchor_ori" else "")
+        if self.estimate and not any(name in bound.extern for name in inputs):
+            raise _needs(term, f"{self.estimate}: a simulation knows it, a robot needs an estimator for it")
+        lacking = [table for table in self.tables if table not in bound.reference.terms]
+        if lacking or (self.name == "progress" and not bound.reference.terms):
+            raise _needs(term, f"a motion with {', '.join(lacking)}" if lacking else "a motion")
+
+
+_KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
+    TermKind(
+        "base_lin_vel",
+        "velocity of the base, m/s: needs an estimator",
+        3,
+        _linear_velocity,
+        reads=BASE_LINEAR_VELOCITY,
+        estimate="the velocity of the base",
+        conventions=("frame", "at"),
+        scales=(1.0, 2.0),
+    ),
+    TermKind(
+        "base_ang_vel",
+        "angular velocity of the IMU, rad/s",
+        3,
+        _angular_velocity,
+        names=("base_ang_vel", "imu_ang_vel", "imu_angular_velocity"),
+        reads="imu_angular_velocity",
+        conventions=("frame",),
+        scales=(1.0, 0.25, 0.2),
+    ),
+    TermKind(
+        "projected_gravity",
+        "direction of gravity in the body frame, (0, 0, -1) upright",
+        3,
+        _gravity,
+        reads="imu_quaternion",
+        conventions=("sign",),
+    ),
+    TermKind(
+        "imu_quaternion", "orientation of the IMU", 4, _quaternion, reads="imu_quaternion", conventions=("quaternion",)
+    ),
+    TermKind(
+        "velocity_command",
+        "commanded vx, vy in m/s and yaw rate in rad/s",
+        3,
+        _command(slice(0, 3)),
+        names=("velocity_command", "velocity_commands", "twist"),
+        reads=VELOCITY_COMMAND,
+    ),
+    TermKind(
+        "command_lin_vel",
+        "commanded vx, vy, m/s",
+        2,
+        _command(slice(0, 2)),
+        reads=VELOCITY_COMMAND,
+        scales=(1.0, 2.0),
+    ),
+    TermKind(
+        "command_ang_vel",
+        "commanded yaw rate, rad/s",
+        1,
+        _command(slice(2, 3)),
+        reads=VELOCITY_COMMAND,
+        scales=(1.0, 0.25),
+    ),
+    TermKind(
+        "motion_command",
+        "reference's joint positions and velocities, rad and rad/s",
+        lambda bound: 2 * len(bound.contract.joint_names),
+        _motion_command,
+        names=("motion_command", "motion"),
+        tables=("reference_joint_pos", "reference_joint_vel"),
+        conventions=("relative",),
+        task="tracking",
+    ),
+    TermKind(
+        "motion_anchor_pos",
+        "reference's anchor body from the robot's, m: needs an estimator",
+        3,
+        _anchor_position,
+        names=("motion_anchor_pos", "motion_anchor_pos_b"),
+        reads=ANCHOR_POSE,
+        estimate="the position of the anchor body",
+        tables=("anchor_pos",),
+        conventions=("frame",),
+        task="tracking",
+        requires="anchor_body",
+    ),
+    TermKind(
+        "motion_anchor_ori",
+        "reference's anchor orientation from the robot's, two columns of the matrix",
+        6,
+        _anchor_orientation,
+        names=("motion_anchor_ori", "motion_anchor_ori_b", "motion_ref_ori_b"),
+        reads=ANCHOR_POSE,
+        estimate="the orientation of the anchor body",
+        tables=("anchor_pos",),
+        conventions=("layout", "inverse"),
+        task="tracking",
+        requires="anchor_body",
+    ),
+    TermKind(
+        "joint_pos",
+        "joint positions, rad",
+        _per_joint,
+        _joint_position,
+        names=("joint_pos", "joint_pos_rel", "dof_pos"),
+        reads="joint_position",
+        conventions=("relative",),
+        relative=True,
+    ),
+    TermKind(
+        "joint_vel",
+        "joint velocities, rad/s",
+        _per_joint,
+        _joint_velocity,
+        names=("joint_vel", "joint_vel_rel", "dof_vel"),
+        reads="joint_velocity",
+        scales=(1.0, 0.05, 0.1),
+    ),
+    TermKind(
+        "actions", "last action", _per_action, _last_action, names=("actions", "last_action"), conventions=("form",)
+    ),
+    TermKind("sin_phase", "sine of the gait phase of each foot", _feet(1), _phase(np.sin), requires="phase"),
+    TermKind("cos_phase", "cosine of the gait phase of each foot", _feet(1), _phase(np.cos), requires="phase"),
+    TermKind(
+        "gait_phase",
+        "sines, then cosines of the gait phase",
+        _feet(2),
+        _phase(np.sin, np.cos),
+        names=("gait_phase", "phase"),
+        requires="phase",
+    ),
+    TermKind(
+        "imu_linear_acceleration", "acceleration of the IMU, m/s²", 3, _acceleration, reads="imu_linear_acceleration"
+    ),
+    TermKind(
+        "motion_body_pos_b",
+        "reference's body positions in the base frame, m",
+        _of_table,
+        _referenced,
+        tables=("motion_body_pos_b",),
+        task="tracking",
+        requires="body_names",
+    ),
+    TermKind(
+        "motion_body_ori_b",
+        "reference's body orientations in the base frame",
+        _of_table,
+        _referenced,
+        tables=("motion_body_ori_b",),
+        task="tracking",
+        requires="body_names",
+    ),
+    TermKind("target_keys", "keys to press now, 0 or 1", _of_table, _referenced, tables=("target_keys",), task="piano"),
+    TermKind(
+        "target_keys_future",
+        "keys to press in the steps ahead",
+        _of_table,
+        _referenced,
+        tables=("target_keys_future",),
+        task="piano",
+        requires="lookahead_steps",
+    ),
+    TermKind("progress", "progress of the motion, 0 to 1", 1, _progress),
+    TermKind(
+        "key_pressed",
+        "keys that are down, 0 or 1",
+        _of_live,
+        _live,
+        reads=KEY_PRESSED,
+        stale="no key state has come, or the last one is too old",
+        topic="/piano/key_state",
+    ),
+    TermKind(
+        "height_scan",
+        "height above the ground at the points of a grid, m",
+        _of_live,
+        _live,
+        names=("height_scan", "height_scanner"),
+        reads=HEIGHT_SCAN,
+        scales=(1.0, 0.2),
+        stale="no height scan has come, or the last one is too old",
+        topic="/height_scan",
+    ),
+)
+
+TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
+"""Every kind by its name."""
+TERM_NAMES: Mapping[str, str] = MappingProxyType(
+    {name: kind.name for kind in _KINDS for name in kind.names or (kind.name,)}
+)
+"""Every known name of a term, and its kind's."""
+
+
+def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
+    """Return the kind of a term by a name of it or of the kind; any other name is that of a live input.
+
+    Args:
+        name: as an exporter or a contract has it.
+        command_names: of the contract; mjlab and Isaac Lab call motion and velocity commands alike.
+    """
+    if name == _COMMAND:
+        name = "motion_command" if "motion" in command_names else "velocity_command"
+    known = TERM_KINDS.get(TERM_NAMES.get(name, name))
+    return known or TermKind(name, "live input", _of_live, _extern, reads=name)
+
+
+def live_kind(name: str) -> TermKind:
+    """Return the kind of a live input of that name, whose width a term declares."""
+    usual = TERM_KINDS.get(name)
+    if usual is not None and usual.topic:
+        return replace(usual, width=_of_live, value=_live)
+    plain = "".join(letter if f"_{letter}".isidentifier() and letter.isascii() else "_" for letter in name)
+    topic = f"/{plain}" if plain.isidentifier() else f"/_{plain}"
+    stale = "no value has come, or the last one is too old"
+    return TermKind(name, "live input", _of_live, _live, reads=name, stale=stale, topic=topic)
+
+
+def is_known(name: str) -> bool:
+    """Tell whether a kind of term, or something that a robot reports, has this name, which no live input may have."""
+    is_reported = name in EXTERN_WIDTHS or name.startswith(BASE_LINEAR_VELOCITY)
+    return name == _COMMAND or name in TERM_KINDS or name in TERM_NAMES or is_reported
+
+
+def value_names(term: Term, contract: PolicyContract) -> tuple[str, ...]:
+    """Return the joint of each value of a term, where each has one; else nothing."""
+    match contract.kind(term).name:
+        case "joint_pos" | "joint_vel":
+            return contract.joint_names if term.joints is None else term.joints
+        case "motion_command":
+            return contract.joint_names * 2
+        case "actions":
+            return contract.action_joint_names
+    return ()

@@ -101,9 +101,7 @@ class PolicyEnvironment(CopyableEnv):
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
         self._loop: ClosedLoop | None = None
-        bounds = observation_space(scenario.wiring, scenario.description)
-        self._low, self._high = bounds.low, bounds.high
-        return bounds
+        return observation_space(scenario.wiring)
 
     def snapshot(self) -> dict[str, Any]:
         """See `CopyableEnv.snapshot`."""

@@ -18,7 +18,7 @@ from humanoid_sim.envs.base import RENDER_MODES, PolicyEnvironment, ShownEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Motions, Named
-from humanoid_sim.envs.spaces import action_space, outlier
+from humanoid_sim.envs.spaces import action_space
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
@@ -97,7 +97,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         self.robot = self._robots = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
         self._drawn_from: int | None = None
         self.max_episode_steps = scenario.task.episode_steps
-        self._observation = np.zeros_like(self._low)
+        self._observation = np.zeros(scenario.wiring.layout.width, dtype=np.float32)
         self._commands: FloatArray = np.zeros((1, 3))
         self._steps = 0
 
@@ -144,8 +144,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         )
         if memory is not None:
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
-        # of a state of the caller's choice it may be anything
-        self._observation = np.clip(loop.observation, self._low, self._high)
+        self._observation = loop.observation
         self._show_step(loop.state, MITCommand.zeros(len(self.robot.joints)))
         return self._observation.copy(), {"frame": int(loop.memory.frame)}
 
@@ -199,9 +198,9 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         if self.robot.fault:
             return self._lost(self.robot.fault, frame)
         observation, frame = loop.observation, loop.memory.frame
-        inside = (observation >= self._low) & (observation <= self._high)
-        if not inside.all():
-            return self._lost(outlier(loop.wiring, observation, inside), frame)
+        problem = loop.wiring.observation_problem(observation)
+        if problem:
+            return self._lost(problem, frame)
 
         sample = sample_step(loop, self.robot, self._steps)
         judgement = task.judge(sample)

@@ -24,10 +24,11 @@ from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, IndexArray, point_velocity
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
+from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.readers.contract_yaml import read_contract_file
-from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.own import read_contract_file
+from humanoid_sim.policy.reading import required_contract
 from humanoid_sim.policy.song import named_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
@@ -267,7 +268,7 @@ def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str
         return load_checkpoint(path, None, joints)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"policy: is '{source}', expected a checkpoint (.onnx) or a contract (.yaml)")
-    contract = merge(read_contract_file(path), str(path), joints)
+    contract = required_contract(join([read_contract_file(path)], str(path), joints), path)
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 

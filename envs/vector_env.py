@@ -15,7 +15,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs import resets
 from humanoid_sim.envs.base import PolicyEnvironment, make_pictures
 from humanoid_sim.envs.scenario import Motions, Named
-from humanoid_sim.envs.spaces import action_space, outlier
+from humanoid_sim.envs.spaces import action_space
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
@@ -184,7 +184,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             )
         else:
             self._loop.restart(chosen, velocity, start.frame)
-        self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
+        self._observation[chosen] = self._loop.observation[chosen]
         return self._loop
 
     def step(self, actions: Float32Array) -> Step:
@@ -251,13 +251,13 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         velocity = task.command(self._commands, self._steps).copy()
         loop.act(action, velocity=velocity, wrench=self.wrench, where=None if moving.all() else moving)
         observation = loop.observation
-        inside = (observation >= self._low) & (observation <= self._high)
+        finite = np.isfinite(observation).all(axis=1)
         tripped = moving & loop.tripped
         broken = moving & ~tripped & simulation.fault
-        sound = moving & ~tripped & ~broken & inside.all(axis=1)
+        sound = moving & ~tripped & ~broken & finite
         faults = {int(i): "simulation unstable" for i in np.flatnonzero(broken)}
         faults |= {
-            int(i): outlier(loop.wiring, observation[i], inside[i])
+            int(i): loop.wiring.observation_problem(observation[i])
             for i in np.flatnonzero(moving & ~tripped & ~broken & ~sound)
         }
         faults |= {int(i): loop.alarm(int(i)) for i in np.flatnonzero(tripped)}

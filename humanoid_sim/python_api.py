@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
-from functools import cached_property
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -29,16 +28,13 @@ from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError, known_names, needing
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.describe import field_lines
-from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy_tools.show import golden_verdict, policy_document, policy_tables
+from humanoid_sim.policy_tools.show import checkpoint_document, golden_verdict, print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.regress.options import RegressConfig, checked
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import schema_problem
 
 if TYPE_CHECKING:
-    from humanoid_sim.controllers.observation import ObservationLayout
     from humanoid_sim.doctor.report import Examination
     from humanoid_sim.regress.results import Results
 
@@ -123,25 +119,20 @@ class Policy(_Shown):
         return self.checkpoint.contract
 
     @property
-    def provenance(self) -> Mapping[str, str]:
+    def source(self) -> Mapping[str, str]:
         """Source of each field of the contract, by its name."""
-        return {line.name: line.source for line in field_lines(self.contract)}
+        return self.contract.source
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values, as `policy show --json` prints it."""
-        return policy_document(self.checkpoint, self._layout, self.golden, self.problem)
+        return checkpoint_document(self.checkpoint)
 
     def __repr__(self) -> str:
         joints, terms = len(self.contract.joint_names), len(self.contract.terms)
         return f"Policy('{self.path}': {self.contract.task_type}, {joints} joints, {terms} observation terms)"
 
-    @cached_property
-    def _layout(self) -> ObservationLayout:
-        return contract_layout(self.contract, self.checkpoint.observation_width)
-
     def _print(self, console: Console) -> None:
-        for table in policy_tables(self.checkpoint, self._layout, self.golden, self.problem):
-            console.print(table)
+        print_checkpoint(console, self.checkpoint)
 
 
 Given: TypeAlias = str | Path | Policy

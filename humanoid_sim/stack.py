@@ -31,10 +31,10 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
-from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
+from humanoid_sim.policy.readers.own import decode, encode
 from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import guards_of

@@ -45,6 +45,9 @@ def _construct_slice(loader: Any, node: yaml.Node) -> slice:
 
 
 Loader.add_constructor(_SLICE, _construct_slice)
+Loader.add_constructor(
+    "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
+)
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 

@@ -6,14 +6,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from itertools import combinations, pairwise
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
+from humanoid_sim.controllers.contract import TERM_CHOICES, PhaseRule, PolicyContract, TensorNames, Term
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.controllers.term_kinds import TERM_KINDS
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.terms import TERM_KINDS, value_names
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, IMU, FloatArray
 from humanoid_sim.policy.motion import Motion
@@ -209,7 +208,7 @@ def _turned(contract: PolicyContract, name: str, angle: float) -> dict[str, Any]
         kind, factor = contract.kind(term), np.array(1.0)
         # The reference, and the network's own output, are in the policy's directions already.
         if kind.reads.startswith("joint_") or term.form == "scaled":
-            factor = np.where(np.array(kind.value_names(term, contract)) == name, -1.0, 1.0)
+            factor = np.where(np.array(value_names(term, contract)) == name, -1.0, 1.0)
         terms.append(replace(term, scale=term.scale * factor))
     return {
         "observation": terms,
@@ -272,8 +271,9 @@ def _conventions(contract: PolicyContract, robot: RobotFacts) -> Changes:
         if "at" in kind.conventions:
             changes |= {f"is that of {point}": ("point", {"at": at}) for at, point in points.items()}
         for option in ("frame", "quaternion", "form", "layout"):
-            for other in term.others(option) if option in kind.conventions else ():
-                changes[f"has the {option} {other}"] = option, {option: other}
+            for other in get_args(TERM_CHOICES[option]) if option in kind.conventions else ():
+                if other != getattr(term, option):
+                    changes[f"has the {option} {other}"] = option, {option: other}
         for title, (about, options) in changes.items():
             yield f"{term.name} {title}", f"{term.name} {about}", {"observation": with_term(contract, term, **options)}
 
@@ -433,7 +433,7 @@ def plain(value: Any) -> Any:
     return kept["name"] if list(kept) == ["name"] else kept
 
 
-FIELDS = tuple(item.name for item in fields(PolicyContract) if item.name not in ("provenance", "source"))
+FIELDS = tuple(item.name for item in fields(PolicyContract) if item.name not in ("source", "source"))
 _DEFAULTS = {
     (kind.__name__, item.name): plain(item.default_factory() if item.default_factory is not MISSING else item.default)
     for kind in (Term, PhaseRule, TensorNames)

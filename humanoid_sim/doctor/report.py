@@ -15,14 +15,13 @@ from rich.console import Console
 from rich.progress import Progress
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.edits import FIELDS, plain
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import Result, search_episodes, search_trace
 from humanoid_sim.doctor.trial import load_subject
-from humanoid_sim.policy.readers.contract_yaml import own_contract
+from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 

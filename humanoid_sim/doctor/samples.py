@@ -13,6 +13,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, advance_phase
 from humanoid_sim.controllers.reference import Alignment
+from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term
 from humanoid_sim.doctor.trial import Simulations, Subject
 from humanoid_sim.errors import FieldError, InputError
@@ -105,7 +106,7 @@ class Samples:
         layout, found = self.wiring(contract).layout, dict[str, str]()
         for i in np.flatnonzero(differing[: layout.width]).tolist():
             located, term = layout.locate(i), layout.term_at(i).term
-            joints, place = contract.kind(term).value_names(term, contract), int(located.split("[")[1].split("]")[0])
+            joints, place = value_names(term, contract), int(located.split("[")[1].split("]")[0])
             found.setdefault(term.name, f"{located} ({joints[place]})" if joints else located)
         targets = zip(self.trace(contract).joint_names, differing[layout.width :], strict=False)
         return ", ".join([*found.values(), *(f"target of {name}" for name, far in targets if far)])
@@ -116,7 +117,7 @@ class Samples:
         for item in layout.terms if layout.history == 1 else ():
             columns, term = trace.arrays["observation"][:, item.start : item.stop].astype(np.float64), item.term
             kind, name = contract.kind(term), f"{item.name} scale"
-            joints = kind.value_names(term, contract)
+            joints = value_names(term, contract)
             if kind.reads == "joint_position" and kind.is_relative(term) and np.all(term.scale):
                 shown = trace.arrays["joint_position"][:, [trace.joint_names.index(joint) for joint in joints]]
                 poses = shown - columns / term.scale

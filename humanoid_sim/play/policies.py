@@ -22,11 +22,11 @@ from humanoid_sim.policy.checkpoint import (
     read_contract,
     zero_policy,
 )
+from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.layers import is_from_robot
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
-from humanoid_sim.policy.readers.complete import UnnamedJointsError
-from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.song import left_out, named_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 
@@ -170,7 +170,7 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
         if count is None:
             raise
         has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
-        raise InputError(f"{_ANOTHER_ROBOT}: {error}{f'{has}: give --robot' if count else ''}") from None
+        raise InputError(f"{_ANOTHER_ROBOT}: {error}{f'{has}: give --robot'}") from None
     contract = policy.contract
     if contract is None and description.has_no_gains:
         raise InputError(
@@ -200,19 +200,17 @@ def require_joints(contract: PolicyContract, description: RobotDescription) -> N
 
 
 def _count_of_places(config: PlayConfig) -> int | None:
-    """Return the joints of a policy that gives them by their places on its robot, 0 where their number is not known.
+    """Return the joints of a policy that gives them by their places on its robot.
 
     None for any other policy: one by places any other robot cannot but refuse.
     """
     try:
-        read_contract(
+        contract = read_contract(
             checkpoint_path(config.first_policy) or Path(), None if config.contract is None else Path(config.contract)
         )
-    except UnnamedJointsError as error:
-        return error.count
     except InputError:
         return None
-    return None
+    return len(contract.joint_names) if is_from_robot(contract.source["joint_names"]) else None
 
 
 def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
@@ -222,8 +220,11 @@ def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
     golden = policy.checkpoint.golden
     if not golden and not policy.warning and not policy.checkpoint.contract.live_inputs:
         golden = "none, so nothing proves that the policy is wired here as it was trained"
+    reading = policy.checkpoint.reading
+    assumed = [line for line in field_lines(policy.checkpoint.contract) if line.is_assumed]
     return (
-        *assumptions(policy.checkpoint.contract),
+        *(f"{line.name} {line.value}: {line.source}" for line in assumed),
+        *(f"not used: {line}" for line in ([] if reading is None else reading.unused)),
         *policy.notices,
         *((f"golden vectors: {golden}",) if golden else ()),
     )

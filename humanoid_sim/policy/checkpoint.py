@@ -16,15 +16,14 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.graph_motion import sweep_motion
+from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, first_line, read_header
-from humanoid_sim.policy.readers.contract_yaml import find_contract
-from humanoid_sim.policy.readers.sources import assemble_contract
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, find_contract
+from humanoid_sim.policy.reading import read_checkpoint, required_contract
 from humanoid_sim.robots.description import RobotDescription
 
-GOLDEN_KEY = "humanoid_sim_golden"
-"""Metadata key of the golden vectors."""
 PLACEHOLDER = "placeholder"
 """Source of the stand-in that is taken where no policy can run."""
 
@@ -47,11 +46,18 @@ class Checkpoint:
     """The contract.yaml that took part, beside the model or named; None without one."""
     golden: str = ""
     """Worth of the golden vectors that were computed again, in words; empty without any."""
+    reading: Reading | None = None
+    """All that its sources say; None for the placeholder."""
+
+    @property
+    def model(self) -> OnnxModel | None:
+        """The ONNX model; None for a policy without one."""
+        return self.policy.model if isinstance(self.policy, OnnxPolicy) else None
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """Return the model's metadata; empty for a policy without one."""
-        return self.policy.model.metadata if isinstance(self.policy, OnnxPolicy) else {}
+        """The model's metadata; empty for a policy without one."""
+        return {} if self.model is None else self.model.metadata
 
     def limit_inference(self, seconds: float) -> None:
         """End an inference after so many s, where the graph can loop: it is then a fault of the policy controller."""
@@ -83,8 +89,8 @@ def load_checkpoint(
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
     """
     model = OnnxModel(path)
-    outputs = [tensor.name for tensor in model.outputs]
-    contract = assemble_contract(path, model.metadata, contract_file, robot_joints, outputs)
+    reading = read_model(model, contract_file, robot_joints)
+    contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
     if policy.action_width != contract.action_count:
         raise InputError(
@@ -99,7 +105,9 @@ def load_checkpoint(
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
     motion = sweep_motion(policy, contract)
     used = find_contract(path) if contract_file is None else contract_file
-    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
+    checkpoint = Checkpoint(
+        contract, policy, str(path), file_digest(path), policy.observation_width, motion, used, reading=reading
+    )
     if not verify or GOLDEN_KEY not in model.metadata:
         return checkpoint
     from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
@@ -107,12 +115,22 @@ def load_checkpoint(
     return replace(checkpoint, golden=verify_golden(checkpoint))
 
 
+def read_model(
+    model: OnnxModel, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
+) -> Reading:
+    """Return what the sources of a model say; arguments as of `load_checkpoint`."""
+    widths = [tensor.width for tensor in model.inputs if tensor.width is not None]
+    outputs = [tensor.name for tensor in model.outputs]
+    width = max(widths, default=None)
+    return read_checkpoint(model.path, model.metadata, outputs, contract_file, robot_joints, width)
+
+
 def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
     """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it."""
     metadata, outputs = read_header(path)
-    return assemble_contract(path, metadata, contract_file, robot_joints, outputs)
+    return required_contract(read_checkpoint(path, metadata, outputs, contract_file, robot_joints), path)
 
 
 def file_digest(path: Path) -> str:

@@ -10,9 +10,10 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import known_names
-from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU
+from humanoid_sim.mit import BASE, IMU
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.findings import Finding, Severity, joint_list, on_joints
+from humanoid_sim.policy.layers import is_from_robot
 from humanoid_sim.policy.plausibility import (
     actuator_findings,
     assumption_findings,
@@ -21,7 +22,6 @@ from humanoid_sim.policy.plausibility import (
     suspicious_findings,
     symmetry_findings,
 )
-from humanoid_sim.policy.readers.partial import is_from_robot
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import own_actuators, own_joint_damping
 from humanoid_sim.robots.motors import MOTORS
@@ -70,7 +70,7 @@ def joint_findings(contract: PolicyContract, description: RobotDescription) -> I
     yield from on_joints("error", field, f"not of {robot}:", [name for name in meant if name not in slips])
     missing = [name for name in surplus if name not in meant.values()]
     yield from on_joints("error", field, f"have to be the robot's, the policy lacks {robot}'s", missing)
-    source = contract.provenance.get(field, "")
+    source = contract.source.get(field, "")
     if is_from_robot(source):
         message = f"are those of {robot} ({source}): any robot with as many would do; x.contract.yaml can name them"
         yield Finding("warning", field, message)
@@ -96,8 +96,8 @@ def frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel) 
             yield Finding("warning", "anchor_body", message)
     for term in contract.terms:
         kind, field = contract.kind(term), f"observation term {term.name}"
-        if kind.reads == HEIGHT_SCAN and term.width is None:
-            yield from missing(field, term.at, [BASE, IMU, *sites, *bodies], "site or body")
+        if term.scan is not None:
+            yield from missing(field, term.scan.at, [BASE, IMU, *sites, *bodies], "site or body")
         elif "at" in kind.conventions:
             yield from missing(field, term.at, [BASE, IMU, *sites], "site")
 
@@ -237,8 +237,8 @@ def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
         if term.width is not None:
             source = f"programs send it by {term.topic or kind.topic}, or `live` feeds it"
             yield Finding("info", field, f"is a live input of width {term.width}: {source}; doctor and regress cannot")
-        elif kind.reads == HEIGHT_SCAN:
-            message = f"a simulation scans {term.height_scan.count} points; on a robot a program has to send them"
+        elif term.scan is not None:
+            message = f"a simulation scans {term.scan.count} points; on a robot a program has to send them"
             yield Finding("info", field, message)
 
 

@@ -4,229 +4,194 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
-from humanoid_sim.controllers.observation import ObservationLayout, ObservationTerm
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.controllers.term_kinds import TermKind
-from humanoid_sim.controllers.terms import SCAN_OPTIONS, Term
+from humanoid_sim.client import LIVE_TIMEOUT
+from humanoid_sim.controllers.contract import PolicyContract, Term
+from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.terms import BoundTerm, value_names
 from humanoid_sim.files import finite
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.contract_json import encode, plain_value
-from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
-from humanoid_sim.policy.readers.values import shown
+from humanoid_sim.policy.layers import DEFAULT, Reading, is_assumed
+from humanoid_sim.policy.readers.own import encode
+from humanoid_sim.policy.words import name_joints, shown
 
-_LISTED = 4
-"""Names that are all shown; of more, the first three."""
-_UNUSUAL = (
-    *("frame", "at", "axes", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints"),
-    *SCAN_OPTIONS,
-)
-
-
-class TermLine(NamedTuple):
-    """One observation term."""
-
-    start: int
-    """Index of its first value in the whole observation; where a step's terms lie together, in the first step."""
-    width: int
-    """Values, all steps of its history together."""
-    name: str
-    meaning: str
-    conventions: str
-    """Differences from the usual; empty if there are none."""
-    scale: str
-    history: str
+_OPTIONS = ("kind", "clip", "frame", "at", "relative", "layout", "inverse", "quaternion", "form", "joints", "scan")
+"""Options of a term that are shown where they are not the usual ones."""
 
 
 class FieldLine(NamedTuple):
-    """One field of the contract and where it came from."""
+    """One field of a contract and where it came from."""
 
     name: str
     value: str
     source: str
+    replaced: str = ""
+    """What other sources said of it."""
+
+    @property
+    def is_assumed(self) -> bool:
+        """True if no source states it."""
+        return is_assumed(self.source)
 
 
-def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[TermLine]:
-    """Return the observation, term by term."""
-    lines = []
-    begin = 0
-    for resolved in layout.terms:
-        term, width = resolved.term, resolved.width
-        start = resolved.start if layout.history_layout == "per_step" else begin
-        history = "" if term.history == 1 else f"{term.history} steps, {term.history_order.replace('_', ' ')}"
-        meaning, conventions = _meaning(contract.kind(term), term), ", ".join(_conventions(term))
-        lines.append(TermLine(start, width, term.name, meaning, conventions, _numbers(term.scale), history))
-        begin += width
-    return lines
-
-
-def _meaning(kind: TermKind, term: Term) -> str:
-    if kind.topic:
-        from humanoid_sim.client import LIVE_TIMEOUT  # noqa: PLC0415 - sessions need a Unix, which policies do not
-
-        timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
-        stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
-        return f"{kind.meaning}; from other programs by {term.topic or kind.topic}, {stale}"
-    if "relative" not in kind.conventions:
-        return kind.meaning
-    if kind.is_relative(term):
-        return f"{kind.meaning}, less the default pose"
-    return f"{kind.meaning}, absolute" if kind.relative else kind.meaning
-
-
-def _conventions(term: Term) -> Iterator[str]:
-    usual = Term(term.name, term.kind)
-    for name in _UNUSUAL:
-        value = getattr(term, name)
-        if value == getattr(usual, name) or (name == "relative" and value is not None):
-            continue  # whether positions are relative is part of the meaning
-        if name == "clip":
-            yield f"clip {value[0]:g} to {value[1]:g}"
-        elif name == "joints":
-            yield f"joints {', '.join(value)}"
-        elif name == "inverse":
-            yield "robot seen from the reference"
-        else:
-            yield f"{name} {shown(value)}"
-
-
-def field_lines(contract: PolicyContract) -> list[FieldLine]:
-    """Every field, its value and its source; options of observation terms that have one source are put together."""
-    lines: list[FieldLine] = []
-
-    def add(name: str, value: str) -> None:
-        lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
-
-    for name in FORMS:
-        if name not in ("tensors", "observation"):
-            add(name, _value(name, getattr(contract, name), contract.joint_names))
-        if name == "phase":
-            lines += _phase_lines(contract)
-    add("observation", f"{len(contract.terms)} terms")
-    lines += _option_lines(contract)
-    for field in fields(contract.tensors):
-        name, value = f"tensors.{field.name}", getattr(contract.tensors, field.name)
-        if value or name in contract.provenance:
-            add(name, value or "by its place")
-    return lines
-
-
-def _phase_lines(contract: PolicyContract) -> Iterator[FieldLine]:
-    """Yield the parts of the gait clock that are not from where the clock is, one line for each source."""
-    parts: dict[str, list[str]] = {}
-    for field in fields(PhaseRule) if contract.phase is not None else ():
-        source = contract.provenance.get(f"phase.{field.name}", "")
-        if source not in ("", contract.provenance.get("phase")):
-            parts.setdefault(source, []).append(f"{field.name} {shown(getattr(contract.phase, field.name))}")
-    for source, values in parts.items():
-        yield FieldLine("phase", ", ".join(values), source)
-
-
-def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
-    options = {name.rpartition(".")[2] for name in contract.provenance if name.startswith("observation.")}
-    for option in sorted(options):
-        owners: dict[str, list[str]] = {}
-        for term in contract.terms:
-            source = contract.provenance.get(f"observation.{term.name}.{option}")
-            if source is not None:
-                owners.setdefault(source, []).append(term.name)
-        for source, names in owners.items():
-            who = "every term" if len(names) == len(contract.terms) else ", ".join(names)
-            yield FieldLine(f"terms' {option}", f"of {who}", source)
-
-
-def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
-    """Return the whole contract as plain JSON values, with the place of each term; null stands for infinity."""
-    document: dict[str, Any] = finite(json.loads(encode(contract)))
-    document.setdefault("action_clip", None)
-    lines = term_lines(contract, layout)
-    document["observation"] = [
-        {**term, "start": line.start, "width": line.width, "meaning": line.meaning}
-        for term, line in zip(document["observation"], lines, strict=True)
-    ]
-    document["observation_width"] = layout.width
-    document["assumed"] = [name for name, source in contract.provenance.items() if is_assumed(source)]
-    return document
-
-
-def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[FieldLine]:
-    """Return what is known of a contract that lacks fields, as `field_lines` shows a whole one.
+def field_lines(contract: PolicyContract, layout: ObservationLayout | None = None) -> list[FieldLine]:
+    """Return every field that some source gives, and each observation term, with where it came from.
 
     Args:
-        known: as in `PartialContract.fields`.
-        terms: options of the observation terms, by the names in the observation.
+        layout: of the observation, for the terms' places; None: without them.
     """
-    joints = known["joint_names"].value if "joint_names" in known else ()
-    lines = [FieldLine(name, _value(name, given.value, joints), given.source) for name, given in known.items()]
-    return lines + [
-        FieldLine(f"observation.{name}.{option}", shown(given.value), given.source)
-        for name, options in terms.items()
-        for option, given in options.items()
+    values = {item.name: getattr(contract, item.name) for item in fields(contract) if item.name != "observation"}
+    lines = [
+        FieldLine(name, _value(name, value), contract.source[name])
+        for name, value in values.items()
+        if name in contract.source and not (name.startswith("action_joint") and value == contract.joint_names)
     ]
+    for whole in ("phase", "tensors"):
+        for source, parts in _parts(contract.source, whole).items():
+            owner = getattr(contract, whole)
+            lines.append(
+                FieldLine(whole, ", ".join(f"{part} {_value(part, getattr(owner, part))}" for part in parts), source)
+            )
+    starts = _starts(layout) if layout is not None else {}
+    stated = contract.source.get("observation", DEFAULT)
+    for term in contract.terms:
+        options = _parts(contract.source, f"observation.{term.name}")
+        lines.append(FieldLine(term.name, f"{starts.get(term.name, '')}{_term(contract, term)}", stated))
+        for source, names in options.items():
+            if source != stated:
+                lines.append(FieldLine(f"  {', '.join(names)}", "as above", source))
+    return _merged(lines)
 
 
-def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> dict[str, Any]:
-    """Return the same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
-    options = {f"observation.{name}.{option}": given for name in terms for option, given in terms[name].items()}
-    return {
-        name: {"value": finite(plain_value(name, given.value)), "source": given.source}
-        for name, given in {**known, **options}.items()
-    }
+def _parts(sources: Mapping[str, str], whole: str) -> dict[str, list[str]]:
+    """Return the parts of a field by their source."""
+    parts: dict[str, list[str]] = {}
+    for name, source in sources.items():
+        if name.startswith(f"{whole}."):
+            parts.setdefault(source, []).append(name.removeprefix(f"{whole}."))
+    return parts
 
 
-def _value(name: str, value: Any, joint_names: tuple[str, ...]) -> str:
-    if name == "action_limit" and value is None:
-        value = ACTION_LIMIT
-    if value is None or (isinstance(value, str | tuple) and not value):
-        return "none"
-    if name in _FORMATS:
-        return _FORMATS[name](value)
-    if name == "action_joint_names" and len(value) == len(joint_names):
-        return "all joints" + ("" if value == joint_names else ", in another order")
+def _merged(lines: list[FieldLine]) -> list[FieldLine]:
+    """Put options of terms together that come from one source."""
+    merged: list[FieldLine] = []
+    options: dict[tuple[str, str], list[str]] = {}
+    owner = ""
+    for line in lines:
+        if line.value == "as above":
+            options.setdefault((line.name.strip(), line.source), []).append(owner)
+        else:
+            owner = line.name
+            merged.append(line)
+    for (names, source), owners in options.items():
+        merged.append(FieldLine(f"terms' {names}", f"of {', '.join(owners)}", source))
+    return merged
+
+
+def _starts(layout: ObservationLayout) -> dict[str, str]:
+    """Return the place of each term; where a step's terms lie together, in the first step."""
+    starts, begin = {}, 0
+    for bound in layout.terms:
+        first = bound.start if layout.history_layout == "per_step" else begin
+        width = bound.stop - bound.start if layout.history_layout == "per_step" else bound.width
+        starts[bound.name] = f"[{first}:{first + width}] "
+        begin += bound.width
+    return starts
+
+
+def _term(contract: PolicyContract, term: Term) -> str:
+    kind, usual = contract.kind(term), Term(term.name, term.kind, width=term.width)
+    words = [kind.meaning]
+    if "relative" in kind.conventions:
+        words.append("less the default pose" if kind.is_relative(term) else "absolute")
+    if np.any(np.not_equal(term.scale, 1.0)):
+        words.append(f"scale {_value('scale', term.scale)}")
+    if term.history > 1:
+        words.append(f"{term.history} steps, {term.history_order.replace('_', ' ')}")
+    for name in _OPTIONS:
+        value = getattr(term, name)
+        if name != "relative" and value != getattr(usual, name):
+            words.append(f"{name} {shown(value)}")
+    if kind.topic:
+        timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
+        stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
+        words.append(f"from other programs by {term.topic or kind.topic}, {stale}")
+    return "; ".join(words)
+
+
+def _value(name: str, value: Any) -> str:
+    if name == "policy_dt":
+        return f"{value:g} s ({1.0 / value:g} Hz)"
+    if isinstance(value, np.ndarray):
+        if value.size == 0 or (value == value.flat[0]).all():
+            return shown(value) if value.ndim == 0 or not value.size else f"{value.flat[0]:g}"
+        return shown(value) if value.size <= 6 else f"{value.min():g} to {value.max():g}, {value.size} values"
     if isinstance(value, tuple):
-        texts = [str(item) for item in value]
-        return ", ".join(texts) if len(texts) <= _LISTED else f"{len(texts)}: {', '.join(texts[:3])}, …"
-    return _numbers(value) if isinstance(value, np.ndarray | float) else str(value)
+        return name_joints([str(item) for item in value]) or "none"
+    return shown(value) if value != "" else "none"
 
 
-def _phase(rule: PhaseRule) -> str:
-    offsets = ", ".join(f"{offset:.3g}" for offset in rule.offsets)
-    standing = f", standing below {rule.standing_threshold:g}" if rule.standing_threshold else ""
-    pace = f"period {rule.period:g} s"
-    if rule.frequency is not None:
-        pace = ", ".join(f"{hertz:g} Hz at {speed:g}" for speed, hertz in rule.frequency)
-        pace += {"command": " of the command", "planar": " m/s", "forward": " m/s forwards"}[rule.speed]
-    return f"{pace}, feet at {offsets} rad{standing}"
+def reading_lines(reading: Reading, layout: ObservationLayout | None) -> list[FieldLine]:
+    """Return what is known of a checkpoint, complete or not, with the values that others replaced."""
+    if reading.contract is not None:
+        lines = field_lines(reading.contract, layout)
+    else:
+        lines = [FieldLine(name, _value(name, value), reading.source[name]) for name, value in reading.values.items()]
+    return [line._replace(replaced=_replaced(reading, line.name)) for line in lines]
 
 
-def _ranges(ranges: FloatArray) -> str:
-    names = ("vx", "vy", "yaw rate")
-    return ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in zip(names, ranges, strict=True))
+def _replaced(reading: Reading, name: str) -> str:
+    """Return what a line's value replaced; of numbers for each joint, where they differ most."""
+    return "; ".join(f"{_value(name, old.value)} {old.source}" for old in reading.replaced.get(name, ()))
 
 
-_FORMATS: Mapping[str, Callable[[Any], str]] = {
-    "phase": _phase,
-    "command_ranges": _ranges,
-    "action_clip": lambda limit: "none" if limit == math.inf else f"{limit:g}",
-    "policy_dt": lambda seconds: f"{seconds:g} s ({1.0 / seconds:g} Hz)",
-}
+def document(reading: Reading, layout: ObservationLayout | None) -> dict[str, Any]:
+    """Return the same as plain JSON values; null stands for infinity."""
+    contract = reading.contract
+    found: dict[str, Any] = {
+        "contract": None if contract is None else finite(json.loads(encode(contract))["contract"]),
+        "source": dict(reading.source),
+        "assumed": [name for name, source in reading.source.items() if is_assumed(source)],
+        "replaced": {name: _replaced(reading, name) for name in reading.replaced},
+        "missing": list(reading.missing),
+        "differences": list(reading.differences),
+        "unused": list(reading.unused),
+    }
+    if contract is None:
+        found["known"] = {name: finite(_plain(value)) for name, value in reading.values.items()}
+    if layout is not None:
+        found["observation_width"] = layout.width
+        found["terms"] = [
+            {
+                "name": bound.name,
+                "kind": bound.kind.name,
+                "width": bound.width,
+                "words": _term(bound.contract, bound.term),
+            }
+            for bound in layout.terms
+        ]
+    return found
 
 
-def _numbers(values: Any) -> str:
-    """One number where all are the same, else how many there are and their range."""
-    array = np.asarray(values)
-    if (array == array.flat[0]).all():
-        return f"{array.flat[0]:g}"
-    return f"{array.size} values, {array.min():g} to {array.max():g}"
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    return (
+        list(value)
+        if isinstance(value, tuple)
+        else value
+        if isinstance(value, str | float | int | None)
+        else str(value)
+    )
 
 
-_AXES = ("x", "y", "z")
+# --- names of single values ---
 
 
 def observation_labels(contract: PolicyContract, layout: ObservationLayout) -> dict[str, tuple[str, ...]]:
@@ -236,39 +201,35 @@ def observation_labels(contract: PolicyContract, layout: ObservationLayout) -> d
     """
     is_scattered = layout.history_layout == "per_step" and layout.history > 1
     return {
-        term.name: tuple(str(i) for i in range(term.width)) if is_scattered else _with_history(contract, term)
-        for term in layout.terms
+        bound.name: tuple(map(str, range(bound.width))) if is_scattered else tuple(_labels(contract, bound))
+        for bound in layout.terms
     }
 
 
-def _with_history(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
-    names = _step_labels(contract, term)
-    steps = range(term.term.history)
-    if len(steps) == 1:
-        return names
-    ages = reversed(steps) if term.term.history_order == "oldest_first" else steps
-    return tuple(f"{name}, {age} steps ago" if age else name for age in ages for name in names)
+def _labels(contract: PolicyContract, bound: BoundTerm) -> Iterator[str]:
+    names = step_labels(contract, bound)
+    steps = range(bound.term.history)
+    for age in steps if bound.term.history_order == "newest_first" else reversed(steps):
+        yield from (f"{name}, {age} steps ago" if age else name for name in names)
 
 
-def _step_labels(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
-    """Return the labels of one step."""
-    width = term.stop - term.start
-    kind = contract.kind(term.term)
-    joints = kind.value_names(term.term, contract)
+def step_labels(contract: PolicyContract, bound: BoundTerm) -> tuple[str, ...]:
+    """Return the names of a term's values in one step: joints, axes, or numbers."""
+    width = bound.stop - bound.start
+    joints = value_names(bound.term, contract)
     if len(joints) == width:
         half = width // 2
         if len(set(joints)) == half:  # a motion's joint positions, then their velocities
             return tuple(f"{joint} {'position' if i < half else 'velocity'}" for i, joint in enumerate(joints))
         return joints
     bodies = contract.body_names
-    if kind.name.startswith("motion_body") and bodies and width % len(bodies) == 0:
-        size = width // len(bodies)
-        return tuple(f"{body} {part}" for body in bodies for part in _components(size))
-    return tuple(_components(width, quaternion=term.term.quaternion))
+    if bound.kind.name.startswith("motion_body") and bodies and width % len(bodies) == 0:
+        return tuple(f"{body} {part}" for body in bodies for part in _axes(width // len(bodies)))
+    return tuple(_axes(width, bound.term.quaternion))
 
 
-def _components(count: int, quaternion: str = "wxyz") -> tuple[str, ...]:
+def _axes(count: int, quaternion: str = "wxyz") -> tuple[str, ...]:
     """Return the labels of a vector or a quaternion; numbers of anything else."""
-    if count == len(_AXES):
-        return _AXES
-    return tuple(quaternion) if count == 4 else tuple(str(i) for i in range(count))
+    if count == 3:
+        return ("x", "y", "z")
+    return tuple(quaternion) if count == 4 else tuple(map(str, range(count)))

@@ -17,9 +17,8 @@ from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.errors import HumanoidSimError, InputError, needing
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 
 _OPSET = 17  # runtimes from 2022 on read it
 _PROBES = 64  # observations on which network and file must agree

@@ -15,12 +15,14 @@ import numpy.typing as npt
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY, Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import first_line
+from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import MUJOCO_VERSION, REFERENCE, STATE_ARRAYS, Trace
 
 SAMPLE_COUNT = 8
@@ -164,7 +166,7 @@ def _value_name(layout: ObservationLayout, checkpoint: Checkpoint, index: int) -
     name, _, rest = located.partition("[")
     place = int(rest.partition("]")[0])
     term = next(term.term for term in layout.terms if term.name == name)
-    joints = checkpoint.contract.kind(term).value_names(term, checkpoint.contract)
+    joints = value_names(term, checkpoint.contract)
     return f"{located} ({joints[place]})" if place < len(joints) else located
 
 

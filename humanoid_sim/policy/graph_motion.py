@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -11,7 +9,6 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
-from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
@@ -20,13 +17,6 @@ _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
 _HELD = 50  # equal frames in a row after which the end is looked for: graphs hold their last frame
 _PROBE = 25  # stride, frames, with which a pause is told from the end
 _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends
-
-
-def graph_conventions(outputs: Collection[str]) -> PartialContract:
-    """Return what the names of a model's outputs imply for its contract."""
-    source = f"output {_ANCHOR[1]}"
-    implied = {"reference_quaternion": "xyzw"} if _ANCHOR[1] in outputs else {}
-    return PartialContract(source, assumed=assumed(source, implied))
 
 
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:

@@ -27,7 +27,7 @@ from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array, FloatArray
-from humanoid_sim.policy.readers.values import names
+from humanoid_sim.policy.readers.own import csv
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -205,12 +205,12 @@ def _motion(path: Path, streams: Sequence[McapStream], topic: str | None) -> Mot
                 raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
         return Motion(
             frames=np.stack(rows),
-            body_names=names(metadata.get("body_names", "")),
+            body_names=tuple(csv(metadata.get("body_names", ""))),
             policy_dt=_policy_dt(metadata, times),
             task_type=metadata.get("task_type", ""),
             robot=metadata.get("robot", ""),
             layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
-            joint_names=names(metadata.get("joint_names", "")),
+            joint_names=tuple(csv(metadata.get("joint_names", ""))),
         )
 
 

@@ -13,7 +13,6 @@ from humanoid_sim.mit import BoolArray, FloatArray
 from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.describe import field_lines
 from humanoid_sim.policy.findings import Finding, Severity, on_joints
-from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import NO_RANGE, OwnActuator
 
@@ -128,7 +127,7 @@ def rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
         fine = np.round(values, _DECIMALS) != np.round(values, _DECIMALS - 1)
         # Values that end early by themselves (0.25, 50) do not show that anything was cut off.
         is_cut = fine.any() and (np.round(values, _DECIMALS) == values).all()
-        if is_cut and len(values) >= _FEW and "metadata" in contract.provenance.get(field, ""):
+        if is_cut and len(values) >= _FEW and "metadata" in contract.source.get(field, ""):
             names = contract.action_joint_names if field == "action_scale" else contract.joint_names
             smallest = int(np.argmin(np.where(fine, values, np.inf)))
             lost[field] = 0.5 * 10.0**-_DECIMALS / float(values[smallest]), names[smallest]
@@ -242,7 +241,7 @@ def assumption_findings(contract: PolicyContract) -> Iterator[Finding]:
     """Values that no source states: one line for each dialect that implies them."""
     found: dict[str, list[str]] = {}
     for line in field_lines(contract):
-        if is_assumed(line.source):
+        if line.is_assumed:
             found.setdefault(line.source, []).append(f"{line.name} {line.value}")
     for source, lines in found.items():
         yield Finding("warning", source, f"{'; '.join(lines)}: no source states it; x.contract.yaml can")

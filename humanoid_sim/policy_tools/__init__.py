@@ -30,6 +30,8 @@ class Show:
     robot: str | None = None
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
+    joints: bool = False
+    """Also show gains, pose and action of each joint."""
     skeleton: Path | None = None
     """A contract.yaml to write, with a line to fill in for each field that no source gives."""
     json: bool = False

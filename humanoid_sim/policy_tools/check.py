@@ -11,18 +11,20 @@ import numpy as np
 from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, read_model
 from humanoid_sim.policy.checks import contract_findings
 from humanoid_sim.policy.findings import SEVERITIES, Finding, Severity, sorted_findings
 from humanoid_sim.policy.golden import verify_golden
+from humanoid_sim.policy.layers import Reading, outline
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.onnx_policy import OnnxModel
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
+from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import (
@@ -88,21 +90,57 @@ def check_checkpoint(
 ) -> tuple[Finding, ...]:
     """Everything that can be said without running the policy on the robot, the worst first.
 
-    A contract that contradicts itself or is not complete is one finding, and the only one. Raises `InputError` if the
-    checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
+    Raises `InputError` if the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be
+    read.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         physics_timestep: s of the simulation; None: the robot's.
     """
-    OnnxModel(path)  # what is not a model cannot be checked
+    model = OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
     try:
-        checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
+        reading = read_model(model, contract_file, description.joint_names)
+        policy = OnnxPolicy(model, _tensors(reading))
     except InputError as error:
         return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
-    return sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
+    findings = [*_sources(reading, policy, own_contract(path).name)]
+    if reading.contract is not None and policy.action_width == reading.contract.action_count:
+        checkpoint = Checkpoint(reading.contract, policy, str(path), observation_width=policy.observation_width)
+        findings += _findings(checkpoint, description, hardware, physics_timestep)
+    return sorted_findings(findings)
+
+
+def _tensors(reading: Reading) -> TensorNames:
+    parts = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
+    return TensorNames(**parts)
+
+
+def _sources(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterator[Finding]:
+    """Yield what keeps the sources from making a contract: widths first, then what is missing, all at once."""
+    contract, width = outline(reading), policy.observation_width
+    if contract is not None:
+        try:
+            layout = contract_layout(contract, width)
+        except FieldError as error:
+            yield Finding("error", "observation", str(error))
+        else:
+            if layout.width != width:
+                terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
+                yield Finding("error", "observation", f"is {layout.width} wide, the model's input {width}: {terms}")
+        if policy.action_width != contract.action_count:
+            message = f"is {contract.action_count} wide, the model's output {policy.action_width}"
+            yield Finding("error", "action_joint_names", message)
+    if reading.missing:
+        yield Finding("error", "contract", f"lacks {', '.join(reading.missing)}: give what is missing in {hand}")
+    for line in reading.differences:
+        field, _, what = line.partition(": ")
+        yield Finding("error", field, f"{what}; the right value in {hand} decides")
+    if reading.problem:
+        yield Finding("error", "contract", reading.problem)
+    for line in reading.unused:
+        yield Finding("warning", "not used", line)
 
 
 def _findings(
@@ -137,22 +175,15 @@ def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
 
 
 def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
-    """Run the model on zeros and on noise; compare the width of its input with the terms'."""
+    """Run the model on zeros and on noise."""
     width = checkpoint.observation_width
     try:
         layout = contract_layout(checkpoint.contract, width)
-    except FieldError as error:
-        yield Finding("error", "observation", str(error))
+    except FieldError:
         return
-    if width is None:
-        return
-    if layout.width != width:
-        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
-        message = f"is {layout.width} wide ({terms}), but the model's input has {width}"
-        yield Finding("error", "observation", message)
-        return
-    yield from _answers(checkpoint, width)
-    yield from _deaf(checkpoint, layout)
+    if width == layout.width:
+        yield from _answers(checkpoint, width)
+        yield from _silent_terms(checkpoint, layout)
 
 
 def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
@@ -165,7 +196,7 @@ def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
         yield Finding("error", "model", f"{message}: action_limit in x.contract.yaml raises it", (joint,))
 
 
-def _deaf(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:
+def _silent_terms(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:
     """Terms whose values change nothing in the answer: a normaliser that has never seen them move, or a wrong place."""
     rng = np.random.default_rng(0)
     probes = rng.normal(0.0, 1.0, (_PROBES, layout.width)).astype(np.float32)

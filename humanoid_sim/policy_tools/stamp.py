@@ -10,16 +10,15 @@ import mujoco
 import numpy as np
 from rich.markup import escape
 
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY, load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden import encode_samples, samples_label, stored_samples, trainer_samples
-from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import first_line
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY, encode, write_metadata
 from humanoid_sim.policy.traces import BodyReader, Trace, read_trace
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console

@@ -12,7 +12,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from humanoid_sim.controllers.terms import QuaternionOrder
+from humanoid_sim.controllers.contract import QuaternionOrder
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray

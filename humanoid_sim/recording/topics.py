@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.term_kinds import TERM_KINDS, live_kind
+from humanoid_sim.controllers.terms import TERM_KINDS, live_kind
 from humanoid_sim.messages import (
     ControlMode,
     PolicyStep,
@@ -85,7 +85,7 @@ def topic_prefix(header: SessionHeader) -> str:
 def _live_topics(header: SessionHeader) -> Mapping[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
     found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-    for term in json_document(header.documents, "contract").get("observation", ()):
+    for term in json_document(header.documents, "contract").get("contract", {}).get("observation", ()):
         if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
             found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
     return found

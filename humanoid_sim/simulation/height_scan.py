@@ -9,7 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.mit import BASE, IMU, FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, named_frame

@@ -8,7 +8,7 @@ from typing import Generic, Literal, TypeVar, get_args
 
 import numpy as np
 
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState

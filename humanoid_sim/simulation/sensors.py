@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim import mit
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.description import RobotDescription

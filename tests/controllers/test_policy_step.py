@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.controllers import policy_step
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
@@ -150,7 +149,7 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
 
 def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
-    with pytest.raises(FieldError, match="anchor pose"):
+    with pytest.raises(FieldError, match="position of the anchor body"):
         policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
     with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
         wiring_of(contract(position_clip="joint_limits"))

@@ -106,7 +106,7 @@ OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the 
         ({"control_period": 0.08}, f"{OWN}.control_period: is 0.08 s"),
         ({"action_limit": INF}, f"{OWN}.action_limit: is inf"),
         ({"joints": ("shoulder", "elbow", "hand")}, f"{OTHERS}: the robot lacks wrist; the policy lacks hand"),
-        ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a tracking motion"),
+        ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a motion"),
         ({"extern": {}}, "unknown observation term 'velocity'"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import Term
 
 Plant = Callable[[PolicyContract], PolicyContract]
 
@@ -147,7 +147,7 @@ def alike(one: PolicyContract, other: PolicyContract) -> bool:
     """Whether two contracts wire a policy alike."""
     if one.observation_names != other.observation_names:
         return False
-    skipped = ("provenance", "source", "observation", "dataset_repo_id")
+    skipped = ("source", "source", "observation", "dataset_repo_id")
     names = [field.name for field in fields(PolicyContract) if field.name not in skipped]
     pairs = [(getattr(one, name), getattr(other, name)) for name in names]
     for a, b in zip(one.terms, other.terms, strict=True):

@@ -14,8 +14,8 @@ from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import main
-from humanoid_sim.policy.readers.contract_yaml import parse_contract
-from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.layers import Layer, join
+from humanoid_sim.policy.readers.own import flattened
 from humanoid_sim.recording.reader import open_recording
 
 STOOL = """
@@ -105,7 +105,7 @@ def robot_with(frame):
 
 
 def contract(**fields):
-    return merge(parse_contract({**WIRING, **fields}, "test", "test"), "test")
+    return join([Layer("test", dict(flattened({**WIRING, **fields}, "test")))], "test").contract
 
 
 def actions(steps):

@@ -65,7 +65,11 @@ def test_success_is_an_episode_to_its_end():
     envs.close()
 
 
-@pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version", "ignore:.*symmetric and normalized")
+@pytest.mark.filterwarnings(
+    "ignore:.*is different from the unwrapped version",
+    "ignore:.*symmetric and normalized",
+    "ignore:.*Box observation space m",
+)
 def test_gymnasium_finds_nothing_wrong_with_one():
     (envs,) = example().make_env()["humanoid_sim/LiteTracking-v0"].values()
     check_env(envs.envs[0], skip_render_check=True)

@@ -69,7 +69,7 @@ def test_specs_say_how_long_an_episode_may_be(name, options, steps):
         assert envs.spec.max_episode_steps == steps
 
 
-@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # raw actions have the bounds of joints
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space", "ignore:.*Box observation space m")
 @pytest.mark.parametrize("name", ["LiteTracking-v0", "BipedVelocity-v0", "LiteModes-v0"])
 def test_gymnasium_s_own_check_passes_without_a_display(name, monkeypatch):
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -9,14 +9,13 @@ from models import linear_model, saved
 from humanoid_sim import replay
 from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import run_program
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import HeightScan, Term
 from humanoid_sim.messages import Mode
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 
-SCAN = Term("height_scan", grid=(0.4, 0.2), resolution=0.2, scale=0.5)
+SCAN = Term("height_scan", scan=HeightScan(grid=(0.4, 0.2), resolution=0.2), scale=0.5)
 
 
 def seeing(path):

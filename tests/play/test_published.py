@@ -43,7 +43,7 @@ def test_the_holosoma_policy_walks(run, tmp_path):
 
 def test_a_robot_that_falls_is_a_failure(run, tmp_path):
     wrong = tmp_path / "wrong.yaml"
-    wrong.write_text("override:\n  terms:\n    projected_gravity: {scale: -1.0}\n", encoding="utf-8")
+    wrong.write_text("terms: {projected_gravity: {scale: -1.0}}\n", encoding="utf-8")
     result = walk(run, UNITREE, "--contract", str(wrong), "--command", "0.5,0,0", seconds=5)
     assert result.status == 1
     assert result.summary["base"]["fall"] == pytest.approx(0.68, abs=0.3)

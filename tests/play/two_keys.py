@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from models import contract_of, linear_model, saved
 
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.readers.own import write_metadata
 from humanoid_sim.robots.description import load_robot
 
 _KEYS = (34, 53)

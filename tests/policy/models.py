@@ -9,7 +9,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.readers.own import write_metadata
 
 JOINTS = ("a", "b", "c")
 

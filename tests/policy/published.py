@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+import yaml
 
 _BESIDE = Path(__file__).parents[3] / "shared" / "policies"
 POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", _BESIDE))
@@ -47,10 +48,7 @@ phase: {period: 1.0, offsets: [0.0, 3.141592653589793], standing_threshold: 0.01
 
 def contract_beside(name: str, folder: Path, text: str = "") -> Path | None:
     """Write what a checkpoint of the G1 does not say of itself, and more; None where that is nothing."""
-    if name == "holosoma":
-        text = HOLOSOMA_REST + text
-    if not text:
-        return None
+    document = (yaml.safe_load(HOLOSOMA_REST) if name == "holosoma" else {}) | (yaml.safe_load(text) or {})
     path = folder / "rest.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path if document else None

@@ -6,7 +6,7 @@ import pytest
 from findings import found
 from trainer import JOINTS, contract, terms
 
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import Term
 from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.checks import contract_findings
 from humanoid_sim.policy.findings import joint_list, sorted_findings
@@ -101,7 +101,7 @@ CASES = {
         "the policy lacks",
     ),
     "names by place": (
-        {"provenance": {"joint_names": "deploy.yaml and the robot"}},
+        {"source": {"joint_names": "deploy.yaml and the robot"}},
         "warning joint_names",
         ANY,
         "any robot with as many",
@@ -243,7 +243,7 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
 
 
 def test_decimals_that_an_exporter_cut(robot):
-    source = {"provenance": dict.fromkeys(("action_scale", "joint_damping"), "mjlab metadata")}
+    source = {"source": dict.fromkeys(("action_scale", "joint_damping"), "mjlab metadata")}
     fine = {"joint_names": (*JOINTS,), "action_joint_names": JOINTS}
     for scale, severity in ((0.3485, "info"), (0.0548, "warning"), (0.0012, "error")):
         found(
@@ -253,7 +253,7 @@ def test_decimals_that_an_exporter_cut(robot):
 
 def test_assumptions_of_a_dialect_are_one_line(robot):
     assumed = dict.fromkeys(("policy_dt", "reference_quaternion"), "assumed (mjlab)")
-    message = found(findings_of(robot, provenance=assumed), "warning", "assumed (mjlab)").message
+    message = found(findings_of(robot, source=assumed), "warning", "assumed (mjlab)").message
     assert "policy_dt 0.02 s (50 Hz); reference_quaternion wxyz" in message
 
 

@@ -7,10 +7,9 @@ from trainer import JOINTS, contract, terms
 
 from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY, load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY, encode, write_metadata
 from humanoid_sim.policy_tools.stamp import add_metadata
 
 
@@ -67,8 +66,8 @@ def test_wrong_wiring_is_refused_at_load(stamped, mistake):
     assert load_checkpoint(wrong, verify=False).golden == ""
 
 
-def test_an_override_beside_the_checkpoint_is_refused_too(stamped):
-    stamped.with_name("contract.yaml").write_text("override: {action_scale: 1.0}\n", encoding="utf-8")
+def test_a_contract_beside_the_checkpoint_that_contradicts_them_is_refused_too(stamped):
+    stamped.with_name("contract.yaml").write_text("action_scale: 1.0\n", encoding="utf-8")
     with pytest.raises(InputError, match="target of"):
         load_checkpoint(stamped)
 

@@ -9,8 +9,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode
 
 JOINTS = models.JOINTS
 BODIES = ("pelvis", "torso")
@@ -104,7 +104,7 @@ def test_a_model_that_gives_the_anchor_alone(tmp_path):
     del document["reference_quaternion"]
     (tmp_path / "contract.yaml").write_text(dialects.through_yaml(document))
     checkpoint = load_checkpoint(path)
-    assert checkpoint.contract.provenance["reference_quaternion"] == "assumed (output ref_quat_xyzw)"
+    assert checkpoint.contract.source["reference_quaternion"] == "assumed (output ref_quat_xyzw)"
     reference = load_policy(checkpoint.contract, checkpoint.policy, checkpoint.motion).reference
     assert np.array_equal(reference.term("anchor_quat", 4), motion["body_quat_w"][4, 1])
     needy = contract(body_names=(), observation=("motion_anchor_pos_b", "joint_pos", "motion_command", "base_ang_vel"))

@@ -144,7 +144,7 @@ MODELS = {
         linear(outputs=3),
         "the model's output is 3 wide, expected 2, one for each of action_joint_names",
     ),
-    "no metadata": (partial(models.linear_model, {}), "the contract lacks joint_names, "),
+    "no metadata": (partial(models.linear_model, {}), "lacks joint_names, "),
     "fails when it runs": (fails_when_it_runs, "the model fails on an observation of zeros: "),
 }
 

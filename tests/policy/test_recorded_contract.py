@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import RL_POLICY
-from humanoid_sim.controllers.contract import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, Term
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.loaded_policy import load_policy

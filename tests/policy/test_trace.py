@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trainer
 
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import HeightScan, Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.golden import trainer_samples
@@ -161,7 +161,7 @@ def test_terms_that_the_trace_says_nothing_about(tmp_path):
             read_trace(path, wants("joint_pos", term))
 
 
-SCAN = Term("height_scan", at="left_thigh", grid=(0.2, 0.0), resolution=0.2, scale=0.5, clip=(0.0, 3.0))
+SCAN = Term("height_scan", scan=HeightScan("left_thigh", (0.2, 0.0), 0.2), scale=0.5, clip=(0.0, 3.0))
 SEEING = Checkpoint(
     trainer.contract(observation=[*trainer.terms(), SCAN]),
     lambda observation, _: observation[: trainer.WIDTH] @ trainer.network(),

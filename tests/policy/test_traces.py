@@ -11,10 +11,10 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemor
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState, point_velocity
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
-from humanoid_sim.policy.readers.sources import assemble_contract, assumptions
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
+from humanoid_sim.policy.reading import read_checkpoint
 
 pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
@@ -116,9 +116,11 @@ def test_observations_term_by_term_and_actions(name, model, robot, checkpoint):
 @pytest.mark.parametrize("name", TRACES)
 def test_a_stamp_replaces_every_side_file(name, checkpoint, tmp_path):
     check = checkpoint(name)
-    alone = assemble_contract(tmp_path / "copy.onnx", {STAMP_KEY: encode(check.contract)})
+    alone = read_checkpoint(
+        tmp_path / "copy.onnx", {STAMP_KEY: encode(check.contract), **write_metadata(check.contract)}
+    ).contract
     assert said(alone) == said(check.contract)
-    assert alone.provenance == check.contract.provenance
+    assert alone.source == check.contract.source
 
 
 def test_a_motion_in_the_graph_can_be_kept_in_a_file(checkpoint):
@@ -130,16 +132,11 @@ def test_a_motion_in_the_graph_can_be_kept_in_a_file(checkpoint):
     assert (again.layout, again.policy_dt) == ("joints_bodies_w", DT)
 
 
-def test_what_is_assumed_is_told(checkpoint):
-    assert assumptions(checkpoint("waltz").contract) == (
-        "policy_dt 0.02: assumed (mjlab)",
-        "reference_quaternion wxyz: assumed (mjlab)",
-        "scale of observation terms 1: assumed (mjlab)",
-        "history of observation terms 1: assumed (mjlab)",
-    )
-    assert assumptions(checkpoint("mjlab").contract) == (
-        "policy_dt 0.02: assumed (mjlab)",
-        "observation term base_lin_vel: at imu: assumed (mjlab)",
-    )
-    assert assumptions(checkpoint("unitree").contract) == ()
-    assert assumptions(checkpoint("holosoma").contract) == ()
+def test_what_is_assumed_is_said(checkpoint):
+    def assumed(name):
+        contract = checkpoint(name).contract
+        return {field for field, source in contract.source.items() if source == "assumed (mjlab)"}
+
+    assert {"policy_dt", "reference_quaternion", "observation.actions.scale"} <= assumed("waltz")
+    assert assumed("mjlab") == {"policy_dt", "observation.base_lin_vel.at"}
+    assert assumed("unitree") == assumed("holosoma") == set()

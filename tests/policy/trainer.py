@@ -12,10 +12,8 @@ import onnx
 from models import finished
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.controllers.terms import Term
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 
 JOINTS = ("left_hip", "right_hip", "left_knee", "right_knee")
 DRIVEN = ("right_knee", "left_hip", "right_hip")

@@ -11,8 +11,7 @@ from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import contract, network, save_checkpoint, terms
 
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
 
@@ -57,7 +56,7 @@ def test_widths_that_do_not_add_up(walker, robot):
 def test_a_contract_that_cannot_be_is_a_finding(cli, walker, robot, tmp_path):
     walker.write_bytes(add_metadata(walker, {}))
     file = tmp_path / "negative.yaml"
-    file.write_text("override: {joint_damping: [1, -2, 1, 1]}\n", encoding="utf-8")
+    file.write_text("joint_damping: [1, -2, 1, 1]\n", encoding="utf-8")
     findings = check_checkpoint(walker, robot, file)
     assert len(findings) == 1
     assert "joint_damping" in found(findings, "error", "contract", "right_hip").message

@@ -6,11 +6,11 @@ import pytest
 from trainer import contract, save_checkpoint, terms
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.contract import Term
 from humanoid_sim.play import main as play
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY, load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY
 
 
 @pytest.fixture
@@ -37,9 +37,8 @@ def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live, tmp_p
         file.write_text(f"terms:\n  foot_contact: {{{options}}}\n", encoding="utf-8")
         status, out, error = cli("show", live, "--contract", file, "--json")
         assert status == 0, error
-        (term,) = [term for term in json.loads(out)["contract"]["observation"] if term["name"] == "foot_contact"]
-        assert term["meaning"] == f"live input; {told}"
-        assert ("timeout" in term) == ("timeout" in options)
+        (term,) = [term for term in json.loads(out)["terms"] if term["name"] == "foot_contact"]
+        assert term["words"] == f"live input; {told}"
 
 
 @pytest.mark.parametrize(
@@ -47,9 +46,9 @@ def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live, tmp_p
     [
         ("topic: /tf", "live input 'foot_contact': its topic is /tf, which a session uses itself"),
         ("topic: /lite/joint_states", "its topic is /lite/joint_states, which a session uses itself"),
-        ("topic: feet", "observation term 'foot_contact': topic is 'feet', expected a ROS 2 name such as"),
-        ("topic: 3", "terms.foot_contact.topic: is 3, expected a text or null"),
-        ("timeout: -1", "observation term 'foot_contact': timeout is -1.0, expected seconds > 0, or .inf"),
+        ("topic: feet", "topic: is 'feet', expected a ROS 2 name such as"),
+        ("topic: 3", "observation.foot_contact.topic: is 3"),
+        ("timeout: -1", "timeout: is -1.0, expected seconds > 0, or .inf"),
     ],
 )
 def test_declarations_that_are_refused(live, tmp_path, options, problem, capsys, robot):
@@ -75,7 +74,7 @@ def test_the_width_may_come_from_a_contract_file(cli, walker, tmp_path, robot):
     file.write_text("terms:\n  joint_pos_rel: {width: 4}\n", encoding="utf-8")
     status, out, _ = cli("check", plain, "--robot", robot.mjcf_path, "--contract", file)
     assert status == 1
-    assert "observation term 'joint_pos_rel': width is 4, expected none: only a live input has one of its own" in out
+    assert "width: is 4, expected none: only a live input has one" in out
 
 
 def test_stamp_writes_the_contract_without_samples(cli, live, tmp_path):

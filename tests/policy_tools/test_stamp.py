@@ -11,11 +11,10 @@ from trainer import Run, contract, save_checkpoint, save_trace
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY, load_checkpoint
-from humanoid_sim.policy.contract_json import STAMP_KEY
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden import golden_problem, stored_samples
-from humanoid_sim.policy.metadata import METADATA_KEYS, read_own, write_metadata
 from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, METADATA_KEYS, STAMP_KEY, read_own, write_metadata
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
 
@@ -48,7 +47,7 @@ def test_published_policy(cli, tmp_path, name):
         np.testing.assert_array_equal(getattr(copy.contract, field), getattr(original.contract, field))
     assert copy.contract.joint_names == original.contract.joint_names
     assert copy.contract.observation_names == original.contract.observation_names
-    assert dict(copy.contract.provenance).get("policy_dt") == original.contract.provenance["policy_dt"]
+    assert dict(copy.contract.source).get("policy_dt") == original.contract.source["policy_dt"]
 
     # Stamped again, without the trace, it keeps the trainer's samples.
     again = folder / "again.onnx"
@@ -73,9 +72,9 @@ def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path):
 def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped):
     metadata = read_header(stamped)[0]
     assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY}
-    thirteen = read_own(metadata, "stamped").fields
-    assert thirteen["joint_names"].value == contract().joint_names
-    np.testing.assert_array_equal(thirteen["joint_damping"].value, contract().joint_damping)
+    (thirteen,) = read_own(metadata, "stamped")
+    assert tuple(thirteen.values["joint_names"]) == contract().joint_names
+    np.testing.assert_array_equal(thirteen.values["joint_damping"], contract().joint_damping)
     samples = stored_samples(load_checkpoint(stamped))
     assert (samples.name, len(samples), "target" in samples.arrays) == ("trace.npz", 8, True)
 
@@ -125,7 +124,7 @@ def test_a_key_changed_after_stamping_is_refused(stamped):
     """The thirteen keys and the stamped contract say the same; neither may silently win over the other."""
     slower = write_metadata(contract(policy_dt=0.04))["policy_dt"]
     stamped.write_bytes(add_metadata(stamped, {"policy_dt": slower}))
-    with pytest.raises(InputError, match=r"policy_dt is 0.04 in its metadata, 0.02 in its stamped contract"):
+    with pytest.raises(InputError, match=r"policy_dt: 0.02 in .*, 0.04 in metadata"):
         load_checkpoint(stamped)
 
 

@@ -15,8 +15,8 @@ from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import file_digest, placeholder_checkpoint
-from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.readers.own import write_metadata
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.replay import main as replay_main
 from humanoid_sim.robots.description import load_robot

@@ -8,7 +8,7 @@ import onnx
 from onnx import helper, numpy_helper
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY
+from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, PolicyRun
 from humanoid_sim.regress.suite import Case, Suite, Tolerance, load_suite

@@ -11,10 +11,10 @@ from fakes import (
 )
 
 import humanoid_sim.session.session as loop
+from humanoid_sim.controllers.contract import Term
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session import pace

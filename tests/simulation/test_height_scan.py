@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.simulation.batch import BatchSimulation

@@ -20,7 +20,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Intake, SessionInfo
 from humanoid_sim.controllers.base import Fault, Memory
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract, Term
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.reference import no_reference
@@ -28,7 +28,6 @@ from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.hardware import calibration
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord

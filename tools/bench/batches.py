@@ -14,8 +14,8 @@ from msgspec.structs import replace as changed
 from mujoco import rollout
 
 from humanoid_sim.assets import SAMPLE_POLICY
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.policy_step import action_command
-from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.episodes import EpisodeBatch

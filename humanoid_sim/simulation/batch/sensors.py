@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from humanoid_sim import mit
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
-from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.mit import Extern, FloatArray, IndexArray, IntArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, IntArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription

@@ -1,0 +1,224 @@
+"""The project's own forms of a contract: thirteen metadata keys, a stamp that holds all of it, and `contract.yaml`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import HeightScan, PhaseRule, PolicyContract, TensorNames, Term
+from humanoid_sim.errors import FieldError, InputError, blaming, known_names
+from humanoid_sim.files import is_file
+from humanoid_sim.policy.layers import Layer, build, checked, is_assumed
+from humanoid_sim.strict_yaml import read_yaml
+
+STAMP_KEY = "humanoid_sim_contract"
+"""Metadata key under which a stamped checkpoint carries its contract."""
+GOLDEN_KEY = "humanoid_sim_golden"
+"""Metadata key of the golden vectors."""
+CONTRACT_FILE = "contract.yaml"
+_VERSION = 2
+
+_NAMES = ("joint_names", "action_joint_names", "command_names", "body_names", "observation")
+_NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
+_TEXTS = ("task_type", "dataset_repo_id")
+METADATA_KEYS = (
+    *("task_type", "joint_names", "action_joint_names", *_NUMBERS[:3], "observation_names", "command_names"),
+    *("action_scale", "policy_dt", "body_names", "dataset_repo_id", "lookahead_steps"),
+)
+"""The thirteen keys of a self-describing checkpoint. Lists are CSV, as mjlab's exporter writes them."""
+_ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps")
+
+
+# --- CSV of metadata ---
+
+
+def csv(text: str) -> list[str]:
+    """Return the items without the space around them; empty text is an empty list."""
+    return [item.strip() for item in text.split(",")] if text.strip() else []
+
+
+def csv_numbers(key: str, text: str, where: str) -> list[float]:
+    """Return the numbers of a CSV text. Raises `InputError` naming the key."""
+    try:
+        return [float(item) for item in csv(text)]
+    except ValueError:
+        raise InputError(f"{where}: {key} is {text[:80]!r}, expected numbers separated by commas") from None
+
+
+def csv_field(name: str, key: str, text: str, where: str) -> Any:
+    """Return a field of the contract from the text of a metadata key."""
+    if name in _NAMES:
+        return csv(text)
+    if name in _TEXTS or name == "anchor_body":
+        return text.strip()
+    numbers = csv_numbers(key, text, where)
+    if name == "lookahead_steps":
+        return [int(number) if number.is_integer() else number for number in numbers]
+    if not numbers:
+        raise InputError(f"{where}: {key} is empty, expected numbers separated by commas")
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def is_own(metadata: Mapping[str, str]) -> bool:
+    """Return whether the metadata has any key that only this dialect has."""
+    return any(key in metadata for key in _ONLY_HERE)
+
+
+def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:
+    """Return what the thirteen keys say."""
+    names = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS if key in metadata}
+    values = {name: csv_field(name, key, metadata[key], where) for key, name in names.items()}
+    return [Layer("metadata", values)]
+
+
+def write_metadata(contract: PolicyContract) -> dict[str, str]:
+    """Return the thirteen keys of a contract, numbers with all their digits.
+
+    Raises `FieldError` if a name holds a comma or has spaces around it, which a CSV list cannot keep.
+    """
+    return {key: _csv_text(key, getattr(contract, key)) for key in METADATA_KEYS}
+
+
+def _csv_text(key: str, value: Any) -> str:
+    if isinstance(value, str):
+        return value.strip()
+    items = [value] if isinstance(value, float) else list(value)
+    for name in items:
+        if isinstance(name, str) and ("," in name or name != name.strip()):
+            raise FieldError(f"PolicyContract.{key}: {name!r} has a comma or outer spaces, which CSV cannot keep")
+    return ",".join(repr(float(item)) if isinstance(item, float) else str(item) for item in items)
+
+
+# --- JSON of a whole contract ---
+
+
+def plain(value: Any) -> Any:
+    """Return a field's value as JSON and YAML have it; a float64's repr keeps every bit."""
+    if isinstance(value, Term | PhaseRule | TensorNames):
+        values = {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+        return {name: item for name, item in values.items() if item is not None or name == "standing_value"}
+    if isinstance(value, HeightScan):
+        return {name: item for name, item in asdict(value).items() if item is not None}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [plain(item) for item in value] if isinstance(value, tuple | list) else value
+
+
+def encode(contract: PolicyContract) -> str:
+    """Return one line of JSON from which `decode` makes the same contract again, bit for bit."""
+    document = {item.name: plain(getattr(contract, item.name)) for item in fields(contract) if item.name != "source"}
+    return json.dumps({"version": _VERSION, "contract": document, "source": dict(contract.source)})
+
+
+def _decoded(text: str, where: str) -> tuple[dict[str, Any], dict[str, str]]:
+    with blaming(f"{where}: contract is not JSON", ValueError):
+        document = json.loads(text)
+    version = document.get("version") if isinstance(document, dict) else None
+    if version != _VERSION:
+        raise InputError(f"{where}: contract has version {version!r}, expected {_VERSION}")
+    values = dict(flattened(document.get("contract"), f"{where}: contract"))
+    return {name: checked(name, value, f"{where}: contract: {name}") for name, value in values.items()}, document[
+        "source"
+    ]
+
+
+def decode(text: str, where: str) -> PolicyContract:
+    """Return the contract in a text of `encode`, sources included."""
+    values, source = _decoded(text, where)
+    with blaming(f"{where}: contract"):
+        return build(values, source)
+
+
+def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
+    """Return a stamped contract, and of the thirteen keys beside it those that say something else since.
+
+    The contract keeps the sources that its fields had; of what nobody stated then, another source may say otherwise.
+    """
+    values, source = _decoded(metadata[STAMP_KEY], where)
+    with blaming(f"{where}: contract"):
+        made = build(values, source)
+        (stamped,) = read_own(write_metadata(made), where)
+    groups: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        origin = source.get(name, "")
+        if origin.startswith("follows from") or (not origin and _is_usual(name, made)):
+            continue
+        groups.setdefault(origin or "stamp", {})[name] = value
+    layers = [Layer(origin, group, is_assumed=is_assumed(origin)) for origin, group in groups.items()]
+    (beside,) = read_own(metadata, where)
+    changed = {name: value for name, value in beside.values.items() if value != stamped.values[name]}
+    return [*layers, *([Layer("metadata", changed)] if changed else [])]
+
+
+def _is_usual(name: str, made: PolicyContract) -> bool:
+    """Return whether a field has the value that it has where no source states it."""
+    whole, _, part = name.partition(".")
+    if not part:
+        default = next(item.default for item in fields(made) if item.name == whole)
+        if name == "action_offset":
+            places = [made.joint_names.index(joint) for joint in made.action_joint_names]
+            default = made.default_joint_pos[places]
+        return default is not MISSING and bool(plain(getattr(made, name)) == plain(default))
+    owner: Any = getattr(made, whole)
+    usual: Any = TensorNames() if whole == "tensors" else PhaseRule(1.0)
+    if whole == "observation":
+        term, _, part = part.rpartition(".")
+        owner, usual = next(own for own in made.terms if own.name == term), Term(term)
+    return part != "period" and bool(plain(getattr(owner, part)) == plain(getattr(usual, part)))
+
+
+# --- contract.yaml ---
+
+
+def own_contract(checkpoint: Path) -> Path:
+    """Return where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
+    return checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}")
+
+
+def find_contract(checkpoint: Path) -> Path | None:
+    """`<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in the checkpoint's folder; None without one."""
+    places = (own_contract(checkpoint), checkpoint.with_name(CONTRACT_FILE))
+    return next((place for place in places if is_file(place)), None)
+
+
+def read_contract_file(path: Path) -> Layer:
+    """Return what a person wrote about a checkpoint: any field, which decides between all other sources."""
+    return Layer(path.name, dict(flattened(read_yaml(path) or {}, str(path))), is_decisive=True)
+
+
+def flattened(document: Any, where: str) -> Iterator[tuple[str, Any]]:
+    """Yield the fields of a contract in JSON or YAML, as in `Layer.values`."""
+    if not isinstance(document, dict):
+        raise InputError(f"{where}: is a {type(document).__name__}, expected a mapping of fields")
+    known = [item.name for item in fields(PolicyContract) if item.name != "source"]
+    for name, value in document.items():
+        if name == "terms":
+            for term, options in _mapping(value, f"{where}: terms").items():
+                for option, item in _mapping(options, f"{where}: terms.{term}").items():
+                    yield f"observation.{term}.{option}", item
+        elif name in ("phase", "tensors") and value is not None:
+            for part, item in _mapping(value, f"{where}: {name}").items():
+                yield f"{name}.{part}", item
+        elif name == "observation" and isinstance(value, list):
+            names = [term.get("name") if isinstance(term, dict) else term for term in value]
+            yield name, names
+            for term in value:
+                options = {k: v for k, v in term.items() if k != "name"} if isinstance(term, dict) else {}
+                for option, item in options.items():
+                    yield f"observation.{term['name']}.{option}", item
+        elif name not in known:
+            hint = ": every field decides now" if name == "override" else ""
+            raise InputError(f"{where}: {known_names('field', str(name), [*known, 'terms'])}{hint}")
+        else:
+            yield str(name), value
+
+
+def _mapping(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: is {value!r}, expected a mapping")
+    return value

@@ -1,0 +1,158 @@
+"""Layers of a contract: the later one wins, and two trainer's sources that differ are both named, joint by joint."""
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.layers import Layer, join, outline
+from humanoid_sim.policy.loaded_policy import contract_layout
+
+JOINTS = ("hip", "knee", "waist")
+WHOLE = {
+    "joint_names": JOINTS,
+    "joint_stiffness": [40.179, 99.098, 40.179],
+    "joint_damping": [2.558, 6.309, 2.558],
+    "default_joint_pos": [-0.1, 0.3, 0.0],
+    "observation": ("base_ang_vel", "joint_pos", "actions"),
+    "action_scale": [0.548, 0.351, 0.548],
+    "policy_dt": 0.02,
+}
+
+
+def joined(*layers, **changes):
+    return join([Layer("metadata", {**WHOLE, **changes}), *layers], "policy.onnx", JOINTS)
+
+
+def deploy(**values):
+    return Layer("deploy.yaml", values)
+
+
+def by_hand(**values):
+    return Layer("policy.contract.yaml", values, is_decisive=True)
+
+
+@pytest.mark.parametrize(
+    ("field", "exact", "copy"),
+    [
+        ("joint_stiffness", [40.179, 99.098, 40.179], [40.2, 99.1, 40.2]),
+        ("joint_damping", [2.558, 6.309, 2.558], [2.56, 6.31, 2.56]),  # three significant digits
+        ("joint_damping", [2.558, 6.309, 2.558], [2.6, 6.3, 2.6]),
+        ("action_scale", [0.548, 0.351, 0.075], [0.55, 0.35, 0.07]),
+        ("action_scale", [0.5475, 0.3514, 0.0745], [0.548, 0.351, 0.074]),
+        ("policy_dt", 0.02, 0.02),
+    ],
+)
+def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_taken(field, exact, copy):
+    for first, second in ((exact, copy), (copy, exact)):
+        reading = joined(deploy(**{field: second}), **{field: first})
+        assert reading.differences == ()
+        np.testing.assert_array_equal(getattr(reading.contract, field), exact)
+
+
+@pytest.mark.parametrize(
+    ("field", "other", "named"),
+    [
+        ("action_scale", [0.55, 0.35, 0.35], ("action_scale", "waist 0.548 against 0.35", "metadata", "deploy.yaml")),
+        ("joint_stiffness", [40.2, 9.91, 40.2], ("knee 99.098 against 9.91",)),
+        ("joint_stiffness", 20.0, ("hip, waist 40.179 against 20", "knee 99.098 against 20")),
+        ("joint_stiffness", [1.0, 2.0], ("3 values in metadata, 2 in deploy.yaml",)),
+        ("policy_dt", 0.04, ("0.02 in metadata, 0.04 in deploy.yaml",)),
+        ("observation", ("joint_pos", "base_ang_vel", "actions"), ("at place 0: base_ang_vel",)),
+        ("observation", ("imu_ang_vel", "joint_pos_rel"), ("actions only in metadata",)),
+        ("joint_names", ("knee", "hip", "waist"), ("joint_names: the order differs at place 0",)),
+    ],
+)
+def test_a_difference_names_the_joints_and_no_rounded_neighbour(field, other, named):
+    reading = joined(deploy(**{field: other}))
+    assert len(reading.differences) == 1
+    for text in named:
+        assert text in reading.differences[0]
+    assert "0.55" not in reading.differences[0]
+    assert reading.refusal("x.yaml")
+
+
+def test_all_fields_that_differ_are_named_together_and_a_person_decides_between_them():
+    other = deploy(action_scale=0.25, joint_damping=1.0, command_ranges=[[0, 1], [0, 0], [0, 0]])
+    reading = joined(other, command_ranges=[[0, 2], [0, 0], [0, 0]])
+    assert [line.partition(":")[0] for line in reading.differences] == ["action_scale", "joint_damping"]
+    reading = joined(other, by_hand(action_scale=0.25, joint_damping=[2.5, 6.3, 2.5]))
+    assert reading.differences == ()
+    assert reading.contract.action_scale.tolist() == [0.25] * 3
+    assert reading.source["joint_damping"] == "policy.contract.yaml"
+    assert [old.source for old in reading.replaced["joint_damping"]] == ["metadata", "deploy.yaml"]
+
+
+def test_what_is_stated_comes_before_what_a_dialect_implies():
+    implied = Layer("assumed (mjlab)", {"policy_dt": 0.02, "action_limit": 10.0}, is_assumed=True)
+    reading = join([deploy(**{**WHOLE, "policy_dt": 0.04}), implied], "policy.onnx", JOINTS)
+    assert (reading.contract.policy_dt, reading.contract.action_limit) == (0.04, 10.0)
+    assert (reading.source["policy_dt"], reading.source["action_limit"]) == ("deploy.yaml", "assumed (mjlab)")
+    assert reading.differences == ()
+
+
+def test_everything_that_is_missing_is_told_at_once_and_widths_are_known_all_the_same():
+    given = {"joint_names": JOINTS, "observation": ("motion_anchor_ori_b", "joint_pos", "gait_phase", "command")}
+    reading = join([deploy(**given)], "policy.onnx", JOINTS)
+    assert reading.contract is None
+    assert set(reading.missing) == {
+        *("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt"),
+        *("anchor_body", "phase", "command_names"),
+    }
+    reading = join([deploy(**given, command_names=["twist"])], "policy.onnx", JOINTS)
+    assert contract_layout(outline(reading)).width == 6 + 3 + 4 + 3
+
+
+def test_values_by_name_pattern_and_place():
+    reading = joined(
+        by_hand(
+            joint_stiffness={".*": 10.0, "knee": 20.0},
+            effort_limit={"waist": 5.0},
+            action_joint_names=[2, 0],
+            action_scale=[0.1, 0.2],
+            **{"observation.joint_pos.joints": slice(0, 2)},
+        )
+    )
+    contract = reading.contract
+    assert contract.joint_stiffness.tolist() == [10.0, 20.0, 10.0]
+    assert contract.effort_limit.tolist() == [np.inf, np.inf, 5.0]
+    assert contract.action_joint_names == ("waist", "hip")
+    assert contract.terms[1].joints == ("hip", "knee")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"joint_stiffnes": 1.0}, "joint_stiffness"),
+        ({"joint_stiffness": "stiff"}, "joint_stiffness: is stiff, expected a number"),
+        ({"joint_stiffness": {"nose": 1.0}}, "unknown joint 'nose'"),
+        ({"joint_stiffness": {"knee": 1.0}}, "lacks hip, waist"),
+        ({"policy_dt": "fast"}, "policy_dt: is fast"),
+        ({"action_joint_names": ["nose"]}, "unknown joint 'nose'"),
+        ({"action_joint_names": [7]}, "expected places of 3 joints"),
+        ({"command_ranges": {"lin_vel_x": [0, 1]}}, "command_ranges"),
+        ({"observation.joint_vel.scale": 2.0}, "unknown observation term 'joint_vel'"),
+        ({"observation.joint_pos.history": "long"}, "observation.joint_pos.history: is long"),
+        ({"observation.joint_pos.colour": 1}, "colour"),
+    ],
+)
+def test_a_value_that_no_contract_can_have_is_named_with_its_file(values, message):
+    with pytest.raises(InputError) as caught:
+        joined(by_hand(**values))
+    assert message in str(caught.value)
+    assert "policy.contract.yaml" in str(caught.value)
+
+
+def test_fields_that_do_not_fit_each_other_name_the_source():
+    reading = joined(by_hand(joint_stiffness=[1.0, 2.0, -3.0]))
+    assert reading.contract is None
+    assert reading.problem.startswith("joint_stiffness: is -3.0 for waist")
+    assert "policy.contract.yaml" in reading.problem
+
+
+def test_sources_may_call_terms_differently():
+    options = {"observation": ("imu_ang_vel", "joint_pos_rel", "last_action"), "observation.joint_pos_rel.scale": 0.5}
+    reading = joined(deploy(**options))
+    assert reading.differences == ()
+    assert reading.contract.observation_names == ("imu_ang_vel", "joint_pos_rel", "last_action")
+    reading = joined(by_hand(**{"observation.joint_pos_rel.scale": 0.5}))
+    assert float(reading.contract.terms[1].scale) == 0.5

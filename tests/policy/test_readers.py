@@ -1,0 +1,302 @@
+"""What each dialect says of a contract, on files as its exporter writes them."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from published import POLICIES, needs_policies
+
+from humanoid_sim.controllers.contract import HeightScan
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.reading import read_checkpoint
+
+ROBOT = ("a", "b", "c", "d")
+
+MJLAB = {
+    "joint_names": "hip,knee",
+    "joint_stiffness": "40.179,99.098",
+    "joint_damping": "2.558,6.309",
+    "default_joint_pos": "0.100,0.200",
+    "action_scale": "0.548,0.351",
+    "command_names": "twist",
+    "observation_names": "base_lin_vel,command,joint_pos,actions",
+    "observation_terms_scale": "1.000,1.000;1.000;2.000,0.500,1.000",
+    "observation_terms_clip": "-inf;inf,-inf;inf,-5.000;5.000,-inf;inf",
+    "observation_terms_history_length": "0.000,0.000,5.000,0.000",
+    "observation_terms_flatten_history_dim": "1.000,1.000,1.000,1.000",
+    "run_path": "logs/run",
+}
+
+
+def read(path, metadata=None, robot=ROBOT, **options):
+    return read_checkpoint(path / "policy.onnx", metadata or {}, (), None, robot, **options)
+
+
+def test_mjlabs_metadata(tmp_path):
+    reading = read(tmp_path, MJLAB)
+    contract = reading.contract
+    velocity, command, positions, _ = contract.terms
+    assert (velocity.at, command.scale.tolist(), positions.history) == ("imu", [1.0, 1.0, 2.0], 5)
+    assert (positions.clip, float(positions.scale)) == ((-5.0, 5.0), 0.5)
+    assert (contract.policy_dt, reading.source["policy_dt"]) == (0.02, "assumed (mjlab)")
+    assert reading.unused == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joint_stiffness": "40,x"}, "joint_stiffness is '40,x', expected numbers separated by commas"),
+        ({"observation_terms_scale": "1.000"}, "observation_terms_scale has 1 entries, expected 4"),
+        ({"observation_terms_flatten_history_dim": "0,0,0,0"}, "is False for joint_pos, expected True"),
+    ],
+)
+def test_mjlabs_metadata_that_is_wrong(tmp_path, changes, message):
+    with pytest.raises(InputError, match=r"^.*policy\.onnx: ") as caught:
+        read(tmp_path, {**MJLAB, **changes})
+    assert message in str(caught.value)
+
+
+def test_a_key_that_mjlab_does_not_write_is_named_and_not_ignored(tmp_path):
+    draft = {**MJLAB, "observation_term_clip": "[-inf, inf]"}
+    (line,) = read(tmp_path, draft).unused
+    assert "'observation_term_clip'" in line
+    assert "'observation_terms_clip'" in line
+
+
+def test_mjlabs_clock_and_scan(tmp_path):
+    metadata = {key: value for key, value in MJLAB.items() if not key.startswith("observation_terms")}
+    metadata["observation_names"] = "height_scan,phase"
+    (tmp_path / "contract.yaml").write_text("phase: {period: 0.6}\n")
+    contract = read(tmp_path, metadata).contract
+    assert contract.height_scan == HeightScan()
+    rule = contract.phase
+    assert (rule.period, rule.standing_value, rule.standing_restarts, rule.advance_first) == (0.6, None, False, False)
+
+
+HOLOSOMA = {
+    "dof_names": json.dumps(["left", "right"]),
+    "kp": "[40.0, 50.0]",
+    "kd": "[2.0, 2.5]",
+    "command_ranges": json.dumps(
+        {"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_yaw": [-2, 2], "heading": [0, 1]}
+    ),
+}
+EXPERIMENT = {
+    "robot": {
+        "init_state": {"default_joint_angles": {"left": 0.5}},
+        "dof_effort_limit_list": [80.0, 25.0],
+        "control": {
+            "action_scale": 0.25,
+            "action_scales_by_effort_limit_over_p_gain": True,
+            "clip_actions": True,
+            "action_clip_value": 100.0,
+            "clip_torques": True,
+        },
+    },
+    "simulator": {"config": {"sim": {"fps": 200, "control_decimation": 4}}},
+    "observation": {
+        "groups": {
+            "actor_obs": {
+                "history_length": 1,
+                "terms": {"sin_phase": {"scale": 1.0}, "dof_pos": {"scale": 1.0}, "base_ang_vel": {"scale": 0.25}},
+            }
+        }
+    },
+    "command": {"setup_terms": {"locomotion_gait": {"params": {"gait_period": 1.0}}}},
+}
+
+
+def test_holosomas_metadata_with_its_experiment(tmp_path):
+    reading = read(tmp_path, {**HOLOSOMA, "experiment_config": json.dumps(EXPERIMENT), "robot_urdf": "<robot/>"})
+    contract = reading.contract
+    assert contract.observation_names == ("base_ang_vel", "dof_pos", "sin_phase")  # holosoma sorts them
+    assert contract.default_joint_pos.tolist() == [0.5, 0.0]
+    assert contract.action_scale.tolist() == [0.5, 0.125]
+    assert (contract.action_clip, contract.policy_dt, contract.effort_limit.tolist()) == (100.0, 0.02, [80.0, 25.0])
+    assert contract.command_ranges.tolist() == [[-1, 1], [0, 0], [-2, 2]]
+    assert (contract.phase.period, contract.phase.offsets.tolist()) == (1.0, [0.0, np.pi])
+    assert read(tmp_path, HOLOSOMA).missing == ("default_joint_pos", "observation", "action_scale")
+
+
+DEPLOY = {
+    "joint_ids_map": [2, 0, 3, 1],
+    "step_dt": 0.02,
+    "stiffness": [10.0, 11.0, 12.0, 13.0],
+    "damping": [1.0, 1.1, 1.2, 1.3],
+    "default_joint_pos": [0.2, 0.0, 0.3, 0.1],
+    "commands": {
+        "base_velocity": {"ranges": {"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_z": [-2, 2], "heading": None}}
+    },
+    "actions": {"JointPositionAction": {"clip": None, "joint_names": [".*"], "scale": [0.25] * 4, "offset": [0.0] * 4}},
+    "observations": {
+        "base_ang_vel": {"params": {}, "clip": None, "scale": [0.2, 0.2, 0.2], "history_length": 5},
+        "joint_pos_rel": {"params": {}, "clip": [-10, 10], "scale": None, "history_length": 0},
+        "gait_phase": {"params": {"period": 0.6}, "clip": None, "scale": [1.0, 1.0]},
+    },
+}
+
+
+def deployed(folder, robot=ROBOT, **changes):
+    (folder / "params").mkdir(exist_ok=True)
+    (folder / "params" / "deploy.yaml").write_text(yaml.safe_dump({**DEPLOY, **changes}, sort_keys=False))
+    (folder / "exported").mkdir(exist_ok=True)
+    return read(folder / "exported", robot=robot)
+
+
+def test_unitrees_deploy_yaml(tmp_path):
+    reading = deployed(tmp_path)
+    contract = reading.contract
+    assert contract.joint_names == ("c", "a", "d", "b")
+    assert contract.joint_stiffness.tolist() == [12.0, 10.0, 13.0, 11.0]  # listed in the robot's order
+    assert contract.default_joint_pos.tolist() == [0.2, 0.0, 0.3, 0.1]  # and this in the policy's
+    assert contract.command_ranges.tolist() == [[-1, 1], [0, 0], [-2, 2]]
+    gyro, joints, _ = contract.terms
+    assert (gyro.history, gyro.scale.tolist(), joints.clip, joints.history) == (5, [0.2] * 3, (-10, 10), 1)
+    assert (contract.phase.period, contract.phase.standing_value) == (0.6, None)
+    assert reading.source["joint_names"] == "deploy.yaml and the robot"
+    assert reading.source["phase.standing_value"] == "assumed (Unitree)"
+
+
+def test_gains_of_a_robot_that_lacks_some_joints_of_the_full_one(tmp_path):
+    gaps = deployed(tmp_path, joint_ids_map=[0, 1, 5, 3])
+    assert gaps.contract.joint_names == ("a", "b", "d", "c")
+    assert gaps.contract.joint_stiffness.tolist() == [10.0, 11.0, 13.0, 12.0]
+    assert "[2, 4]" in gaps.unused[0]
+    with pytest.raises(InputError, match="leads to place 9"):
+        deployed(tmp_path, joint_ids_map=[0, 1, 9], stiffness=[1.0] * 10, damping=[1.0] * 10)
+
+
+def test_without_a_robot_joints_are_called_by_their_places(tmp_path):
+    reading = deployed(tmp_path, robot=None)
+    assert reading.contract.joint_names[1] == "joint 1 of the robot"
+
+
+def test_a_slice_of_pythons_is_read_without_calling_python(tmp_path):
+    deployed(tmp_path)
+    path = tmp_path / "params" / "deploy.yaml"
+    body = yaml.safe_dump({key: value for key, value in DEPLOY.items() if key != "observations"})
+    joints = "{asset_cfg: {joint_ids: !!python/object/apply:builtins.slice [0, 2, null]}}"
+    path.write_text(f"{body}observations:\n  joint_vel_rel: {{scale: 0.05, params: {joints}}}\n")
+    assert read(tmp_path / "exported").contract.terms[0].joints == ("c", "a")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joint_ids_map": [0, 0]}, "joint_ids_map is [0, 0], expected places on the robot"),
+        ({"step_dt": "50 Hz"}, "is 50 Hz"),
+        ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
+        ({"commands": [1]}, "commands: is [1], expected a mapping"),
+        ({"actions": {"JointVelocityAction": {}}}, "expected JointPositionAction alone"),
+        ({"observations": {"policy": {"a": {}}, "critic": {"b": {}}}}, "groups policy, critic"),
+        ({"observations": {"scale_first": True, "a": {"clip": [0, 1], "scale": [1.0, 2.0]}}}, "one positive factor"),
+        ({"actions": {"JointPositionAction": {"scale": 1.0, "joint_names": ["left_knee"]}}}, "another robot?"),
+    ],
+)
+def test_a_deploy_yaml_that_is_wrong(tmp_path, changes, message):
+    with pytest.raises(InputError) as caught:
+        deployed(tmp_path, **changes)
+    assert message in str(caught.value)
+    assert "deploy.yaml" in str(caught.value)
+
+
+def test_a_deploy_yaml_of_another_network_is_not_read(tmp_path):
+    metadata = {"task_type": "locomotion", "joint_names": "c,a,d,b", "action_joint_names": "c,a,d,b"}
+    metadata |= {"joint_stiffness": "9", "joint_damping": "1", "default_joint_pos": "0", "action_scale": "0.5"}
+    metadata |= {"policy_dt": "0.02", "observation_names": "joint_pos,actions", "command_names": "", "body_names": ""}
+    deployed(tmp_path)
+    path = tmp_path / "exported"
+    assert read(path, metadata).differences
+    reading = read(path, metadata, width=8)
+    assert (reading.differences, reading.contract.joint_stiffness[0]) == ((), 9.0)
+    assert "deploy.yaml is of another network" in reading.unused[-1]
+
+
+ENV = """\
+decimation: 4
+sim: {dt: 0.005}
+scene:
+  robot:
+    init_state:
+      joint_pos: {c: 0.3, "[ab]": -0.1}
+    actuators:
+      legs: {joint_names_expr: ["[ab]"], stiffness: {".*": 40.0, b: 50.0}, damping: 2.0, effort_limit_sim: 80.0}
+      rest: {joint_names_expr: ["[cd]"], stiffness: 20.0, damping: 1.0, effort_limit: 30.0}
+actions:
+  joint_pos: {class_type: "isaaclab.envs.mdp.actions:JointPositionAction", scale: 0.25, use_default_offset: true}
+observations:
+  policy:
+    concatenate_terms: true
+    history_length: null
+    gyro: {func: "isaaclab.envs.mdp.observations:base_ang_vel", scale: 0.2, clip: !!python/tuple [-5.0, 5.0]}
+    velocity: {func: "isaaclab.envs.mdp.observations:generated_commands", params: {command_name: base_velocity}}
+    joint_pos: {func: "isaaclab.envs.mdp.observations:joint_pos", history_length: 3}
+    last_action: {func: "isaaclab.envs.mdp.observations:last_action"}
+"""
+
+
+def test_isaac_labs_env_yaml(tmp_path):
+    (tmp_path / "params").mkdir()
+    (tmp_path / "params" / "env.yaml").write_text(ENV)
+    assert read(tmp_path).missing == ("joint_names",)
+    assert "order of the joints" in read(tmp_path).unused[0]
+    (tmp_path / "contract.yaml").write_text("joint_names: [a, c, b, d]\n")
+    contract = read(tmp_path).contract
+    assert contract.joint_stiffness.tolist() == [40.0, 20.0, 50.0, 20.0]
+    assert contract.effort_limit.tolist() == [80.0, 30.0, 80.0, 30.0]
+    assert contract.default_joint_pos.tolist() == [-0.1, 0.3, -0.1, 0.0]
+    assert (contract.policy_dt, contract.action_scale.tolist()) == (0.02, [0.25] * 4)
+    assert [contract.kind(term).name for term in contract.terms] == [
+        *("base_ang_vel", "velocity_command", "joint_pos", "actions")
+    ]
+    gyro, _, positions, _ = contract.terms
+    assert (gyro.clip, positions.relative, positions.history) == ((-5.0, 5.0), False, 3)
+
+
+def test_an_env_yaml_that_cannot_be_read_is_told_and_stops_nothing(tmp_path):
+    deployed(tmp_path)
+    (tmp_path / "params" / "env.yaml").write_text("scene: !!python/name:somewhere.Scene ''\n")
+    reading = read(tmp_path / "exported")
+    assert reading.contract is not None
+    assert "env.yaml cannot be read" in reading.unused[0]
+
+
+BERKELEY = {
+    "policy_checkpoint_path": "checkpoints/policy.onnx",
+    "joint_kp": [20.0, 30.0, 40.0, 50.0],
+    "joint_kd": 2.0,
+    "default_joint_positions": [0.0, 0.1, 0.2, 0.3],
+    "effort_limits": 6.0,
+    "num_observations": 21,
+    "history_length": 1,
+    "action_indices": [1, 3],
+    "action_scale": 0.25,
+    "action_limit_lower": -100.0,
+    "action_limit_upper": 100.0,
+    "policy_dt": 0.04,
+}
+
+
+def test_berkeleys_yaml(tmp_path):
+    (tmp_path / "configs").mkdir()
+    (tmp_path / "configs" / "any.yaml").write_text(yaml.safe_dump(BERKELEY))
+    contract = read(tmp_path).contract
+    assert (contract.joint_names, contract.action_joint_names) == (ROBOT, ("b", "d"))
+    assert contract.terms[3].joints == ("b", "d")
+    assert (contract.terms[0].history, contract.history_layout) == (2, "per_step")
+    assert (contract.action_clip, contract.action_limit, contract.policy_dt) == (100.0, 1e4, 0.04)
+    (tmp_path / "configs" / "any.yaml").write_text(yaml.safe_dump({**BERKELEY, "action_limit_lower": -1.0}))
+    with pytest.raises(InputError, match="expected -x and x"):
+        read(tmp_path)
+
+
+@needs_policies
+def test_the_published_berkeley_checkpoint_needs_nothing_else():
+    folder = POLICIES / "berkeley_humanoid_lite_biped_50hz"
+    facts = json.loads((folder / "facts.json").read_text())
+    joints = tuple(facts["joint_names"]) if "joint_names" in facts else None
+    checkpoint = load_checkpoint(folder / "checkpoints" / "policy_biped_50hz.onnx", None, joints)
+    assert checkpoint.contract.policy_dt == 0.02
+    assert checkpoint.observation_width == 45
