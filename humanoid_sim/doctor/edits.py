@@ -433,7 +433,7 @@ def plain(value: Any) -> Any:
     return kept["name"] if list(kept) == ["name"] else kept
 
 
-FIELDS = tuple(item.name for item in fields(PolicyContract) if item.name not in ("source", "source"))
+FIELDS = tuple(item.name for item in fields(PolicyContract) if item.name != "source")
 _DEFAULTS = {
     (kind.__name__, item.name): plain(item.default_factory() if item.default_factory is not MISSING else item.default)
     for kind in (Term, PhaseRule, TensorNames)

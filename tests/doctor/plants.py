@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.contract import Term
+from humanoid_sim.controllers.contract import PolicyContract, Term
 
 Plant = Callable[[PolicyContract], PolicyContract]
 

@@ -7,8 +7,7 @@ import pytest
 from models import contract_of
 from plants import alike, at_rate, gains_listed, multiplied, no_pose, relabelled, swapped, term, terms_swapped, turned
 
-from humanoid_sim.controllers.contract import PhaseRule
-from humanoid_sim.controllers.contract import Term
+from humanoid_sim.controllers.contract import PhaseRule, Term
 from humanoid_sim.doctor.edits import RobotFacts, asymmetry, contract_key, single_edits
 
 JOINTS = ("left_hip_pitch", "left_hip_roll", "left_knee", "right_hip_pitch", "right_hip_roll", "right_knee")

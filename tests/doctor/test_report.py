@@ -11,8 +11,7 @@ from models import contract_of
 from plants import gains_listed, no_pose, swapped, term, terms_swapped
 from rich.console import Console
 
-from humanoid_sim.controllers.contract import PhaseRule
-from humanoid_sim.controllers.contract import Term
+from humanoid_sim.controllers.contract import PhaseRule, Term
 from humanoid_sim.doctor.edits import Edit
 from humanoid_sim.doctor.report import Examination, changes, fixed_fields
 from humanoid_sim.doctor.search import Result, Row
