@@ -103,9 +103,6 @@ def plants_of(policy: str, robot: tuple[str, ...], breadth_first: tuple[str, ...
     pick: Mapping[str, tuple[Any, ...]] = {
         "unitree": (("left_hip_roll_joint", "left_hip_yaw_joint"), breadth_first, "left_knee_joint", "base_ang_vel",
                     ("joint_pos_rel", "joint_vel_rel"), "last_action", "projected_gravity", breadth_first),
-        "history": (("left_knee_joint", "left_ankle_pitch_joint"), breadth_first, "right_hip_pitch_joint",
-                    "base_ang_vel", ("base_ang_vel", "projected_gravity"), "last_action", "projected_gravity",
-                    breadth_first),
         "waltz": (("left_knee_joint", "left_shoulder_pitch_joint"), robot, "right_hip_roll_joint", "base_ang_vel",
                   ("base_lin_vel", "base_ang_vel"), "actions", "", robot),
         "holosoma": (("left_hip_pitch_joint", "right_hip_pitch_joint"), breadth_first, "right_knee_joint",
@@ -133,10 +130,6 @@ def plants_of(policy: str, robot: tuple[str, ...], breadth_first: tuple[str, ...
         plants["gravity sign"] = term(gravity, scale=-1.0)
     if policy == "waltz":
         plants["quaternion order"] = lambda contract: replace(contract, reference_quaternion="xyzw")
-    if policy == "history":
-        plants["history order"] = lambda contract: replace(
-            contract, observation=tuple(replace(item, history_order="newest_first") for item in contract.terms)
-        )
     if gains:
         plants["gains in another order"] = gains_listed(gains)
     return plants

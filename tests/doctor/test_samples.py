@@ -14,6 +14,7 @@ from humanoid_sim.doctor.trial import Simulations, load_subject
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
 from humanoid_sim.mit import EXTERN_WIDTHS
+from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.robots.description import load_robot
 
 STEPS = 60
@@ -24,9 +25,8 @@ def walker():
     return load_subject(policy_path("lite_biped_velocity"), load_robot("lite_biped"))
 
 
-@pytest.fixture(scope="module")
-def steps(walker):
-    """The arrays of a trace, and the efforts by the right gains."""
+def walk(walker):
+    """Return the arrays of a trace, and the efforts by the right gains."""
     loaded, robot = walker.load(walker.contract), Simulations(walker).robot(walker.contract)
     wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
     robot.activate()
@@ -44,6 +44,11 @@ def steps(walker):
         rows.append(row)
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     return {**arrays, "cmd": velocity, "joint_names": np.array(robot.joints)}
+
+
+@pytest.fixture(scope="module")
+def steps(walker):
+    return walk(walker)
 
 
 @pytest.fixture
@@ -94,6 +99,21 @@ def test_gains_follow_from_the_efforts_where_the_base_is_unknown(walker, search)
     np.testing.assert_allclose(result.finding.contract.joint_stiffness, right.joint_stiffness, rtol=0.01)
     np.testing.assert_allclose(result.finding.contract.joint_damping, right.joint_damping, rtol=0.01)
     assert search(right, left_out=("qpos", "qvel")).is_healthy
+
+
+@pytest.mark.parametrize("changed", ["newest_first", "per_step"])
+def test_the_order_and_the_layout_of_a_history_are_found(walker, tmp_path, changed):
+    right = replace(walker.contract, observation=tuple(replace(item, history=3) for item in walker.contract.terms))
+    subject = replace(walker, contract=right, policy=zero_policy(right.action_count))
+    steps = walk(subject)
+    np.savez(tmp_path / "trace.npz", **steps)
+    newest_first = tuple(replace(item, history_order="newest_first") for item in right.terms)
+    wrongs = {"per_step": {"history_layout": "per_step"}, "newest_first": {"observation": newest_first}}
+    wrong = replace(right, **wrongs[changed])
+    planted = replace(subject, contract=wrong)
+    result = search_trace(planted, Samples(planted, tmp_path / "trace.npz"))
+    assert result.finding.family == "history"
+    assert alike(result.finding.contract, right)
 
 
 def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
