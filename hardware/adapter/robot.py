@@ -30,9 +30,10 @@ from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
+from humanoid_sim.simulation.sensors import AnchorOrientation
 
 _JUMPED = "its position jumped before: compare it with this list, and calibrate if it differs"
 
@@ -58,6 +59,7 @@ class HardwareRobot:
         can_timeout: float = CAN_TIMEOUT,
         allow_no_timeout: bool = False,
         imu: Imu | None = None,
+        anchor: AnchorOrientation | None = None,
         dry_run: bool = False,
         accepted_firmware: Collection[str] = (),
         open_bus: OpenBus = open_python_can,
@@ -74,6 +76,7 @@ class HardwareRobot:
             can_timeout: s without a command after which the motors stop by themselves.
             allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
+            anchor: measures the live input `anchor_orientation` that a policy observes; None: it is not reported.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
         """
@@ -87,7 +90,7 @@ class HardwareRobot:
             can_timeout=can_timeout,
             allow_no_timeout=allow_no_timeout,
         )
-        self._imu = imu
+        self._imu, self._anchor = imu, anchor
         self._dry_run = dry_run
         self._answered = set(accepted_firmware)
         self._open_bus = open_bus
@@ -266,6 +269,9 @@ class HardwareRobot:
         statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
         if self._imu is not None:
             statuses = (*statuses, imu.status)
+        extern = {}
+        if self._anchor is not None:
+            extern[ANCHOR_ORIENTATION] = Extern(self._anchor.read(joints.position, imu.quaternion), now)
         state = MITState(
             time=now,
             joint_position=joints.position,
@@ -275,6 +281,7 @@ class HardwareRobot:
             imu_quaternion=imu.quaternion,
             imu_angular_velocity=imu.angular_velocity,
             imu_linear_acceleration=imu.linear_acceleration,
+            extern=extern,
         )
         return state, statuses
 

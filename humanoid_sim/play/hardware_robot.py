@@ -25,7 +25,7 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup
@@ -35,13 +35,22 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.sensors import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
 
 
-def real_robot(config: PlayConfig, description: RobotDescription, control_period: float, left: ExitStack) -> RobotSetup:
-    """Return a robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which run until `left`.
+def real_robot(
+    config: PlayConfig,
+    description: RobotDescription,
+    control_period: float,
+    left: ExitStack,
+    contract: PolicyContract | None = None,
+) -> RobotSetup:
+    """Return a robot on the channels of `--hardware`, which measures what the policy of a contract observes.
+
+    Opens nothing, but for emulated motors, which run until `left`.
 
     On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
@@ -66,12 +75,14 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth.imu)
+    anchor = _anchor(description, contract)
     robot = HardwareRobot(
         description,
         addresses,
         calibration=offsets,
         control_period=control_period,
         imu=imu,
+        anchor=anchor,
         allow_no_timeout=config.allow_no_timeout,
         dry_run=config.dry_run,
         host_id=config.host_id,
@@ -83,7 +94,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     question = f"Enable the motors of {description.name} on {channels}, without torque?"
     return RobotSetup(
         robot,
-        live={},
+        live={} if anchor is None else {ANCHOR_ORIENTATION: 4},
         qpos=MeasuredPose(description),
         model=lambda: build_model(description),
         simulated=False,
@@ -96,6 +107,13 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
         failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
         keyboard="" if keyboard is None else str(keyboard.path),
     )
+
+
+def _anchor(description: RobotDescription, contract: PolicyContract | None) -> AnchorOrientation | None:
+    """Return what measures the anchor body's orientation; None where the policy does not observe it."""
+    if contract is None or all(contract.kind(term).name != "motion_anchor_ori" for term in contract.terms):
+        return None
+    return AnchorOrientation(description, contract.anchor_body)
 
 
 def _homing_offsets(
@@ -137,9 +155,11 @@ def check_policy(contract: PolicyContract, description: RobotDescription, *, has
             raise InputError(
                 f"policy on robot '{description.name}': {finding}; see python -m humanoid_sim.policy check"
             )
-    felt = [term.name for term in contract.terms if contract.kind(term).reads.startswith("imu_")]
-    if felt and not has_imu:
-        raise InputError(f"--imu: is none, but the policy observes {', '.join(felt)}")
+    by_imu = {"motion_anchor_ori"} if description.is_floating else set()
+    kinds = {term.name: contract.kind(term) for term in contract.terms}
+    measured = [name for name, kind in kinds.items() if kind.reads.startswith("imu_") or kind.name in by_imu]
+    if measured and not has_imu:
+        raise InputError(f"--imu: is none, but the policy observes {', '.join(measured)}")
     return tuple(f"{finding.severity}: {finding}" for finding in findings)
 
 

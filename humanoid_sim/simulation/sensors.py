@@ -15,6 +15,7 @@ import numpy as np
 
 from humanoid_sim import mit
 from humanoid_sim.controllers.contract import HeightScan
+from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.description import RobotDescription
@@ -22,7 +23,7 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
-from humanoid_sim.simulation.model import body_ids, named_frame
+from humanoid_sim.simulation.model import body_ids, build_model, joint_addresses, named_frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,3 +189,23 @@ class BodySensors:
         if self._scanner is not None:
             live[mit.HEIGHT_SCAN] = self._scanner.read(_pose(self._model, own, *self._scanner.frame))
         return BodySample(self._imu.read(data, acceleration), live)
+
+
+class AnchorOrientation:
+    """Orientation of a body by the IMU and the joints between them, as a real robot knows it. Not thread-safe."""
+
+    def __init__(self, description: RobotDescription, body: str) -> None:
+        """Find IMU and body in the robot's model. Raises `InputError` if the body is not in it."""
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._qpos = joint_addresses(self._model, description.joint_names).qpos
+        self._imu = named_frame(self._model, description.imu, "imu")
+        with blaming("anchor body", InputError):
+            self._body = int(body_ids(self._model, [body])[0])
+
+    def read(self, joint_position: FloatArray, imu_quaternion: FloatArray) -> FloatArray:
+        """Return the body's quaternion (4,), w x y z, in the world of the IMU's; NaN where a joint between is."""
+        self._data.qpos[self._qpos] = joint_position
+        mujoco.mj_kinematics(self._model, self._data)
+        imu = _pose(self._model, self._data, *self._imu)[3:]
+        return multiply(imu_quaternion, multiply(conjugate(imu), self._data.xquat[self._body]))

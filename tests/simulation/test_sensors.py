@@ -4,8 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.sensors import BodySensors, Imu
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.floating_base import base_addresses
+from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.sensors import AnchorOrientation, BodySensors, Imu
 
 FREE = """
 <mujoco>
@@ -122,3 +125,22 @@ def test_the_velocity_of_a_point_is_how_its_position_changes(small_robot, imu, b
     np.testing.assert_allclose(live["base_linear_velocity"], velocity("trunk", True), rtol=0, atol=1e-5)
     np.testing.assert_allclose(live["base_linear_velocity_at_imu"], velocity(imu, body), rtol=0, atol=1e-5)
     np.testing.assert_allclose(live["base_linear_velocity_at_hand"], velocity("hand", False), rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "body"), [("lite", "left_hand"), ("lite_biped", "left_foot")])
+def test_imu_and_joints_give_the_orientation_that_a_simulation_knows(name, body):
+    """However the base stands."""
+    robot = load_robot(name)
+    model, rng = build_model(robot, scene=False), np.random.default_rng(3)
+    data, sensors = mujoco.MjData(model), BodySensors(model, robot, body)
+    position = rng.uniform(-0.5, 0.5, robot.joint_count)
+    data.qpos[joint_addresses(model, robot.joint_names).qpos] = position
+    if robot.is_floating:
+        turn = rng.normal(size=4)
+        data.qpos[base_addresses(model, robot)[1]] = turn / np.linalg.norm(turn)
+    sample = sensors.read(data)
+    measured = AnchorOrientation(robot, body).read(position, sample.imu.quaternion)
+    known = sample.live["anchor_pose"][3:]
+    assert abs(measured @ known) == pytest.approx(1.0, abs=1e-12)
+    with pytest.raises(InputError, match="anchor body"):
+        AnchorOrientation(robot, "tail")
