@@ -32,16 +32,9 @@ def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path):
     action = np.asarray(checkpoint.policy(observation, 0))
     assert action.dtype == np.float32
     np.testing.assert_allclose(action, observation @ models.weights(8, 2), rtol=1e-6)
-    assert np.asarray(checkpoint.policy(observation, 7)).tobytes() == action.tobytes()
-
-
-@pytest.mark.parametrize("shape", [(3, 8), (7,), ()])
-def test_an_observation_of_another_shape_is_refused_in_one_line(shape, tmp_path):
-    """A vector environment's batch, for one."""
-    policy = load_checkpoint(models.saved(tmp_path / "policy.onnx")).policy
-    with pytest.raises(InputError) as refused:
-        policy(np.zeros(shape, dtype=np.float32), 0)
-    assert str(refused.value) == f"observation: has shape {shape}, expected (8,), of one robot"
+    for shape in ((3, 8), (7,)):  # a vector environment's batch, for one
+        with pytest.raises(InputError, match="^observation: has shape"):
+            checkpoint.policy(np.zeros(shape, dtype=np.float32), 0)
 
 
 def test_a_graph_that_loops_for_ever_is_refused(tmp_path, monkeypatch):
@@ -162,32 +155,27 @@ def test_a_leapp_bundle_is_called_that(tmp_path):
     assert refusal(path).startswith("is a LEAPP bundle, which walk.yaml beside it describes; a graph of 3 inputs")
 
 
-def _missing(path):
-    pass
-
-
 def _truncated(path):
     models.saved(path)
     path.write_bytes(path.read_bytes()[:-40])
 
 
 FILES = {
-    "missing": (_missing, "no such file, expected an ONNX file"),
+    "missing": (lambda _: None, "no such file, expected an ONNX file"),
     "directory": (Path.mkdir, "is a directory, expected an ONNX file"),
     "empty": (Path.touch, "is empty, expected an ONNX file"),
     "text": (lambda path: path.write_text("a policy"), "is not a"),
     "truncated": (_truncated, "is not a"),
-    "random": (lambda path: path.write_bytes(np.random.default_rng(1).bytes(5000)), "is not a"),
 }
 
 
-@pytest.mark.parametrize("load", [load_checkpoint, read_header])
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_that_is_no_model_is_refused_in_one_line(name, load, tmp_path):
+def test_a_file_that_is_no_model_is_refused_in_one_line(name, tmp_path):
     make, expected = FILES[name]
     path = tmp_path / "policy.onnx"
     make(path)
-    assert refusal(path, load).startswith(expected)
+    for load in (load_checkpoint, read_header):  # with ONNX Runtime, and without
+        assert refusal(path, load).startswith(expected)
 
 
 def with_external_tensors(path):

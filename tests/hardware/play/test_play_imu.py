@@ -52,7 +52,7 @@ def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calib
 
 
 def tracker(folder, *observation):
-    """Options of `play` for a policy that holds the pose, and follows a motion of joints and one body of the left arm."""
+    """Options of `play` for a policy that holds the pose, and follows a motion of the joints and the left hand."""
     lite = load_robot("lite")
     names, width = lite.joint_names, {"motion_anchor_ori_b": 6, "motion_anchor_pos_b": 3, "motion_command": 28}
     contract = models.contract(
