@@ -20,7 +20,6 @@ _FEW = 4  # joints below which values that are alike say nothing
 _POSE = 0.01  # rad by which the two sides of a pose may differ
 _CLOSE = 0.02  # relative, within which two gains are the same
 _RATIO = (0.005, 0.5)  # s, K_d / K_p of position-controlled legs and arms
-_OUTLIER = 10.0  # factor between a joint's K_d / K_p and the median of all
 _PLACEHOLDER = 1.0  # N·m/rad; K_p is hardly as low at every joint
 _RATES = (20.0, 200.0)  # Hz, of policies that run on robots
 _DECIMALS = 3  # as mjlab's exporter rounds
@@ -75,16 +74,9 @@ def _ratio_findings(contract: PolicyContract) -> Iterator[Finding]:
             "error", "joint_damping", "is larger than joint_stiffness for every joint: swapped?", tuple(ratios)
         )
         return
-    median = float(np.median([*ratios.values()])) if ratios else 0.0
     unusual = {name: f"{ratio:.2g}" for name, ratio in ratios.items() if not _RATIO[0] <= ratio <= _RATIO[1]}
-    lone = {
-        name: f"{ratio:.2g}"
-        for name, ratio in ratios.items()
-        if name not in unusual and not median / _OUTLIER < ratio < median * _OUTLIER
-    }
-    what = "over joint_stiffness, in s, is unusual for"
-    yield from on_joints("warning", "joint_damping", what, unusual, f"; {_RATIO[0]:g} to {_RATIO[1]:g} are usual")
-    yield from on_joints("warning", "joint_damping", what, lone, f"; about {median:.2g} for the others")
+    remark = f"; {_RATIO[0]:g} to {_RATIO[1]:g} are usual"
+    yield from on_joints("warning", "joint_damping", "over joint_stiffness, in s, is unusual for", unusual, remark)
 
 
 def _scale_findings(contract: PolicyContract) -> Iterator[Finding]:
