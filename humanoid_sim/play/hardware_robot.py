@@ -28,7 +28,7 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import BringUp, RobotSetup
+from humanoid_sim.play.played_robot import BringUp, RobotSetup, shared
 from humanoid_sim.policy.checks import motor_findings
 from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
@@ -46,9 +46,9 @@ def real_robot(
     description: RobotDescription,
     control_period: float,
     left: ExitStack,
-    contract: PolicyContract | None = None,
+    contracts: Sequence[PolicyContract] = (),
 ) -> RobotSetup:
-    """Return a robot on the channels of `--hardware`, which measures what the policy of a contract observes.
+    """Return a robot on the channels of `--hardware`, which measures what the policies of contracts observe.
 
     Opens nothing, but for emulated motors, which run until `left`.
 
@@ -75,7 +75,7 @@ def real_robot(
     imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth.imu)
-    anchor = _anchor(description, contract)
+    anchor = _anchor(description, contracts)
     robot = HardwareRobot(
         description,
         addresses,
@@ -109,11 +109,11 @@ def real_robot(
     )
 
 
-def _anchor(description: RobotDescription, contract: PolicyContract | None) -> AnchorOrientation | None:
-    """Return what measures the anchor body's orientation; None where the policy does not observe it."""
-    if contract is None or all(contract.kind(term).name != "motion_anchor_ori" for term in contract.terms):
-        return None
-    return AnchorOrientation(description, contract.anchor_body)
+def _anchor(description: RobotDescription, contracts: Sequence[PolicyContract]) -> AnchorOrientation | None:
+    """Return what measures the anchor body's orientation; None where no policy observes it."""
+    oriented = [one for one in contracts if any(one.kind(term).name == "motion_anchor_ori" for term in one.terms)]
+    body = shared("anchor_body", [one.anchor_body for one in oriented])
+    return None if body is None else AnchorOrientation(description, body)
 
 
 def _homing_offsets(

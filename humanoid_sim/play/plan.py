@@ -96,7 +96,7 @@ class Plan:
         # python-can and pyserial only where they are used
         from humanoid_sim.play.hardware_robot import real_robot  # noqa: PLC0415
 
-        return real_robot(self.config, self.description, self.control_period, left, self.policy.contract)
+        return real_robot(self.config, self.description, self.control_period, left, self.policy.contracts)
 
     def _velocity(self) -> VelocityCommand:
         walking = (contract for contract in self.policy.contracts if contract.takes_velocity_command)

@@ -127,7 +127,7 @@ class RobotSetup:
 _Value = TypeVar("_Value")
 
 
-def _shared(field: str, values: Sequence[_Value]) -> _Value | None:
+def shared(field: str, values: Sequence[_Value]) -> _Value | None:
     """Return the value that all policies have who have one. Raises `InputError` if they differ."""
     for value in values[1:]:
         if value != values[0]:
@@ -155,9 +155,9 @@ def simulated_robot(
         base_height=config.base_height,
         drop=config.drop,
         pushes=pushes,
-        anchor_body=_shared("anchor_body", [one.anchor_body for one in contracts if one.anchor_body]) or "",
+        anchor_body=shared("anchor_body", [one.anchor_body for one in contracts if one.anchor_body]) or "",
         velocity_at=tuple(dict.fromkeys(point for one in contracts for point in one.velocity_points)),
-        height_scan=_shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
+        height_scan=shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
     )
     touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)
