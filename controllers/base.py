@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 from humanoid_sim.messages import PolicyStep, StandbyState, TickInput
 from humanoid_sim.mit import MITCommand
@@ -29,20 +29,19 @@ class Memory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fault:
-    """Failure of a controller: returned in place of a result, so that its fallback takes over in the same tick."""
+    """Failure of a controller, returned in place of a result: DAMPING, or else ZERO_TORQUE, takes over in that tick."""
 
     message: str
     policy_step: PolicyStep | None = None
     """Input and output of the policy, if they are what went wrong."""
     policy_error: str | None = None
     """Error that the policy raised, if that is what went wrong."""
+    is_bug: bool = False
+    """Set by the supervisor for a controller that raised."""
 
 
 class Controller(Protocol):
     """One way of commanding every joint. Memories are `Memory` or a subclass."""
-
-    fallback: ClassVar[str | None]
-    """Name of the controller that takes over when this one fails; None for `zero_torque_controller`."""
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.controllers.base import ZERO_TORQUE, Fault, Memory
-from humanoid_sim.controllers.parameters import LARGEST_COMMAND, damping_values, joint_tuple, joints_problem
+from humanoid_sim.controllers.base import Fault, Memory
+from humanoid_sim.controllers.parameters import LARGEST_COMMAND, joints_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -32,29 +31,14 @@ class HeldMemory(Memory):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampingController:
-    """Captures the joint positions at activation and holds them with damping only.
-
-    Soft under gravity, viscous against motion.
-    """
-
-    fallback: ClassVar[str | None] = ZERO_TORQUE
+    """Holds the joint positions of its activation with damping only: soft under gravity, viscous against motion."""
 
     joints: tuple[str, ...]
-    damping: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Shape (n,), N·m·s/rad; empty: `damping_scalar` for every joint."""
-    damping_scalar: float = 1.0
-    """N·m·s/rad"""
-
-    def __post_init__(self) -> None:
-        owner = "DampingController"
-        object.__setattr__(self, "joints", joint_tuple(owner, self.joints))
-        object.__setattr__(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
+    damping: FloatArray
+    """Shape (n,), N·m·s/rad."""
 
     def activate(self, tick_input: TickInput) -> HeldMemory | Fault:
-        """Capture the positions.
-
-        Fails only if no joint's position is known: one silent wrist must not make thirteen healthy motors limp.
-        """
+        """Capture the positions; fails only if none is known: one silent joint must not make the others limp."""
         position = tick_input.state.joint_position
         problem = joints_problem(tick_input.state, self.joints)
         if problem:
@@ -64,7 +48,7 @@ class DampingController:
         return HeldMemory(command=damped_command(position, self.damping))
 
     def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
-        """Return the captured command, whatever the state is now."""
+        """Return the held command, whatever the state is now."""
         return memory, memory.command
 
 
@@ -72,17 +56,12 @@ class DampingController:
 class ZeroTorqueController:
     """Zeros in all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
 
-    fallback: ClassVar[str | None] = None
-
     joints: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", joint_tuple("ZeroTorqueController", self.joints))
 
     def activate(self, tick_input: TickInput) -> HeldMemory:
         """Make the zeros."""
         return HeldMemory(command=MITCommand.zeros(len(self.joints)))
 
     def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
-        """Return the same zeros every tick."""
+        """Return the held command, whatever the state is now."""
         return memory, memory.command

@@ -17,8 +17,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint_or_infinite
-from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
 
 _FOLLOWING, _LIMIT, _SPEED = range(3)  # rows of `GuardMemory.held`
@@ -76,16 +74,7 @@ class Guards:
     _times: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        owner, put = "Guards", object.__setattr__
-        put(self, "joints", joint_tuple(owner, self.joints))
-        for name in ("lower", "upper", "effort_limit", "following_effort", "limit_margin", "speed_limit"):
-            array = per_joint_or_infinite(owner, name, getattr(self, name), self.joints)
-            if name not in ("lower", "upper") and (array <= 0.0).any():
-                raise FieldError(f"{owner}.{name}: is {array}, expected numbers > 0")
-            put(self, name, array)
-        put(self, "following_progress", number(owner, "following_progress", self.following_progress, above=True))
-        for name in ("following_time", "limit_time", "speed_time"):
-            put(self, name, number(owner, name, getattr(self, name)))
+        put = object.__setattr__
         put(self, "_lowest", self.lower - self.limit_margin)
         put(self, "_highest", self.upper + self.limit_margin)
         put(self, "_times", np.array([[self.following_time], [self.limit_time], [self.speed_time]]) - _ROUNDING)

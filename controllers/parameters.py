@@ -94,34 +94,16 @@ def per_joint(
     return array
 
 
-def per_joint_or_infinite(owner: str, name: str, values: npt.ArrayLike, joints: tuple[str, ...]) -> FloatArray:
-    """Read-only array of shape (n,) from one number per joint, infinite ones included: limits, where there is none."""
-    array = frozen_array(owner, name, values)
-    if array.shape != (len(joints),) or np.isnan(array).any():
-        raise FieldError(f"{owner}.{name}: is {array}, expected {len(joints)} numbers, one per joint")
-    return array
-
-
-def range_middle(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the middle between limits, shape (n,), rad; 0 where one of them is infinite."""
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isfinite(lower) & np.isfinite(upper), 0.5 * (lower + upper), 0.0)
-
-
-def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, joints: tuple[str, ...]) -> FloatArray:
-    """Return the parameters `damping` and `damping_scalar` as one read-only array of shape (n,), N·m·s/rad.
-
-    An empty `damping` means `damping_scalar` for every joint. Both are checked, whichever counts.
-    """
-    scalar = number(owner, "damping_scalar", damping_scalar)
-    values = frozen_array(owner, "damping", damping)
-    return per_joint(owner, "damping", values if values.size else scalar, joints, minimum=0.0)
-
-
 def joints_problem(state: MITState, joints: tuple[str, ...]) -> str:
     """Return what is wrong with the number of joints that a robot's state has; else ''."""
     shape = state.joint_position.shape
     return "" if shape == (len(joints),) else f"state has {shape} joint positions, expected ({len(joints)},)"
+
+
+def state_problem(state: MITState, joints: tuple[str, ...]) -> str:
+    """Return what is wrong with the number of joints, or the time, of a robot's state; else ''."""
+    known = np.isfinite(state.time)
+    return joints_problem(state, joints) or ("" if known else f"time is {state.time}, expected a finite number")
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:

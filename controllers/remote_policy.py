@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Literal
 
-import numpy as np
-
-from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.controllers.parameters import command_problem, damping_values, joint_tuple, joints_problem, number
-from humanoid_sim.errors import FieldError
+from humanoid_sim.controllers.parameters import command_problem, state_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -44,28 +41,12 @@ class RemotePolicyController:
     Staleness is measured from arrival on the robot's clock. Commands that arrived before activation are never applied.
     """
 
-    fallback: ClassVar[str | None] = DAMPING
-
     joints: tuple[str, ...]
+    damping: FloatArray
+    """Shape (n,), N·m·s/rad, of the passive hold."""
     stale_command_policy: StaleCommandPolicy = "passive"
     """`passive`: K_p 0 and `damping` at the live position. `hold`: the last command stays in force."""
     stale_command_timeout_ms: float = 100.0
-    damping: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Shape (n,), N·m·s/rad, of the passive hold; empty: `damping_scalar` for every joint."""
-    damping_scalar: float = 6.0
-    """N·m·s/rad"""
-
-    def __post_init__(self) -> None:
-        owner, put = "RemotePolicyController", object.__setattr__
-        put(self, "joints", joint_tuple(owner, self.joints))
-        accepted = get_args(StaleCommandPolicy)
-        if self.stale_command_policy not in accepted:
-            raise FieldError(
-                f"{owner}.stale_command_policy: is {self.stale_command_policy!r}, expected {' or '.join(accepted)}"
-            )
-        timeout = number(owner, "stale_command_timeout_ms", self.stale_command_timeout_ms, above=True)
-        put(self, "stale_command_timeout_ms", timeout)
-        put(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
     def unready(self, tick_input: TickInput) -> str:
         """Return why a robot that must be balanced from the first tick on cannot start yet; '' if it can."""
@@ -77,7 +58,7 @@ class RemotePolicyController:
 
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
-        problem = self._problem(tick_input)
+        problem = state_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
         time, remote = float(tick_input.state.time), tick_input.remote
@@ -86,7 +67,7 @@ class RemotePolicyController:
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """Return the command in force, or the damped hold in its place."""
-        problem = self._problem(tick_input)
+        problem = state_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
         state, remote = tick_input.state, tick_input.remote
@@ -109,11 +90,6 @@ class RemotePolicyController:
         if command is not None and (fresh or self.stale_command_policy == "hold"):
             return memory, command
         return memory, damped_command(state.joint_position, self.damping)
-
-    def _problem(self, tick_input: TickInput) -> str:
-        state = tick_input.state
-        problem = joints_problem(state, self.joints)
-        return problem or ("" if math.isfinite(state.time) else f"time is {state.time}, expected a finite number")
 
     def _news(self, fresh: bool) -> str:
         if fresh:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number
+from humanoid_sim.controllers.parameters import joints_problem
 from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring, action_limit_of
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
@@ -47,8 +46,6 @@ class RLPolicyController:
     never a command.
     """
 
-    fallback: ClassVar[str | None] = DAMPING
-
     joints: tuple[str, ...]
     contract: PolicyContract
     reference: MotionReference
@@ -64,20 +61,16 @@ class RLPolicyController:
     wiring: PolicyWiring = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        owner, put = "RLPolicyController", object.__setattr__
-        put(self, "joints", joint_tuple(owner, self.joints))
-        put(self, "control_period", number(owner, "control_period", self.control_period, above=True))
         limit = action_limit_of(self.contract, self.action_limit)
-        put(self, "action_limit", number(owner, "action_limit", limit, above=True))
         decimation, is_whole = ticks_per_step(self.contract.policy_dt, self.control_period)
         if not is_whole:
             raise FieldError(
-                f"{owner}.control_period: is {self.control_period:g} s, "
+                f"RLPolicyController.control_period: is {self.control_period:g} s, "
                 f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"
             )
-        put(self, "decimation", decimation)
-        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
-        put(self, "wiring", wiring)
+        object.__setattr__(self, "decimation", decimation)
+        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, limit)
+        object.__setattr__(self, "wiring", wiring)
 
     def unready(self, state: MITState) -> str:
         """Return which live input the policy would miss if it started now, and why; '' for none."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.controllers.base import DAMPING, Fault, Memory
-from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number, per_joint
-from humanoid_sim.errors import FieldError
+from humanoid_sim.controllers.base import Fault, Memory
+from humanoid_sim.controllers.parameters import state_problem
 from humanoid_sim.messages import StandbyState, TickInput
-from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+
+_LONGEST_STEP = (
+    0.05  # s of trajectory that one tick may cover: after a stall of the host the arms go on, without a jump
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -33,40 +35,15 @@ class StandbyController:
     It is finished when the *command* is at the final pose and gains: under gravity the joints sag below it for ever.
     """
 
-    fallback: ClassVar[str | None] = DAMPING
-
     joints: tuple[str, ...]
     target_stiffness: FloatArray
-    """Shape (n,) or scalar, N·m/rad."""
+    """Shape (n,), N·m/rad."""
     target_damping: FloatArray
-    """Shape (n,) or scalar, N·m·s/rad."""
+    """Shape (n,), N·m·s/rad."""
     segment_durations: FloatArray
     """Shape (s,), s, each > 0."""
     pose_segments: FloatArray
     """Shape (s, n), rad, the pose at the end of each segment."""
-    max_time_step: float = 0.05
-    """s of trajectory that one tick may cover: after a stall of the host the arms go on, they do not jump."""
-
-    def __post_init__(self) -> None:
-        owner, put = "StandbyController", object.__setattr__
-        put(self, "joints", joint_tuple(owner, self.joints))
-        for name in ("target_stiffness", "target_damping"):
-            put(self, name, per_joint(owner, name, getattr(self, name), self.joints, minimum=0.0))
-        put(self, "max_time_step", number(owner, "max_time_step", self.max_time_step, above=True))
-        durations = frozen_array(owner, "segment_durations", self.segment_durations)
-        if durations.ndim != 1 or not durations.size:
-            raise FieldError(f"{owner}.segment_durations: has shape {durations.shape}, expected one or more durations")
-        for i, duration in enumerate(durations):
-            number(owner, f"segment_durations[{i}]", float(duration), above=True)
-        poses = frozen_array(owner, "pose_segments", self.pose_segments)
-        shape = (len(durations), len(self.joints))
-        if poses.shape != shape or not np.isfinite(poses).all():
-            raise FieldError(
-                f"{owner}.pose_segments: is {poses}, expected finite numbers of shape {shape}, "
-                "a pose per segment duration and a value per joint"
-            )
-        put(self, "segment_durations", durations)
-        put(self, "pose_segments", poses)
 
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""
@@ -83,21 +60,19 @@ class StandbyController:
         if problem:
             return Fault(problem)
         time = float(tick_input.state.time)
-        elapsed = memory.elapsed + min(max(time - memory.time, 0.0), self.max_time_step)
+        elapsed = memory.elapsed + min(max(time - memory.time, 0.0), _LONGEST_STEP)
         standby, position, ramp = self._at(elapsed, memory.start)
         zeros = np.zeros(len(self.joints))
         command = MITCommand(position, zeros, zeros, self.target_stiffness * ramp, self.target_damping * ramp)
         return StandbyMemory(standby=standby, start=memory.start, elapsed=elapsed, time=time), command
 
     def _problem(self, state: MITState) -> str:
-        problem = joints_problem(state, self.joints)
-        if problem:
-            return problem
-        unknown = ~np.isfinite(state.joint_position)
-        if unknown.any():
-            i = int(np.argmax(unknown))
-            return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
-        return "" if np.isfinite(state.time) else f"time is {state.time}, expected a finite number"
+        problem = state_problem(state, self.joints)
+        unknown = [] if problem else np.flatnonzero(~np.isfinite(state.joint_position)).tolist()
+        if unknown:
+            name, value = self.joints[unknown[0]], state.joint_position[unknown[0]]
+            return f"position of {name} is {value}, expected a finite number"
+        return problem
 
     def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
         """Progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""

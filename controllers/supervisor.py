@@ -7,7 +7,7 @@ tick in which a controller fails already carries its fallback's command. A guard
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -23,7 +23,7 @@ from humanoid_sim.controllers.fsm import (
     transition,
 )
 from humanoid_sim.controllers.guards import GuardMemory, Guards
-from humanoid_sim.controllers.parameters import command_problem, joint_tuple
+from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError, known_names
@@ -61,14 +61,6 @@ class _Result:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Failure:
-    """A controller's fault, and whether it raised."""
-
-    fault: Fault
-    is_bug: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Supervisor:
     """Transition, activation, update and the fallback chain inside one tick."""
 
@@ -84,39 +76,19 @@ class Supervisor:
     only the one in `controllers`."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", joint_tuple("Supervisor", self.joints))
         controllers = dict(self.controllers)
         if self.policies:
             controllers[RL_POLICY] = next(iter(self.policies.values()))
         object.__setattr__(self, "controllers", MappingProxyType(controllers))
         for name in (ZERO_TORQUE, DAMPING):
-            if name not in self.controllers:
+            if name not in controllers:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
-        parts = {f"controllers['{name}']": tuple(value.joints) for name, value in self.controllers.items()}
-        parts |= {f"policies['{name}']": tuple(value.joints) for name, value in self.policies.items()}
-        if self.guards is not None:
-            parts["guards"] = self.guards.joints
-        for part, joints in parts.items():
-            if joints != self.joints:
-                raise FieldError(
-                    f"Supervisor.{part}: joints are {', '.join(joints)}, expected {', '.join(self.joints)}"
-                )
-        for name in self.controllers:
+        for name, controller in controllers.items():
             if name not in MODES:
                 raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
-            self._check_fallbacks(name)
-
-    def _check_fallbacks(self, name: str) -> None:
-        """Refuse a chain of fallbacks that does not end at ZERO_TORQUE."""
-        chain = [name]
-        while chain[-1] != ZERO_TORQUE:
-            fallback = self.controllers[chain[-1]].fallback or ZERO_TORQUE
-            if fallback not in self.controllers or fallback in chain:
-                raise FieldError(
-                    f"Supervisor.controllers['{name}']: fallbacks are {' -> '.join([*chain, fallback])}, "
-                    f"expected a chain of available controllers that ends at {ZERO_TORQUE}"
-                )
-            chain.append(fallback)
+            if controller.joints != self.joints:
+                given, wanted = ", ".join(controller.joints), ", ".join(self.joints)
+                raise FieldError(f"Supervisor.controllers['{name}']: joints are {given}, expected {wanted}")
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
         """Return the start, ZERO_TORQUE; `reason` is the first status message."""
@@ -142,14 +114,13 @@ class Supervisor:
         policy_step: PolicyStep | None = None
         policy_error: str | None = None
         while True:
-            controller = self._controller(name, policy)
-            result = self._attempt(name, controller, controller_memory, memory, tick_input)
+            result = self._attempt(name, self._controller(name, policy), controller_memory, memory, tick_input)
             if isinstance(result, _Result):
                 break
-            fault, fallback = result.fault, controller.fallback or ZERO_TORQUE
+            fallback = ZERO_TORQUE if name in (DAMPING, ZERO_TORQUE) else DAMPING
             if not faults:
-                policy_step, policy_error = fault.policy_step, fault.policy_error
-            faults.append(FaultReport(name, fallback, fault.message, result.is_bug))
+                policy_step, policy_error = result.policy_step, result.policy_error
+            faults.append(FaultReport(name, fallback, result.message, result.is_bug))
             if name == ZERO_TORQUE:  # never this package's own
                 result = _Result(Memory(), MITCommand.zeros(len(self.joints)))
                 break
@@ -198,7 +169,7 @@ class Supervisor:
 
     def _attempt(
         self, name: str, controller: Controller, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
-    ) -> _Result | _Failure:
+    ) -> _Result | Fault:
         """Return a controller's result, or what keeps its command from being sent."""
         try:
             answer = controller.activate(tick_input) if controller_memory is None else controller_memory
@@ -206,7 +177,7 @@ class Supervisor:
                 answer = controller.update(answer, tick_input)
             if isinstance(answer, Fault):
                 error = None if answer.policy_error is None else _text(answer.policy_error)
-                return _Failure(Fault(_text(answer.message), answer.policy_step, error))
+                return replace(answer, message=_text(answer.message), policy_error=error)
             memory, command = answer
             # Commands are read-only: one that is held was accepted before.
             problem = "" if command is before.command else command_problem(command, self.joints)
@@ -215,12 +186,12 @@ class Supervisor:
                 guards = self.guards.watch(before.guards, tick_input.state, command)
                 problem = "" if guards is None else self.guards.problem(guards, tick_input.state, command)
             if problem:
-                return _Failure(Fault(problem, memory.policy_step))
+                return Fault(problem, memory.policy_step)
             if not isinstance(memory, Memory):
                 raise TypeError(f"update gave a {type(memory).__name__} for a memory")
             return _Result(memory, command, guards)
         except Exception as error:  # a bug; contained here because the robot needs a command in this tick
-            return _Failure(Fault(f"{type(error).__name__}: {_text(error)}"), is_bug=True)
+            return Fault(f"{type(error).__name__}: {_text(error)}", is_bug=True)
 
 
 def _text(value: object) -> str:

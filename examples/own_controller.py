@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.controllers.base import DAMPING, RL_POLICY, Fault, Memory
+from humanoid_sim.controllers.base import RL_POLICY, Fault, Memory
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
@@ -41,7 +40,6 @@ class SwayMemory(Memory):
 class Sway:
     """Moves some joints to and fro around where they are when it takes over; the others stay."""
 
-    fallback: ClassVar[str | None] = DAMPING
     joints: tuple[str, ...]
     swaying: tuple[str, ...]
     amplitude: float = 0.2

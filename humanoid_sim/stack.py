@@ -98,9 +98,9 @@ def build_supervisor(
     if remote:
         controllers[REMOTE_POLICY] = RemotePolicyController(
             joints,
-            stale_command_policy=remote_settings.stale_command_policy,
-            stale_command_timeout_ms=remote_settings.stale_command_timeout_ms,
-            damping=description.passive_damping,
+            description.passive_damping,
+            remote_settings.stale_command_policy,
+            remote_settings.stale_command_timeout_ms,
         )
     watching = guards_of(description) if guards else None
     return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer, policies=named)

@@ -55,22 +55,23 @@ def good_answer(observation: np.ndarray, frame: int) -> np.ndarray:
     return np.array([np.tanh(observation.sum(dtype=np.float64)), 0.1 * frame])
 
 
+def standby(stiffness: list[float], damping: list[float], pose: list[float]) -> StandbyController:
+    """It is finished 4 ticks after activation, however the clock is rounded."""
+    poses, durations = np.array([[0.0, 0.0, 0.0], pose]), np.full(2, 1.5 * PERIOD)
+    return StandbyController(JOINTS, np.array(stiffness), np.array(damping), durations, poses)
+
+
 def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:
     """Every controller; `replaced` by name, None to leave one out."""
-    durations = [1.5 * PERIOD, 1.5 * PERIOD]  # finished 4 ticks after activation, however the clock is rounded
     controllers = {
         "zero_torque_controller": ZeroTorqueController(JOINTS),
-        "damping_controller": DampingController(JOINTS, damping=DAMPING_KD),
-        "standby_controller_a": StandbyController(
-            JOINTS, [10.0, 11.0, 12.0], [1.0, 1.1, 1.2], durations, [[0.0, 0.0, 0.0], POSE_A]
-        ),
-        "standby_controller_b": StandbyController(
-            JOINTS, [20.0, 21.0, 22.0], [2.0, 2.1, 2.2], durations, [[0.0, 0.0, 0.0], POSE_B]
-        ),
+        "damping_controller": DampingController(JOINTS, np.array(DAMPING_KD)),
+        "standby_controller_a": standby([10.0, 11.0, 12.0], [1.0, 1.1, 1.2], POSE_A),
+        "standby_controller_b": standby([20.0, 21.0, 22.0], [2.0, 2.1, 2.2], POSE_B),
         "rl_policy_controller": RLPolicyController(
             JOINTS, contract(), reference(), policy, control_period=PERIOD, extern={"velocity": 3}
         ),
-        "remote_policy_controller": RemotePolicyController(JOINTS, damping_scalar=6.5),
+        "remote_policy_controller": RemotePolicyController(JOINTS, np.array(PASSIVE_KD)),
     }
     controllers.update(replaced)
     return Supervisor(JOINTS, {name: value for name, value in controllers.items() if value is not None})

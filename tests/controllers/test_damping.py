@@ -7,11 +7,11 @@ from rig import JOINTS, tick
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
-from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.testing import any_tick_inputs, fingerprint
 
 NAN, INF = np.nan, np.inf
+KD = np.array([1.5, 1.6, 1.7])
 
 
 def run(controller, first, *later):
@@ -23,54 +23,25 @@ def run(controller, first, *later):
     return commands
 
 
-@pytest.mark.parametrize(
-    ("parameters", "kd"),
-    [
-        ({}, [1.0, 1.0, 1.0]),
-        ({"damping": [], "damping_scalar": 2.5}, [2.5, 2.5, 2.5]),
-        ({"damping": [1, 2, 0], "damping_scalar": 9.0}, [1.0, 2.0, 0.0]),
-    ],
-)
-def test_damping_per_joint_or_scalar(parameters, kd):
-    (command,) = run(DampingController(JOINTS, **parameters), tick())
-    assert command.damping.tolist() == kd
-
-
-@pytest.mark.parametrize(
-    ("parameters", "field"),
-    [
-        ({"damping": [1.0, 2.0]}, "damping"),
-        ({"damping": [1.0, -0.1, 1.0]}, "damping: is -0.1 for elbow"),
-        ({"damping": [1.0, 1.0, NAN]}, "damping: is nan for wrist"),
-        ({"damping": ["1", "2", "3"]}, "damping"),
-        ({"damping_scalar": -1.0}, "damping_scalar: is -1.0"),
-        ({"damping_scalar": INF}, "damping_scalar: is inf"),
-    ],
-)
-def test_invalid_parameters_are_named(parameters, field):
-    with pytest.raises(FieldError, match=rf"^DampingController\.{field}"):
-        DampingController(JOINTS, **parameters)
-
-
 def test_position_is_captured_at_activation():
-    controller = DampingController(JOINTS, damping=[1.5, 1.6, 1.7])
+    controller = DampingController(JOINTS, KD)
     moved, lost = tick(1.0, position=(9.0, 9.0, 9.0)), tick(-5.0, position=(NAN, NAN, NAN))
     for command in run(controller, tick(0.0, position=(0.1, -0.2, 0.3)), moved, lost):
         assert command.position.tolist() == [0.1, -0.2, 0.3]
-        assert command.damping.tolist() == [1.5, 1.6, 1.7]
+        assert command.damping.tolist() == KD.tolist()
         assert not any(getattr(command, name).any() for name in ("velocity", "effort", "stiffness"))
 
 
 @pytest.mark.parametrize("reading", [NAN, INF, -INF, 1e6 + 1.0, -1e7, 1e300])
 def test_an_unknown_or_absurd_reading_makes_no_joint_limp(reading):
-    (command,) = run(DampingController(JOINTS), tick(position=(0.1, reading, 0.3)))
+    (command,) = run(DampingController(JOINTS, KD), tick(position=(0.1, reading, 0.3)))
     assert command.position.tolist() == [0.1, 0.0, 0.3]
-    assert command.damping.tolist() == [1.0, 1.0, 1.0]
+    assert command.damping.tolist() == KD.tolist()
 
 
 @given(any_tick_inputs(3, 0.0), any_tick_inputs(3, np.nan))
 def test_any_input(first, second):
-    controller = DampingController(JOINTS)
+    controller = DampingController(JOINTS, KD)
     memory = controller.activate(first)
     assert isinstance(memory, Fault) == (not np.isfinite(first.state.joint_position).any())
     if not isinstance(memory, Fault):

@@ -144,7 +144,7 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     np.testing.assert_array_equal(wiring.accepts(np.array([[440.0, -499.0], [0.0, 501.0]], np.float32)), [True, False])
     assert policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
     controller = RLPolicyController(JOINTS, large, reference, lambda *_: [0, 0], 0.02, extern=EXTERN_WIDTHS)
-    assert controller.action_limit == 500.0
+    assert controller.wiring.limit == 500.0
 
 
 def test_a_contract_that_does_not_fit_the_robot_is_refused():

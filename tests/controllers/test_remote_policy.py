@@ -5,40 +5,26 @@ import pytest
 from rig import JOINTS, command, tick
 
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
-from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand
 
 NAN, INF = np.nan, np.inf
+KD = np.array([1.0, 2.0, 3.0])
 
 
-@pytest.mark.parametrize(("parameters", "kd"), [({}, [6.0, 6.0, 6.0]), ({"damping": [1.0, 2.0, 3.0]}, [1.0, 2.0, 3.0])])
-def test_passive_is_a_damped_hold_of_the_live_position(parameters, kd):
-    controller = RemotePolicyController(JOINTS, **parameters)
+def test_passive_is_a_damped_hold_of_the_live_position():
+    controller = RemotePolicyController(JOINTS, KD)
     memory = controller.activate(tick(10.0))
     live = {(0.1, 0.2, 0.3): [0.1, 0.2, 0.3], (NAN, 0.5, INF): [0.0, 0.5, 0.0]}
     for position, held in live.items():
         memory, sent = controller.update(memory, tick(10.02, position=position))
         assert sent.position.tolist() == held
-        assert sent.damping.tolist() == kd
+        assert sent.damping.tolist() == KD.tolist()
         assert sent.stiffness.tolist() == sent.velocity.tolist() == sent.effort.tolist() == [0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("parameters", "field"),
-    [
-        ({"stale_command_policy": "limp"}, "stale_command_policy: is 'limp', expected passive or hold"),
-        ({"stale_command_timeout_ms": 0}, "stale_command_timeout_ms: is 0"),
-        ({"damping_scalar": -6.0}, "damping_scalar: is -6.0"),
-    ],
-)
-def test_invalid_parameters_are_named(parameters, field):
-    with pytest.raises(FieldError, match=rf"^RemotePolicyController\.{field}"):
-        RemotePolicyController(JOINTS, **parameters)
 
 
 @pytest.mark.parametrize(("policy", "doing"), [("passive", "damped"), ("hold", "held")])
 def test_an_operator_reads_once_when_commands_stop_and_when_they_come(policy, doing):
-    controller = RemotePolicyController(JOINTS, stale_command_policy=policy)
+    controller = RemotePolicyController(JOINTS, KD, policy)
     memory = controller.activate(tick(1.0))
     notices, latest = [], None
     for count in range(40):

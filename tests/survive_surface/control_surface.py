@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -93,21 +93,21 @@ def supervisor(config: StackConfig) -> Any:
     stiffness, damping = config.standby_gains
     controllers: dict[str, Any] = {
         "zero_torque_controller": ZeroTorqueController(joints),
-        "damping_controller": DampingController(joints, damping=[config.damping[name] for name in joints]),
+        "damping_controller": DampingController(joints, damping=np.array([config.damping[name] for name in joints])),
         "rl_policy_controller": RLPolicyController(
             joints, _contract(config), no_reference(), config.policy, config.period, extern=_live_inputs(config)
         ),
         "remote_policy_controller": RemotePolicyController(
-            joints, stale_command_policy=config.stale_command_policy, damping_scalar=config.passive_damping
+            joints, np.full(len(joints), config.passive_damping), stale_command_policy=config.stale_command_policy
         ),
     }
     for name, pose in config.poses.items():
         controllers[f"standby_controller_{name}"] = StandbyController(
             joints,
-            target_stiffness=stiffness,
-            target_damping=damping,
-            segment_durations=[config.segment_duration] * 2,
-            pose_segments=[zeros, [pose[joint] for joint in joints]],
+            target_stiffness=np.full(len(joints), stiffness),
+            target_damping=np.full(len(joints), damping),
+            segment_durations=np.full(2, config.segment_duration),
+            pose_segments=np.array([zeros, [pose[joint] for joint in joints]]),
         )
     controllers.update(config.replaced or {})
     return Supervisor(joints, controllers, guards=_guards(config), needs_producer=config.is_floating)
@@ -151,7 +151,6 @@ class _Controller:
     joints: tuple[str, ...]
     on_activate: Callable[[TickInput], Any]
     on_update: Callable[[TickInput], Any]
-    fallback: ClassVar[str | None] = "damping_controller"
 
     def activate(self, tick_input: TickInput) -> Any:
         self.on_activate(tick_input)
@@ -162,10 +161,6 @@ class _Controller:
         return answer if isinstance(answer, Fault) else (memory, answer)
 
 
-class _Damping(_Controller):
-    fallback: ClassVar[str | None] = "zero_torque_controller"
-
-
 def controller(
     name: str,
     joints: Sequence[str],
@@ -173,7 +168,7 @@ def controller(
     activate: Callable[[TickInput], None] = lambda _: None,
 ) -> Any:
     """Make a controller for `StackConfig.replaced` whose command is what `update` returns; both may raise."""
-    return (_Damping if name == "damping_controller" else _Controller)(tuple(joints), activate, update)
+    return _Controller(tuple(joints), activate, update)
 
 
 def fault(reason: str) -> Any:

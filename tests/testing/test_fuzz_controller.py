@@ -1,7 +1,6 @@
 """Sound controllers pass; each kind of mistake of a controller by itself is found and named."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ SEARCH = settings(QUICK, max_examples=200, phases=[Phase.generate])
 class Held:
     """A sound controller: it holds where it was activated. Its children are not sound."""
 
-    fallback: ClassVar[str | None] = "damping_controller"
     joints: tuple[str, ...] = rig.JOINTS
     log: list = field(default_factory=list)
 
@@ -106,7 +104,7 @@ def test_the_packages_own_controllers_are_sound(name):
         (GivesNoCommand(), "for a command"),
         (ForgetsItself(), "expected a memory and a command"),
         (NeverWorks(), "on a healthy robot: Fault(message='not today'"),
-        (FailsInTime(rig.JOINTS), "in tick 1501"),
+        (FailsInTime(rig.JOINTS, np.ones(3)), "in tick 1501"),
     ],
 )
 def test_a_mistake_is_found(controller, message):
