@@ -99,7 +99,8 @@ def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[A
     place = place.rstrip("`").lstrip(".")
     expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
     if is_type:
-        accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
+        names, _, length = expected.removeprefix("`").partition("`")
+        accepted = " or ".join(_ACCEPTED.get(name, name) for name in names.split(" | ")) + length
         problem = f"is {_shown(value_at(document, place))}, expected {accepted}"
     elif problem.startswith("Expected `"):
         kind, _, bound = problem.removeprefix("Expected `").partition("` ")

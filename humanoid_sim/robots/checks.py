@@ -7,22 +7,20 @@ from collections.abc import Iterator, Sequence
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
-from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import MotorDescription, PianoSettings, RobotDescription
-
-_TOPIC_PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]*)?")
+from humanoid_sim.robots.schema import MotorDescription, RobotDescription
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
     """Yield everything that is wrong, as `joints[3].upper: what is wrong`."""
-    if not _TOPIC_PREFIX.fullmatch(robot.topic_prefix):
+    if not re.fullmatch("([A-Za-z][A-Za-z0-9_]*)?", robot.topic_prefix):
         yield f"topic_prefix: is '{robot.topic_prefix}', expected letters, digits and _, a letter first"
     if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected the body with the free joint"
-    yield from _duplicates("joints", robot.joint_names, "name")
-    yield from _duplicates("hands", robot.hands, "entry")
     for i, joint in enumerate(robot.joints):
+        first = robot.joint_names.index(joint.name)
+        if first != i:
+            yield f"joints[{i}]: has the same name '{joint.name}' as joints[{first}]"
         if joint.lower >= joint.upper:
             expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
             yield f"joints[{i}].upper: is {joint.upper:g}, expected {expected}"
@@ -32,15 +30,6 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     except InputError as error:
         yield f"simulation.{error}"
     yield from _list_problems(robot)
-    if robot.piano is not None:
-        yield from _piano_problems(robot.piano)
-
-
-def _duplicates(place: str, names: Sequence[str], what: str) -> Iterator[str]:
-    for i, name in enumerate(names):
-        first = names.index(name)
-        if first != i:
-            yield f"{place}[{i}]: has the same {what} '{name}' as {place}[{first}]"
 
 
 def _list_problems(robot: RobotDescription) -> Iterator[str]:
@@ -90,24 +79,15 @@ def _family_problems(motor: MotorDescription, families: set[str]) -> Iterator[st
     family, model = FAMILIES.get(motor.family), MOTORS.get(motor.model)
     if family is None:
         yield f".family: {known_names('family', motor.family, FAMILIES)}"
-    elif model is not None and model.family != family.name:  # the adapter refuses a model that does not exist
+        return
+    if model is not None and model.family != family.name:  # the adapter refuses a model that does not exist
         yield f".family: is {family.name}, but a {motor.model} is of {model.family}"
-    else:
-        if problem := id_problem(family, motor.can_id, families):
-            yield f".can_id: {problem}"
-        for name in ("torque_limit", "current_limit"):
-            value = getattr(motor, name)
-            if family.has_torque_limit and value is None:
-                yield f": misses '{name}'"
-            elif not family.has_torque_limit and value:
-                yield f".{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"
-
-
-def _piano_problems(piano: PianoSettings) -> Iterator[str]:
-    if len(piano.fingers) != 2:
-        yield f"piano.fingers: has {len(piano.fingers)} sites, expected 2, the left hand's first"
-    if len(piano.reach) != len(piano.fingers):
-        yield f"piano.reach: has {len(piano.reach)} spans, expected one for each of the piano's fingers"
-    for i, (low, high) in enumerate(piano.reach):
-        if not 0 <= low <= high < KEY_COUNT:
-            yield f"piano.reach[{i}]: is {[low, high]}, expected the lowest and the highest key of 0 to {KEY_COUNT - 1}"
+        return
+    if problem := id_problem(family, motor.can_id, families):
+        yield f".can_id: {problem}"
+    for name in ("torque_limit", "current_limit"):
+        value = getattr(motor, name)
+        if family.has_torque_limit and value is None:
+            yield f": misses '{name}'"
+        elif not family.has_torque_limit and value:
+            yield f".{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"

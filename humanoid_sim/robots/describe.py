@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import mujoco
+import yaml
 from rich.markup import escape
 from rich.table import Table
 
@@ -117,33 +119,27 @@ def _equalities(model: mujoco.MjModel) -> Iterator[str]:
 
 def robot_yaml(robot: RobotDescription, model: mujoco.MjModel, folder: Path) -> str:
     """Return a robot file for `folder` that is the robot of an MJCF, with what was read in comments, to be changed."""
-    settings = robot.simulation
-    text = f"""\
-# {robot.name}: what is not given here is read from the MJCF. Lines that begin with # show what was read: to change a
-# value, remove the mark from its line and from the heading above it. humanoid_sim/robots/schema.py has every field.
-name: {_text(robot.name)}
-mjcf: {_text(os.path.relpath(robot.mjcf_path, folder))}
-imu: {_text(robot.imu)}  # {imu_line(model, robot)}
-# base: {{height: null}}  # m, of the base's origin at the start; null: its lowest part touches the floor
-# simulation:
-#   physics_timestep: {settings.physics_timestep:g}
-#   control_frequency: {settings.control_frequency:g}
-#   floor_height: {settings.floor_height:g}
-#   joint_damping: {settings.joint_damping}  # of the joints in the MJCF itself: keep or drop
-# initial_position:
-"""
-    for name, value in zip(robot.joint_names, robot.initial_position, strict=True):
-        text += f"#   {_text(name)}: {value:.6g}\n"
-    text += "# joints:  # K_p and K_d of 0 are the policy's\n"
-    for joint in robot.joints:
-        names = ("lower", "upper", "effort_limit", "stiffness", "damping")
-        known = {name: getattr(joint, name) for name in names if math.isfinite(getattr(joint, name))}
-        text += f"#   {_text(joint.name)}: {{{', '.join(f'{name}: {value:.6g}' for name, value in known.items())}}}\n"
+    document = msgspec.to_builtins(robot)
+    given = {"name": robot.name, "mjcf": os.path.relpath(robot.mjcf_path, folder), "imu": robot.imu}
+    pose = {"initial_position": dict(zip(robot.joint_names, robot.initial_position, strict=True))}
+    numbers = ("lower", "upper", "effort_limit", "stiffness", "damping")
+    read = {
+        "base": {"height": robot.base.height},
+        "simulation": document["simulation"],
+        "joints": {
+            joint["name"]: {name: joint[name] for name in numbers if math.isfinite(joint[name])}
+            for joint in document["joints"]
+        },
+    }
+    shown = _yaml(pose, flow=False) + _yaml(read)
+    return f"""\
+# What is not given here is read from the MJCF. Lines that begin with # show what was read: to change a value, remove
+# the mark from its line and from the heading above it. humanoid_sim/robots/schema.py has every field.
+# A height of null: the robot's lowest part touches the floor. A K_p or K_d of 0 is the policy's.
+# IMU: {imu_line(model, robot)}
+{_yaml(given, flow=False)}""" + "".join(f"# {line}\n" for line in shown.splitlines())
+
+
+def _yaml(document: dict[str, Any], flow: bool | None = None) -> str:
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=math.inf, default_flow_style=flow)
     return text
-
-
-def _text(value: str) -> str:
-    """Return a text as YAML has it: in quotes unless it is a plain word."""
-    is_plain = value.replace("_", "a").replace(".", "a").replace("/", "a").isalnum() and not value[0].isdigit()
-    is_word = value.lower() not in ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
-    return value if is_plain and value.isascii() and is_word else json.dumps(value, ensure_ascii=False)

@@ -26,44 +26,46 @@ def guards_of(robot: RobotDescription) -> Guards | None:
     are not watched by it.
     """
     settings, kind = robot.guards, robot.base.type
-    if settings.following is None and settings.limit is None and settings.speed is None:
+    if not (settings.following or settings.limit or settings.speed):
         return None
     off = np.full(robot.joint_count, np.inf)
     following = settings.following or FollowingGuard()
     limit, speed = settings.limit or LimitGuard(), settings.speed or SpeedGuard()
     given = [np.inf if bound is None else bound for bound in following.effort]
     effort = np.array(given) if given else following.effort_share * robot.effort_limit
+    fastest = speed_limit(robot)
+    is_assumed = (fastest >= _crossing_speed(robot)) & (settings.speed is not None and not speed.limit)
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
         upper=robot.upper,
         effort_limit=robot.effort_limit,
-        following_effort=off if settings.following is None else effort,
+        following_effort=effort if settings.following else off,
         following_time=following.time or _FOLLOWING_TIME[kind],
         following_progress=following.progress,
         following_within=robot.is_floating,
-        limit_margin=off if settings.limit is None else np.full(robot.joint_count, limit.margin),
+        limit_margin=np.full(robot.joint_count, limit.margin) if settings.limit else off,
         limit_time=limit.time,
-        speed_limit=off if settings.speed is None else speed_limit(robot),
+        speed_limit=fastest if settings.speed else off,
         speed_time=speed.time,
-        speed_assumed=() if settings.speed is None else _assumed_speeds(robot),
+        speed_assumed=tuple(np.array(robot.joint_names)[is_assumed].tolist()),
     )
 
 
 def describe_unwatched(robot: RobotDescription) -> str:
     """Return in one line which guards watch fewer joints than there are, and why; '' if each watches all."""
-    guards, settings, n = guards_of(robot), robot.guards, robot.joint_count
+    guards, n = guards_of(robot), robot.joint_count
     if guards is None:
         return "guards: all are off in the robot's description"
     has_limits = np.isfinite(robot.lower) | np.isfinite(robot.upper)
-    rows = (
-        ("following", settings.following, np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
-        ("limit", settings.limit, has_limits, "position limits"),
-        ("speed", settings.speed, np.isfinite(guards.speed_limit), "position limits or a known motor"),
-    )
+    needs = {
+        "following": (np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
+        "limit": (has_limits, "position limits"),
+        "speed": (np.isfinite(guards.speed_limit), "position limits or a known motor"),
+    }
     texts = []
-    for name, chosen, watched, needed in rows:
-        if chosen is None:
+    for name, (watched, needed) in needs.items():
+        if getattr(robot.guards, name) is None:
             texts.append(f"{name} is off in the robot's description")
         elif not watched.all():
             texts.append(f"{name} is off for {n - int(watched.sum())} of {n} joints, which lack {needed}")
@@ -85,7 +87,7 @@ def rated_speed(robot: RobotDescription) -> FloatArray:
 
 
 def _given_speed(robot: RobotDescription) -> tuple[float, ...]:
-    return () if robot.guards.speed is None else robot.guards.speed.limit
+    return robot.guards.speed.limit if robot.guards.speed else ()
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
@@ -98,11 +100,3 @@ def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
 def _crossing_speed(robot: RobotDescription) -> FloatArray:
     kind = robot.base.type
     return np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
-
-
-def _assumed_speeds(robot: RobotDescription) -> tuple[str, ...]:
-    """Return the joints whose speed limit is neither the description's nor their motor's."""
-    if _given_speed(robot):
-        return ()
-    assumed = speed_limit(robot) >= _crossing_speed(robot)
-    return tuple(name for name, is_assumed in zip(robot.joint_names, assumed, strict=True) if is_assumed)

@@ -13,7 +13,6 @@ from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
 
-_FULL_SCALE = 65535
 POSITION_RANGE = 4.0 * math.pi
 """rad, full scale of a Robstride motor's positions: the manuals' tables. Firmware before the table in
 `humanoid_sim.hardware.robstride.firmware` used 12.5."""
@@ -37,16 +36,6 @@ class MotorModel:
     position: float = POSITION_RANGE  # rad, range
     family: str = ""
     """Key of `FAMILIES`, set by the family's row."""
-
-    @property
-    def stiffness_step(self) -> float:
-        """N·m/rad, the least difference between two K_p."""
-        return self.stiffness / _FULL_SCALE
-
-    @property
-    def damping_step(self) -> float:
-        """N·m·s/rad, the least difference between two K_d."""
-        return self.damping / _FULL_SCALE
 
 
 _ROBSTRIDE = (

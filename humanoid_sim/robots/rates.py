@@ -13,19 +13,15 @@ def steps_per_period(period: float, step: float, *, step_name: str = "physics_ti
 
     Raises `InputError` with the nearest step that divides the period if this one does not, to within 1e-9.
     """
-    if not 0.0 < step < float("inf"):
-        raise InputError(f"{step_name}: is {step:g} s, expected a finite number > 0")
+    least = period / MOST_STEPS
+    if not step >= least * (1.0 - 1e-9):
+        raise InputError(f"{step_name}: is {step:g} s, expected at least {least:g} s of a period of {period:g} s")
     ratio = period / step
-    if not 0.0 < ratio <= MOST_STEPS * (1.0 + 1e-9):
-        least = f"at least {period / MOST_STEPS:g} s, which makes {MOST_STEPS} steps"
-        raise InputError(f"{step_name}: is {step:g} s, expected {least} of a control period of {period:g} s")
     count = max(round(ratio), 1)
     if abs(ratio - count) > 1e-9 * ratio:
         nearest = min((max(int(ratio), 1), int(ratio) + 1), key=lambda n: abs(period / n - step))
-        raise InputError(
-            f"{step_name}: {step:g} s does not divide the control period of {period:g} s; the nearest that does is "
-            f"{period / nearest:g} s ({nearest} per period)"
-        )
+        near = f"the nearest that does is {period / nearest:g} s ({nearest} per period)"
+        raise InputError(f"{step_name}: {step:g} s does not divide the control period of {period:g} s; {near}")
     return count
 
 
@@ -38,8 +34,6 @@ def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
         raise InputError(f"{name}: is {delay:g} s, expected 0 to {LONGEST_DELAY:g} s")
     steps = round(delay / physics_timestep)
     if abs(delay - steps * physics_timestep) > 1e-9:
-        raise InputError(
-            f"{name}: {delay:g} s is not a multiple of the physics step of {physics_timestep:g} s; the nearest is "
-            f"{steps * physics_timestep:g} s"
-        )
+        near = f"the nearest is {steps * physics_timestep:g} s"
+        raise InputError(f"{name}: {delay:g} s is not a multiple of the physics step of {physics_timestep:g} s; {near}")
     return steps

@@ -21,6 +21,7 @@ from humanoid_sim.mit import FloatArray
 Text = Annotated[str, msgspec.Meta(pattern=r"\S")]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Key = Annotated[int, msgspec.Meta(ge=0, le=87)]  # 0 is A0, 87 is C8
 
 
 class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -146,9 +147,9 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
 
-    fingers: tuple[str, ...]  # MJCF sites in the middle of the tips that strike keys, the left hand's first
+    fingers: tuple[str, str]  # MJCF sites in the middle of the tips that strike keys, the left hand's first
     key_force_limit: Positive  # N, with which no key may be touched
-    reach: tuple[tuple[int, int], ...]  # lowest and highest key of each finger, 0 is A0, 87 is C8
+    reach: tuple[tuple[Key, Key], tuple[Key, Key]]  # lowest and highest key of each finger
 
     @property
     def keys(self) -> frozenset[int]:

@@ -5,7 +5,6 @@ import math
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -66,24 +65,19 @@ PER_JOINT = "expected 14, one per joint"
 STANDBY = "standby_controller_a"
 SITO = {"family": "sito", "bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 BAD_VALUES = [
-    ("name", 3, "name: is 3, expected a text"),
     ("imu", "", "imu: is '', expected a text that is not empty"),
     ("mjcf", "nowhere.xml", "mjcf: 'nowhere.xml' is not a file"),
-    ("topic_prefix", "a/b", "topic_prefix: is 'a/b', expected letters, digits and _"),
+    ("topic_prefix", "a/b", "topic_prefix: is 'a/b'"),
     ("folder", "/", "folder: is not a field of the file"),
-    ("hands", ["left_hand", "left_hand"], "hands[1]: has the same entry 'left_hand' as hands[0]"),
     ("joints", [], "joints: is [], expected a list"),
     ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
     ("joints[3].lower", math.nan, "joints[3].lower: is nan, expected a finite number"),
     ("joints[3].upper", "high", "joints[3].upper: is 'high', expected a number"),
     ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: is 0.0, expected a number > 0"),
-    ("joints[0].effort_limit", math.inf, "joints[0].effort_limit: is inf, expected a finite number"),
-    ("joints[0].stiffness", -1.0, "joints[0].stiffness: is -1.0, expected a number >= 0"),
     ("joints[1].motor.direction", 2, "joints[1].motor.direction: is 2, expected one of -1, 1"),
     ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
-    ("joints[1].motor.bus", -1, "joints[1].motor.bus: is -1, expected a whole number >= 0"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
     ("joints[6].motor.family", "etob", "joints[6].motor.family: unknown family 'etob'"),
     ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
@@ -92,17 +86,13 @@ BAD_VALUES = [
     ("initial_position", [0.0] * 13, f"initial_position: has 13 values, {PER_JOINT}"),
     ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, outside the limits of left_elbow_pitch, -2.35619 to 0"),
     ("simulation.physics_timestep", 0.0006, "simulation.physics_timestep: 0.0006 s does not divide"),
-    ("simulation.physics_timestep", 1e-300, "simulation.physics_timestep: is 1e-300 s, expected at least 5e-07 s"),
-    ("base.type", "flying", "base.type: is 'flying', expected one of fixed, floating"),
     ("base", {"type": "floating"}, "base.body: is empty"),
     ("damping_controller.damping", [1.0], f"damping_controller.damping: has 1 values, {PER_JOINT}"),
     (f"{STANDBY}.target_damping", [], f"{STANDBY}.target_damping: has 0 values, {PER_JOINT}"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
     (f"{STANDBY}.pose_segments[1][3]", 1.0, f"{STANDBY}.pose_segments[1][3]: is 1, outside the limits of left_elbow"),
     ("guards.following.effort", [1, None], f"guards.following.effort: has 2 values, {PER_JOINT}"),
-    ("guards.limit.margin", -1, "guards.limit.margin: is -1, expected a number > 0"),
     ("stifness", 1.0, "unknown field 'stifness'; known: name, topic_prefix, mjcf, joints, "),
-    ("joints[2].motor.id", 1.0, "joints[2].motor: unknown field 'id'; known: family, bus, can_id, model, direction, "),
 ]
 
 
@@ -114,36 +104,27 @@ def test_a_bad_value_is_named(tmp_path, document, place, value, problem):
 
 def test_all_that_is_wrong_is_reported_at_once(tmp_path, document):
     document["initial_position"] = [0.0]
-    document["joints"][1]["motor"]["can_id"] = 11
+    document["joints"][3]["motor"]["can_id"] = 9  # the last byte of a Sito command's identifier
+    document["joints"][6]["motor"] = SITO
     text = refusal(write(tmp_path, document))
     assert "initial_position: has 1 values" in text
-    assert "joints[1].motor.can_id: is 11" in text
-
-
-def test_an_id_that_another_familys_frames_could_address(tmp_path, document):
-    document["joints"][3]["motor"]["can_id"] = 9  # the last byte of a Sito command's identifier
-    load_robot(write(tmp_path, document))
-    document["joints"][6]["motor"] = SITO
-    assert refusal(write(tmp_path, document)).startswith("joints[3].motor.can_id: is 9, which frames to sito motors")
+    assert "joints[3].motor.can_id: is 9, which frames to sito motors" in text
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("", "is no robot description"),
-        ("- a\n- b\n", "is no robot description"),
-        ("name: [lite\njoints: 3\n", "line 2, column 7: not valid YAML"),
         ("name: lite\nname: heavy\n", "line 2, column 1: not valid YAML: 'name' is given twice"),
-        ("name: !!python/object:os.system {}\n", "line 1, column 7: not valid YAML"),
         ("name: lite\n", "misses required field 'mjcf'"),
     ],
 )
 def test_a_file_that_is_no_description(tmp_path, text, problem):
     assert refusal(write(tmp_path, text)).startswith(problem)
+
+
+def test_an_unknown_name_lists_the_shipped_robots(tmp_path):
     assert refusal(tmp_path).startswith("is a folder, expected a robot's YAML file, an MJCF or one of: lite, ")
-
-
-def test_an_unknown_name_lists_the_shipped_robots():
     with pytest.raises(InputError, match=r"^unknown robot 'lit' \(did you mean 'lite'\?\); known: lite, lite_biped, "):
         load_robot("lit")
 
@@ -153,23 +134,16 @@ def test_a_shipped_robot_survives_json(name):
     robot = load_robot(name)
     text = robot.to_json()
     assert "\n" not in text
-    again = RobotDescription.from_json(text, folder=robot.folder)
-    assert again == robot
+    assert RobotDescription.from_json(text, folder=robot.folder) == robot
     assert RobotDescription.from_json(text).mjcf_path == robot.mjcf_path, "a recording finds a shipped robot's model"
-    assert robot.passive_damping.tolist() == robot.mode_damping.tolist()
-    assert (robot.passive_damping > 0.0).all()
+    with pytest.raises(InputError, match=r"^robot description \(JSON\): "):
+        RobotDescription.from_json(text[:-1])
 
 
 def test_digests_of_baselines_are_those_of_before_there_were_guards_and_dynamics():
     document = msgspec.json.decode(load_robot("lite").to_json())
     assert document.keys().isdisjoint({"guards", "piano", "folder"})
     assert "dynamics" not in document["joints"][0]
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"name": "lite"}', '{"name": 3}'])
-def test_bad_json_is_an_input_error(text):
-    with pytest.raises(InputError, match=r"^robot description \(JSON\): "):
-        RobotDescription.from_json(text)
 
 
 def test_the_passive_hold_damps_as_damping_does_unless_it_has_its_own(tmp_path, document):
@@ -215,11 +189,8 @@ joints: {hip: {effort_limit: 12, upper: 0.8}}
 def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     hopper.write_text(hopper.read_text().replace(' range="-1 1"', "").replace('forcerange="-30 40"', ""))
     free = completed(hopper, "initial_position: {hip: 5.0}")
-    assert (free.joints[0].lower, free.joints[1].effort_limit, free.initial_position) == (
-        -math.inf,
-        math.inf,
-        (5.0, 0.2),
-    )
+    assert (free.joints[0].lower, free.joints[1].effort_limit) == (-math.inf, math.inf)
+    assert free.initial_position == (5.0, 0.2)
     assert RobotDescription.from_json(free.to_json(), free.folder) == free
 
 
@@ -229,7 +200,6 @@ def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
         ("joints: {ankle: {effort_limit: 3}}", "joints: unknown joint 'ankle'; known: hip, knee"),
         ("initial_position: {ankle: 3}", "initial_position: unknown joint 'ankle'; known: hip, knee"),
         ("joints: {hip: 3}", "joints.hip: is 3, expected fields to change"),
-        ("joints: {knee: {effort_limit: -3}}", "joints[1].effort_limit: is -3, expected a number > 0"),
         ("joints: {knee: {limit: 3}}", "joints[1]: unknown field 'limit'; known: name, lower, "),
         ("initial_position: {knee: 3}", "initial_position[1]: is 3, outside the limits of knee, 0.2 to 2"),
         ("joints: all", "joints: is 'all', expected a list"),
@@ -239,15 +209,16 @@ def test_what_is_wrong_with_a_change_is_named(hopper, text, problem):
     assert refusal(write(hopper.parent, f"mjcf: hopper.xml\n{text}")).startswith(problem)
 
 
-def contract(joints, **fields):
-    values = {
-        "joint_stiffness": np.arange(N) + 10.0,
-        "joint_damping": np.arange(N) * 0.1,
-        "default_joint_pos": np.arange(N) * 0.01,
-        "observation": ("joint_pos",),
-        "action_scale": 0.25,
-    }
-    return contract_of(joints, **{**values, **fields})
+def contract(joints, *, default_joint_pos=0.01, **fields):
+    return contract_of(
+        joints,
+        joint_stiffness=np.arange(N) + 10.0,
+        joint_damping=np.arange(N) * 0.1,
+        default_joint_pos=np.broadcast_to(default_joint_pos, N),
+        observation=("joint_pos",),
+        action_scale=0.25,
+        **fields,
+    )
 
 
 def test_gains_and_pose_of_a_contract_arrive_in_the_robots_order():
@@ -271,16 +242,12 @@ def test_another_robots_contract_is_refused_by_name():
         with_contract(BIPED, contract((*BIPED.joint_names[:-1], "tail")))
 
 
-@pytest.mark.parametrize(("decision", "kept"), [("undecided", "keep"), ("drop", "drop")])
-def test_a_contract_may_drop_the_models_own_damping(decision, kept):
-    robot = with_contract_physics(BIPED, contract(BIPED.joint_names, model_joint_damping=decision))
-    assert robot.simulation.joint_damping == kept
-
-
-def test_lower_torque_limits_of_the_training_are_the_robots():
+def test_lower_torque_limits_and_damping_of_the_training_are_the_robots():
     limits = np.full(N, np.inf)
     limits[0], limits[1] = 2.0, 1e6
-    robot = with_contract_physics(BIPED, contract(BIPED.joint_names[::-1], effort_limit=limits))
+    trained = contract(BIPED.joint_names[::-1], effort_limit=limits, model_joint_damping="drop")
+    robot = with_contract_physics(BIPED, trained)
+    assert robot.simulation.joint_damping == "drop"
     assert robot.effort_limit.tolist() == [*BIPED.effort_limit[:-1].tolist(), 2.0]
 
 
@@ -290,11 +257,3 @@ def test_joint_limits_are_those_of_the_driven_joints():
         contract(BIPED.joint_names, action_joint_names=driven, position_clip="joint_limits"), BIPED
     )
     assert made.position_clip.tolist() == [[BIPED.lower[4], BIPED.upper[4]], [BIPED.lower[1], BIPED.upper[1]]]
-
-
-def test_a_path_is_a_robot_of_the_same_form(tmp_path, document):
-    (tmp_path / "models").mkdir()
-    (tmp_path / "models" / "mine.xml").write_text("<mujoco/>")
-    document["mjcf"] = "models/mine.xml"
-    robot = load_robot(write(tmp_path, document))
-    assert robot.mjcf_path == Path(tmp_path, "models", "mine.xml").resolve()

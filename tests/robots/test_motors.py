@@ -11,14 +11,6 @@ from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
 
 
-def test_ranges_of_small_and_large_motors():
-    for model in ("rs-00", "rs-01", "rs-02", "rs-05"):
-        assert (MOTORS[model].stiffness, MOTORS[model].damping) == (500.0, 5.0)
-    for model in ("rs-03", "rs-04", "rs-06"):
-        assert (MOTORS[model].stiffness, MOTORS[model].damping) == (5000.0, 100.0)
-    assert MOTORS["rs-02"].damping_step == pytest.approx(7.6e-5, rel=0.01)
-
-
 @pytest.mark.skipif(not TABLE.is_file(), reason="the table of actuators is not beside the checkout")
 def test_ranges_are_the_tables():
     models = json.loads(TABLE.read_text(encoding="utf-8"))["models"]
@@ -29,17 +21,15 @@ def test_ranges_are_the_tables():
         assert (motor.velocity, motor.effort) == (limits["velocity"], limits["torque"])
 
 
-def test_the_shipped_robots_motors_are_known():
-    joints = [joint for name in shipped_robots() for joint in load_robot(name).joints]
-    assert {joint.motor.model for joint in joints} <= set(MOTORS)
-
-
-def test_sito_ranges_are_those_of_its_integers():
-    small, large = MOTORS["TA40-50"], MOTORS["TA40-100"]
+def test_ranges_without_the_table():
+    assert (MOTORS["rs-02"].stiffness, MOTORS["rs-02"].damping) == (500.0, 5.0)
+    assert (MOTORS["rs-06"].stiffness, MOTORS["rs-06"].damping) == (5000.0, 100.0)
+    small, large = MOTORS["TA40-50"], MOTORS["TA40-100"]  # ranges of integers
     assert small.velocity == large.velocity == pytest.approx(3.1415, abs=1e-4)
     assert (small.effort, large.effort) == pytest.approx((150.40, 297.85), abs=0.01)
     assert small.position == pytest.approx(205887.4, abs=0.1)
-    assert (small.family, FAMILIES["sito"].has_timeout, FAMILIES["sito"].has_torque_limit) == ("sito", False, False)
+    joints = [joint for name in shipped_robots() for joint in load_robot(name).joints]
+    assert {joint.motor.model for joint in joints} <= set(MOTORS)
 
 
 def test_ids_of_one_family_that_the_others_frames_could_address():
