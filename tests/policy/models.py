@@ -73,40 +73,24 @@ def linear_model(
     return finished(graph, metadata)
 
 
-def looping_model(trips: float, per_observation: float = 0.0) -> onnx.ModelProto:
-    """`action = observation · weights`, `trips` times over, and more by the largest observation times that."""
-    nothing, one = helper.make_tensor_value_info("go_on", TensorProto.BOOL, []), TensorProto.FLOAT
+def looping_model() -> onnx.ModelProto:
+    """`action = observation · weights`, computed, and then copied as many times as the largest observation says."""
+    number, flag, float32 = TensorProto.INT64, TensorProto.BOOL, TensorProto.FLOAT
+    info = helper.make_tensor_value_info
     body = helper.make_graph(
         [helper.make_node("Identity", ["go_on"], ["again"]), helper.make_node("Identity", ["before"], ["after"])],
         "body",
-        [
-            helper.make_tensor_value_info("trip", TensorProto.INT64, []),
-            nothing,
-            helper.make_tensor_value_info("before", one, [1, 2]),
-        ],
-        [
-            helper.make_tensor_value_info("again", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("after", one, [1, 2]),
-        ],
+        [info("trip", number, []), info("go_on", flag, []), info("before", float32, [1, 2])],
+        [info("again", flag, []), info("after", float32, [1, 2])],
     )
-    numbers = {"trips": trips, "per_observation": per_observation}
-    graph = helper.make_graph(
-        [
-            helper.make_node("MatMul", ["observation", "weights"], ["product"]),
-            helper.make_node("ReduceMax", ["observation"], ["largest"], keepdims=0),
-            helper.make_node("Mul", ["largest", "per_observation"], ["more"]),
-            helper.make_node("Add", ["more", "trips"], ["sum"]),
-            helper.make_node("Cast", ["sum"], ["count"], to=TensorProto.INT64),
-            helper.make_node("Loop", ["count", "", "product"], ["action"], body=body),
-        ],
-        "policy",
-        [helper.make_tensor_value_info("observation", one, [1, 8])],
-        [helper.make_tensor_value_info("action", one, [1, 2])],
-        [
-            numpy_helper.from_array(weights(8, 2), "weights"),
-            *(numpy_helper.from_array(np.array(value, dtype=np.float32), name) for name, value in numbers.items()),
-        ],
-    )
+    nodes = [
+        helper.make_node("MatMul", ["observation", "weights"], ["product"]),
+        helper.make_node("ReduceMax", ["observation"], ["largest"], keepdims=0),
+        helper.make_node("Cast", ["largest"], ["count"], to=number),
+        helper.make_node("Loop", ["count", "", "product"], ["action"], body=body),
+    ]
+    ends = [info("observation", float32, [1, 8])], [info("action", float32, [1, 2])]
+    graph = helper.make_graph(nodes, "policy", *ends, [numpy_helper.from_array(weights(8, 2), "weights")])
     return finished(graph, None)
 
 
