@@ -134,9 +134,16 @@ def _ranges(value: Any) -> Any:
 
 def _names(value: Any) -> Any:
     items = [value] if isinstance(value, str) else value
-    if not isinstance(items, slice) and not all(isinstance(item, str | int) for item in items):
+    if not all(isinstance(item, str) for item in items):
         raise ValueError
-    return items if isinstance(items, slice) else tuple(items)
+    return tuple(items)
+
+
+def _joints(value: Any) -> Any:
+    """Return names or patterns, places or a slice."""
+    if isinstance(value, slice):
+        return value
+    return tuple(value) if value and all(type(item) is int for item in value) else _names(value)
 
 
 _EACH = "a number, one for each joint, or a mapping from names or patterns of joints"
@@ -145,8 +152,8 @@ _FORMS: Mapping[str, tuple[Callable[[Any], Any], str]] = {
     **dict.fromkeys(("scale", "offsets", "frequency"), (_numbers, "a number, or a list of numbers")),
     "position_clip": (_pairs, f"[least, greatest] for each joint, or {JOINT_LIMITS}"),
     "command_ranges": (_ranges, f"[least, greatest] for {', '.join(COMMAND_AXES)}"),
-    **dict.fromkeys(("joint_names", "action_joint_names", "body_names", "command_names"), (_names, "a list of names")),
-    **dict.fromkeys(("joints", "observation"), (_names, "a list of names")),
+    **dict.fromkeys(("joint_names", "body_names", "command_names", "observation"), (_names, "a list of names")),
+    **dict.fromkeys(("action_joint_names", "joints"), (_joints, "a list of names, patterns or places")),
     "scan": (lambda value: msgspec.convert(value, HeightScan), "options of a height scan"),
 }
 """By a field, or an option of a term: what makes its value of a source's, and what is accepted. Others go by type."""
@@ -297,7 +304,8 @@ def _term_option(name: str) -> tuple[str, str]:
 
 def _last(layers: Sequence[Layer], name: str) -> Any:
     found = [layer.values[name] for layer in layers if name in layer.values]
-    return tuple(found[-1]) if found and isinstance(found[-1], list | tuple) else None
+    is_list = bool(found) and isinstance(found[-1], list | tuple) and all(isinstance(item, str) for item in found[-1])
+    return tuple(found[-1]) if is_list else None  # what is no list of names is refused where it is added
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,8 +355,8 @@ def _chosen(value: Any, joints: tuple[str, ...], where: str) -> tuple[str, ...]:
     if all(isinstance(item, str) for item in value):
         if all(item in joints for item in value):
             return tuple(value)
-        found = tuple(joint for joint in joints if any(_matches(item, joint, where) for item in value))
-        alone = [item for item in value if not any(_matches(item, joint, where) for joint in joints)]
+        found = tuple(joint for joint in joints if any(matches(item, joint, where) for item in value))
+        alone = [item for item in value if not any(matches(item, joint, where) for joint in joints)]
         if alone:
             raise InputError(f"{where}: {known_names('joint', alone[0], joints)}")
         return found
@@ -361,7 +369,7 @@ def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where:
     """Return values by name or pattern as an array; joints that are left out have no limit, or make it absent."""
     rows: dict[str, Any] = {}
     for pattern, row in value.items():
-        matching = [owner for owner in owners if owner == pattern or _matches(pattern, owner, where)]
+        matching = [owner for owner in owners if owner == pattern or matches(pattern, owner, where)]
         if not matching and pattern.isidentifier():  # a name; patterns may be for joints that this robot lacks
             raise InputError(f"{where}: {known_names('joint', pattern, owners)}")
         rows |= dict.fromkeys(matching, row)
@@ -369,10 +377,13 @@ def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where:
     lacking = [owner for owner in owners if owner not in rows]
     if lacking and usual is None:
         raise InputError(f"{where}: lacks {name_joints(lacking, owners)}, expected each joint")
+    if len({np.shape(row) for row in rows.values()}) > 1 or any(np.ndim(row) > 1 for row in rows.values()):
+        raise InputError(f"{where}: is {shown(dict(value))}, expected one number for each name, or one pair")
     return np.array([rows.get(owner, usual) for owner in owners], dtype=np.float64)
 
 
-def _matches(pattern: str, joint: str, where: str) -> bool:
+def matches(pattern: str, joint: str, where: str) -> bool:
+    """Return whether a pattern of a file's is for a joint. Raises `InputError` if it is none."""
     try:
         return re.fullmatch(pattern, joint) is not None
     except re.error as error:
@@ -453,11 +464,11 @@ def _unit(values: Any) -> Any:
 
 def _different_names(key: str, first: Replaced, second: Replaced, terms: _Terms | None) -> str:
     """Give the names that only one of two lists has; where both have the same, the first place at which they differ."""
-    a, b = ([name if terms is None else terms.kind(name).name for name in x.value] for x in (first, second))
+    a, b = ([str(name) if terms is None else terms.kind(name).name for name in x.value] for x in (first, second))
     parts = []
     for one, mine, other in ((first, a, b), (second, b, a)):
         surplus = [name for name, kind in zip(one.value, mine, strict=True) if kind not in other]
-        parts += [f"{', '.join(surplus)} only in {one.source}"] if surplus else []
+        parts += [f"{', '.join(map(str, surplus))} only in {one.source}"] if surplus else []
     if parts:
         return f"{key}: {'; '.join(parts)}"
     place = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))

@@ -133,6 +133,11 @@ def test_values_by_name_pattern_and_place():
         ({"observation.joint_vel.scale": 2.0}, "unknown observation term 'joint_vel'"),
         ({"observation.joint_pos.history": "long"}, "observation.joint_pos.history: is long"),
         ({"observation.joint_pos.colour": 1}, "colour"),
+        ({"joint_names": [["hip"]]}, "expected a list of names"),
+        ({"action_joint_names": ["hip", 1]}, "expected a list of names, patterns or places"),
+        ({"action_joint_names": ["["]}, "is not a pattern"),
+        ({"position_clip": {"hip": [0, 1], "knee": 2}}, "expected one number for each name, or one pair"),
+        ({"joint_stiffness": {}}, "lacks all 3 joints"),
     ],
 )
 def test_a_value_that_no_contract_can_have_is_named_with_its_file(values, message):

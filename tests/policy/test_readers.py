@@ -187,6 +187,8 @@ def test_a_slice_of_pythons_is_read_without_calling_python(tmp_path):
     [
         ({"joint_ids_map": [0, 0]}, "joint_ids_map is [0, 0], expected places on the robot"),
         ({"step_dt": "50 Hz"}, "is 50 Hz"),
+        ({"actions": {"JointPositionAction": {"scale": 1.0, "joint_names": ["["]}}}, "is not a pattern"),
+        ({"observations": {"joint_pos": {"history_length": float("nan")}}}, "history"),
         ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
         ({"commands": [1]}, "commands: is [1], expected a mapping"),
         ({"actions": {"JointVelocityAction": {}}}, "expected JointPositionAction alone"),

@@ -35,7 +35,11 @@ def read_env(path: Path) -> list[Layer]:
         values["default_joint_pos"] = {".*": 0.0, **pose}
     actuators = mapping(robot, f"{where}: scene.robot", "actuators")
     for key, name in (("stiffness", "joint_stiffness"), ("damping", "joint_damping"), ("effort_limit", "effort_limit")):
-        found = {pattern: value for group in actuators.values() for pattern, value in _by_pattern(group, key)}
+        found = {
+            pattern: value
+            for group in actuators
+            for pattern, value in _by_pattern(mapping(actuators, where, group), key)
+        }
         if found:
             values[name] = found
     values |= _action(mapping(document, where, "actions"), where)
@@ -51,12 +55,14 @@ def read_env(path: Path) -> list[Layer]:
     return [Layer(path.name, values, unused=(order,) if "joint_stiffness" in values else ())]
 
 
-def _by_pattern(group: Any, key: str) -> list[tuple[str, Any]]:
+def _by_pattern(group: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:
     """Return one actuator group's values by patterns of joints; a limit of the simulation comes before the motor's."""
     value = group.get(f"{key}_sim") if group.get(f"{key}_sim") is not None else group.get(key)
     patterns = group.get("joint_names_expr") or []
     if value is None:
         return []
+    if not isinstance(patterns, list) or not all(isinstance(pattern, str) for pattern in patterns):
+        raise InputError(f"joint_names_expr is {patterns!r}, expected patterns of joint names")
     if not isinstance(value, Mapping):
         return [(pattern, value) for pattern in patterns]
     return [(f"(?=(?:{pattern})$){name}", item) for pattern in patterns for name, item in value.items()]

@@ -78,7 +78,8 @@ def observation_fields(group: Mapping[str, Any], where: str) -> Iterator[tuple[s
         if term.get("clip") is not None:
             yield f"observation.{name}.clip", _clip(term["clip"], scale, switches["scale_first"] is True, place)
         history = switches["history_length"] if switches["history_length"] is not None else term.get("history_length")
-        yield f"observation.{name}.history", max(int(number(history or 1, f"{place}.history_length")), 1)
+        # 0 stands for a term without a history: it shows the present step alone.
+        yield f"observation.{name}.history", max(history or 1, 1) if isinstance(history, int | None) else history
         params = mapping(term, place, "params")
         if isinstance(params.get("command_name"), str):
             commands.append(params["command_name"])

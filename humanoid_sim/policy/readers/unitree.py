@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked
+from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked, matches
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.trainer_files import is_group, joint_patterns, mapping, observation_fields
 from humanoid_sim.policy.words import shown
@@ -93,7 +92,9 @@ def _joint_names(
     """Return the policy's joints by their places on the robot; None where no robot is known."""
     if robot_joints is None:
         return None, ""
-    stranger = next((text for text in patterns if not any(re.fullmatch(text, joint) for joint in robot_joints)), None)
+    stranger = next(
+        (text for text in patterns if not any(matches(text, joint, str(path)) for joint in robot_joints)), None
+    )
     if stranger is not None:  # joints that are given by their places may be any robot's
         named = f"{path}: names '{stranger}', and no joint of this robot is called so"
         raise InputError(f"{named}: is the policy for another robot? this one has {', '.join(robot_joints)}")
