@@ -116,16 +116,3 @@ def test_ctrl_c_while_a_program_loads_is_one_line(raised, tmp_path):
     )
     assert run.stderr == "interrupted\n"
     assert run.returncode == 130
-
-
-def test_testing_is_no_program_and_without_its_extra_says_what_to_install(tmp_path):
-    command = [sys.executable, "-m", "humanoid_sim.testing"]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr.count("\n")) == (2, 1)
-    assert run.stderr.startswith("error: humanoid_sim.testing: is not a program")
-    (tmp_path / "hypothesis.py").write_text("raise ImportError\n", encoding="utf-8")
-    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
-    environment = {**os.environ, "PYTHONPATH": path}
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr.count("\n")) == (2, 1)
-    assert run.stderr.startswith("error: humanoid_sim.testing needs the package 'hypothesis'")

@@ -24,7 +24,7 @@ from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.healthy import ScriptedPolicy, healthy_externs, healthy_tick
-from humanoid_sim.testing.machine import StackMachine
+from humanoid_sim.testing.machine import PERIOD, StackMachine
 from humanoid_sim.testing.properties import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
@@ -36,9 +36,7 @@ DEFAULT_SETTINGS = settings(
     suppress_health_check=[HealthCheck.large_base_example, HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 """Runs of up to 40 steps. More of them: `settings(DEFAULT_SETTINGS, max_examples=1000)`."""
-HEALTHY_TICKS = 2000
-"""In each mode, before anything is attacked: 40 s at 50 Hz."""
-_PERIOD = 0.02  # s between two ticks of a healthy session
+_HEALTHY_TICKS = 2000  # in each mode, before anything is attacked: 40 s at 50 Hz
 _WAYS = (
     (),
     (Intent.DAMP,),
@@ -73,53 +71,41 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     return build
 
 
-def fuzz_stack(
-    build: Callable[[ScriptedPolicy], Supervisor],
-    settings: settings = DEFAULT_SETTINGS,
-    *,
-    healthy_ticks: int = HEALTHY_TICKS,
-) -> None:
+def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:
     """Drive a control stack with anything, and check `SafetyProperties` on every tick.
 
-    First, with nothing random, every mode lasts for `healthy_ticks` on a healthy robot, and is given every safety
-    report and every combination of intents. Raises `SafetyViolationError` with the shortest run that was found to break
-    a property.
-
-    Args:
-        build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
-            run has it; a stack that runs a policy of its own may leave it aside.
-        healthy_ticks: in each mode; 0 leaves out whatever comes before the search.
+    `build` gives the stack under test, new for every run; the policy that it is given behaves or misbehaves as the run
+    has it. First, with nothing random, every mode lasts for 40 s on a healthy robot, and is given every safety report
+    and every combination of intents. Raises `SafetyViolationError` with the shortest run that was found to break a
+    property.
     """
 
     class Stack(StackMachine):
         def build(self, policy: ScriptedPolicy) -> Supervisor:
             return build(policy)
 
-    if healthy_ticks > 0:
-        every_mode_lasts(Stack, healthy_ticks)
-        every_report_and_intent(Stack)
+    every_mode_lasts(Stack)
+    every_report_and_intent(Stack)
     run_state_machine_as_test(Stack, settings=settings)
 
 
-def every_mode_lasts(machine_type: type[StackMachine], ticks: int) -> None:
-    """Each mode on a healthy robot, for so many ticks: it stays, and no controller fails."""
+def every_mode_lasts(machine_type: type[StackMachine]) -> None:
+    """Each mode on a healthy robot, for 40 s: it stays, and no controller fails."""
     for machine, way in _modes(machine_type):
         with _after(way):
-            machine.pass_time(ticks)
+            machine.pass_time(_HEALTHY_TICKS)
             if machine.memory.controller == REMOTE_POLICY:
-                machine.pass_time(ticks, sends=False)
+                machine.pass_time(_HEALTHY_TICKS, sends=False)
 
 
 def every_report_and_intent(machine_type: type[StackMachine]) -> None:
     """In each mode every level and flag, from every one of up to three sources, and up to three intents in any order.
 
-    Each is one tick on a healthy robot, from the same instant of the mode.
+    Each is one tick on a healthy robot, from the same instant of the mode, and two for a selected policy.
     """
     for machine, way in _modes(machine_type):
         machine.tick()
-        given = healthy_tick(
-            machine.joints, machine.time + machine.period, remote=machine.remote, externs=machine.externs
-        )
+        given = healthy_tick(machine.joints, machine.time + PERIOD, remote=machine.remote, externs=machine.externs)
         trials = [replace(given, safety=safety) for safety in _reports()]
         trials += [replace(given, policy=name) for name in (*machine.stack.policies, "unheard_of")]
         for count in range(1, _INTENTS_AT_ONCE + 1):
@@ -129,6 +115,9 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
                 trial = copy.copy(machine)  # a tick that is checked like any other, and taken back
                 trial.properties, trial.history = machine.properties.copy(), []
                 trial.feed(one)
+                if one.policy:
+                    trial.time += PERIOD
+                    trial.tick()
 
 
 def _modes(machine_type: type[StackMachine]) -> Iterator[tuple[StackMachine, str]]:
@@ -148,7 +137,8 @@ def _after(way: str) -> Iterator[None]:
     try:
         yield
     except AssertionError as error:
-        raise SafetyViolationError(f"{error}; on a healthy robot, after {way}") from error
+        error.add_note(f"on a healthy robot, after {way}")
+        raise
 
 
 def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
@@ -160,19 +150,17 @@ def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
             yield (*well[:speaker], report, *well[speaker + 1 :])
 
 
-def fuzz_controller(
-    controller: Controller, settings: settings = DEFAULT_SETTINGS, *, healthy_ticks: int = HEALTHY_TICKS
-) -> None:
+def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTINGS) -> None:
     """Hold a controller by itself to what the supervisor expects of every one, whatever its input.
 
     It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
-    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, for `healthy_ticks`
-    and longer, it has no fault. Raises `SafetyViolationError` with the shortest example that was found.
+    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, for 40 s,
+    it has no fault. Raises `SafetyViolationError` with the shortest example that was found.
     """
     n, extern = len(controller.joints), getattr(controller, "extern", {})
     memory = None
-    for i in range(healthy_ticks):
-        memory = _step(controller, memory, healthy_tick((0.5,) * n, 10.0 + _PERIOD * i, externs=extern))
+    for i in range(_HEALTHY_TICKS):
+        memory = _step(controller, memory, healthy_tick((0.5,) * n, 10.0 + PERIOD * i, externs=extern))
         require(not isinstance(memory, Fault), "on a healthy robot: {}, in tick {}", memory, i)
 
     @settings
@@ -181,7 +169,7 @@ def fuzz_controller(
         memory, time = None, 10.0
         for jump in (0.0, *jumps):
             if is_healthy:
-                time += _PERIOD
+                time += PERIOD
                 tick = TickInput(data.draw(healthy_states(n, time, healthy_externs(extern, time))))
             else:
                 tick = data.draw(any_tick_inputs(n + data.draw(st.sampled_from([0, 0, 0, -1, 1])), 10.0 + jump))

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
+from humanoid_sim.messages import Intent, RemoteCommand, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
 _UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)  # m and w x y z
-_NONE: Mapping[str, int] = {}
+_NO_EXTERNS: Mapping[str, int] = {}
 
 Answer = Callable[[npt.NDArray[np.float32], int], Any]
 """`(observation of shape (N,), reference frame) -> action`, which need not be one."""
@@ -28,7 +28,7 @@ def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]
 
 
 def healthy_state(
-    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NONE
+    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NO_EXTERNS
 ) -> MITState:
     """Return a robot at rest and upright at `time` s, its joints at `position` (n,), rad."""
     n = len(position)
@@ -49,12 +49,11 @@ def healthy_tick(
     position: Sequence[float] | FloatArray,
     time: float,
     *intents: Intent,
-    safety: tuple[SafetyStatus, ...] = (),
     remote: RemoteCommand | None = None,
-    externs: Mapping[str, int] = _NONE,
+    externs: Mapping[str, int] = _NO_EXTERNS,
 ) -> TickInput:
     """One tick of such a robot, with what an operator and a sender of remote commands ask of it."""
-    return TickInput(healthy_state(position, time, externs), safety, intents, remote)
+    return TickInput(healthy_state(position, time, externs), intents=intents, remote=remote)
 
 
 class ScriptedPolicy:
@@ -82,12 +81,7 @@ def well_behaved(action_count: int) -> Answer:
 
 
 def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapping[str, Answer]:
-    """Policies whose answers no controller may pass on, by what is wrong with them.
-
-    Args:
-        action_count: m, the width of a right answer.
-        action_limit: the largest magnitude that the controller under test accepts.
-    """
+    """Policies whose answers no controller may pass on, by what is wrong with them; m is `action_count`."""
     zeros = [0.0] * action_count
 
     def fails(*_: object) -> Any:
@@ -101,12 +95,8 @@ def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapp
         "too short": lambda *_: zeros[1:],
         "too long": lambda *_: [*zeros, 0.0],
         "a batch": lambda *_: [zeros],
-        "a scalar": lambda *_: 0.0,
-        "ragged": lambda *_: [[0.0], [0.0, 1.0]],
         "text": lambda *_: "left",
-        "texts of numbers": lambda *_: [str(value) for value in zeros],
         "integers": lambda *_: [0] * action_count,
-        "a record": lambda *_: np.zeros(action_count, dtype=[("left", np.float32)]),
         "nothing": lambda *_: None,
         "raises": fails,
         "writes": lambda observation, _: observation.fill(0.0),

@@ -35,6 +35,9 @@ _STARTS = st.sampled_from([Intent.START_LOCOMOTION, Intent.START_REMOTE])
 _ANSWERS = st.sampled_from(["well behaved", *sorted(misbehaviours(1))])
 _SMALL_JUMPS = st.sampled_from([0.02, 0.02, 0.02, 0.0, 0.05, 0.11, -0.02, -5.0])  # s between ticks of a remote session
 _SKEWS = st.sampled_from([0.0, 0.0, -0.01, -0.06, -0.2, 0.01, 3.0, -100.0])  # s, a command's stamp less its tick's time
+PERIOD = 0.02  # s of the robot's clock from one tick to the next
+_WAITING_PERIOD = 0.05  # s likewise while a pose is waited for: as much as `StandbyController` advances in one tick
+_LONGEST_STANDBY = 20.0  # s within which a healthy robot must have reached its pose
 _FURTHEST_TIME = 1e9  # s: a clock beyond it has no room for hundredths of a second
 TARGETS = {
     Intent.DAMP: DAMPING,
@@ -51,16 +54,6 @@ class StackMachine(RuleBasedStateMachine):
     Each tick is run twice, and the whole run is repeated at its end. Subclass it and give `build`; `TestCase` of the
     subclass is what pytest collects. Extend `check` to check more, and add rules that call `feed` to attack more.
     """
-
-    period = 0.02
-    """s of the robot's clock from one tick to the next."""
-    waiting_period = 0.05
-    """s likewise while a pose is waited for: as much as `StandbyController` advances in one tick."""
-    position: tuple[float, ...] = ()
-    """rad, where the joints of the healthy robot are at first; empty: 0.5 for all."""
-    longest_standby = 20.0
-    """s within which a standby pose must have been reached on a healthy robot."""
-    properties_type: type[SafetyProperties] = SafetyProperties
 
     def build(self, policy: ScriptedPolicy) -> Supervisor:
         """Make the stack under test, for every run. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
@@ -80,12 +73,11 @@ class StackMachine(RuleBasedStateMachine):
         if isinstance(learned, RLPolicyController):
             count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
         self.answers: dict[str, Answer] = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
-        self.extern_names = tuple(dict.fromkeys((*self.externs, *strategies.EXTERN_NAMES)))
         self.guards: Guards | None = self.stack.guards
-        self.joints: FloatArray = np.array(self.position or (0.5,) * self.joint_count)
+        self.joints: FloatArray = np.full(self.joint_count, 0.5)
         """Shape (n,), rad, of the healthy robot: its joints are where the tick before commanded them to be."""
         self.memory = self.stack.initial()
-        self.properties = self.properties_type(self.stack)
+        self.properties = SafetyProperties(self.stack)
         self.time = 10.0
         self.remote: RemoteCommand | None = None
         self.history: list[tuple[TickInput, str, object]] = []
@@ -94,11 +86,9 @@ class StackMachine(RuleBasedStateMachine):
         self._waited: set[str] = set()
 
     def feed(self, given: TickInput, answer: str = "well behaved", *, twice: bool = True) -> TickOutput:
-        """One tick, run twice: the same bits must come out, and nothing that went in may change.
+        """One tick, run twice but in long stretches: the same bits must come out, and nothing that went in may change.
 
-        Args:
-            answer: how the policy behaves in it: `well behaved`, or one of `misbehaviours`.
-            twice: False for long stretches.
+        The policy behaves in it as `answer` says: `well behaved`, or one of `misbehaviours`.
         """
         self.policy.answer = self.answers[answer]
         self._is_calm = False
@@ -128,7 +118,7 @@ class StackMachine(RuleBasedStateMachine):
     def tick(self, *wanted: Intent, remote: RemoteCommand | None = None, twice: bool = True) -> TickOutput:
         """One period later, on the healthy robot. If the tick before was such a one, too, no controller may fail."""
         was_calm = self._is_calm
-        self.time += self.period
+        self.time += PERIOD
         output = self.feed(self._healthy(*wanted, remote=remote or self.remote), twice=twice)
         require(not (was_calm and output.faults), "on a healthy robot: {}", output.faults)
         self._is_calm = not output.faults and self._can_obey(self.remote)
@@ -154,30 +144,33 @@ class StackMachine(RuleBasedStateMachine):
         if not self._can_obey(self.remote):
             return
         for i in range(1, ticks + 1):
-            new = RemoteCommand(self.remote.command, self.time + self.period) if sends and self.remote else None
+            new = RemoteCommand(self.remote.command, self.time + PERIOD) if sends and self.remote else None
             try:
                 output = self.tick(remote=new, twice=i == ticks)
                 require(not output.faults, "{}", output.faults)
                 now = output.control_mode.controller_name
                 require(now == name, "{} went to {} by itself", name, now)
             except AssertionError as error:
-                error.args = (f"{error} (tick {i} of a healthy stretch in {name})",)
+                error.add_note(f"in tick {i} of a healthy stretch in {name}")
                 raise
 
-    def go(self, pose: Intent, begin: Intent | None = None, impatient: Intent | None = None) -> bool:
-        """To a finished pose, and from there into LOCOMOTION or REMOTE; False if there are no such controllers."""
+    def go(self, pose: Intent, begin: Intent | None = None) -> bool:
+        """To a finished pose, and from there into LOCOMOTION or REMOTE; False if there are no such controllers.
+
+        Whatever is to begin is requested too early as well.
+        """
         self.tick(Intent.DAMP)
         output = self.tick(pose)
         if not self._exists(pose, output):
             return False
         began = self.time
-        if impatient:
-            output = self.tick(impatient)
+        if begin is not None:
+            output = self.tick(begin)
         while output.standby is None or not output.standby.is_finished:
             mode, waited = output.control_mode, self.time - began
             require(mode.mode is Mode.STANDBY, "{} on a healthy robot ended in {}", pose, mode)
-            require(waited <= self.longest_standby, "{} has not finished after {:g} s", mode.controller_name, waited)
-            self.time += self.waiting_period - self.period
+            require(waited <= _LONGEST_STANDBY, "{} has not finished after {:g} s", mode.controller_name, waited)
+            self.time += _WAITING_PERIOD - PERIOD
             output = self.tick()
         if begin is not None:
             output = self.tick(begin)
@@ -211,15 +204,15 @@ class StackMachine(RuleBasedStateMachine):
         """Ask the healthy robot for something, or for nothing."""
         self.tick(*wanted)
 
-    @rule(pose=_POSES, begin=st.none() | _STARTS, impatient=st.none() | _STARTS)
-    def start(self, pose: Intent, begin: Intent | None, impatient: Intent | None) -> None:
-        """To a pose, with a patience that an operator may lack at first, and on into LOCOMOTION or REMOTE."""
-        self.go(pose, begin, impatient)
+    @rule(pose=_POSES, begin=st.none() | _STARTS)
+    def start(self, pose: Intent, begin: Intent | None) -> None:
+        """To a pose, and on into LOCOMOTION or REMOTE."""
+        self.go(pose, begin)
 
     @rule(data=st.data(), wanted=strategies.intents())
     def select(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
         """Select a policy, or one that is not loaded, in whatever mode it is."""
-        self.time += self.period
+        self.time += PERIOD
         name = data.draw(st.sampled_from([*self.stack.policies, "unheard_of"]))
         self.feed(replace(self._healthy(*wanted, remote=self.remote), policy=name))
 
@@ -249,7 +242,7 @@ class StackMachine(RuleBasedStateMachine):
     def the_policy_misbehaves(self, answer: str, ticks: int) -> None:
         """Let the policy answer what it must not."""
         for _ in range(ticks):
-            self.time += self.period
+            self.time += PERIOD
             self.feed(self._healthy(remote=self.remote), answer)
 
     @rule(ticks=st.integers(1, 60), wanted=st.none() | _POSES, speed=st.sampled_from([0.0, 0.0, 40.0, -200.0]))
@@ -257,7 +250,7 @@ class StackMachine(RuleBasedStateMachine):
         """Nothing moves, whatever is commanded; or the joints race, whatever is commanded."""
         self._is_blocked = True
         for i in range(ticks):
-            self.time += self.period
+            self.time += PERIOD
             given = self._healthy(*[wanted] if wanted and i == 0 else (), remote=self.remote)
             velocity = np.full(self.joint_count, speed)
             self.feed(replace(given, state=replace(given.state, joint_velocity=velocity)))
@@ -266,12 +259,12 @@ class StackMachine(RuleBasedStateMachine):
     @rule(data=st.data(), wanted=strategies.intents())
     def the_state_is_odd(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
         """Joints that are elsewhere, or were never heard; NaN; live inputs that are missing or late; other widths."""
-        self.time += self.period
-        n, names = self.joint_count, self.extern_names
+        self.time += PERIOD
+        n = self.joint_count
         kinds = [
             strategies.healthy_states(n, self.time, healthy_externs(self.externs, self.time)),
-            strategies.healthy_states(n, self.time, data.draw(strategies.any_externs(names))),
-            strategies.any_states(n, self.time, names),
+            strategies.healthy_states(n, self.time, data.draw(strategies.any_externs())),
+            strategies.any_states(n, self.time),
             strategies.healthy_states(n + data.draw(st.sampled_from([1 - n, -1, 1, 3])), self.time),
         ]
         state = data.draw(data.draw(st.sampled_from(kinds)))
@@ -280,7 +273,7 @@ class StackMachine(RuleBasedStateMachine):
     @rule(data=st.data())
     def a_remote_command_is_odd(self, data: DataObject) -> None:
         """Negative gains, NaN, a wrong width, a stamp from anywhere."""
-        self.time += self.period
+        self.time += PERIOD
         self.feed(self._healthy(remote=data.draw(strategies.any_remote_commands(self.joint_count, self.time))))
 
     @rule(jump=strategies.clock_jumps())
@@ -294,10 +287,10 @@ class StackMachine(RuleBasedStateMachine):
     @rule(safety=strategies.safety_statuses(), wanted=strategies.intents())
     def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
         """Any status of any source, together with any intents."""
-        self.time += self.period
+        self.time += PERIOD
         self.feed(replace(self._healthy(*wanted, remote=self.remote), safety=safety))
 
     @rule(data=st.data(), answer=_ANSWERS, jump=strategies.clock_jumps())
     def everything_at_once(self, data: DataObject, answer: str, jump: float) -> None:
         """Whatever a tick may hold, and a policy that may misbehave."""
-        self.feed(data.draw(strategies.any_tick_inputs(self.joint_count, self.time + jump, self.extern_names)), answer)
+        self.feed(data.draw(strategies.any_tick_inputs(self.joint_count, self.time + jump)), answer)

@@ -17,7 +17,7 @@ from hypothesis.strategies import SearchStrategy
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
 from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITState
 
-SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
+_ODD_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
 """Numbers on which floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, NaN."""
 
 _DISTINCT = 5  # numbers drawn for one array, which a longer one repeats: what an example may draw is bounded
@@ -28,24 +28,25 @@ EXTERN_NAMES = ("key_pressed", *EXTERN_WIDTHS, "unheard_of")
 @cache
 def any_numbers() -> SearchStrategy[float]:
     """Any float at all, the troublesome ones often."""
-    return st.sampled_from(SPECIAL_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
+    return st.sampled_from(_ODD_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
 
 
 _MODERATE = st.floats(-3.0, 3.0, allow_subnormal=False)  # positions, velocities and efforts of a robot that works
 
 
 @cache
-def any_arrays(n: int, numbers: SearchStrategy[float] | None = None) -> SearchStrategy[FloatArray]:
-    """Arrays of shape (n,) of `numbers`, by default of `any_numbers()`.
-
-    Without `numbers`, one odd value among moderate ones is as likely as an array that is odd throughout.
-    """
-    values = any_numbers() if numbers is None else numbers
+def _arrays(n: int, numbers: SearchStrategy[float]) -> SearchStrategy[FloatArray]:
     drawn = min(n, _DISTINCT)
-    random = st.lists(values, min_size=drawn, max_size=drawn).map(lambda some: np.resize(np.array(some, float), n))
-    if numbers is not None or n == 0:
-        return random
-    return st.builds(_with_one, st.just(n), st.integers(0, n - 1), values, _MODERATE) | random
+    return st.lists(numbers, min_size=drawn, max_size=drawn).map(lambda some: np.resize(np.array(some, float), n))
+
+
+@cache
+def any_arrays(n: int) -> SearchStrategy[FloatArray]:
+    """Arrays of shape (n,): one odd value among moderate ones is as likely as an array that is odd throughout."""
+    throughout = _arrays(n, any_numbers())
+    if n == 0:
+        return throughout
+    return st.builds(_with_one, st.just(n), st.integers(0, n - 1), any_numbers(), _MODERATE) | throughout
 
 
 def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
@@ -55,24 +56,24 @@ def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
 
 
 @cache
-def any_externs(names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[dict[str, Extern]]:
-    """Live arrays of any width, age and timeout under some of `names`; often none."""
+def any_externs() -> SearchStrategy[dict[str, Extern]]:
+    """Live arrays of any width, age and timeout; often none."""
     extern = st.builds(
         Extern,
         value=st.integers(1, 7).flatmap(any_arrays),
         arrival_time=any_numbers(),
         timeout=st.sampled_from([np.inf, 0.5, 0.0, -1.0, np.nan]),
     )
-    return st.dictionaries(st.sampled_from(names), extern, max_size=2)
+    return st.dictionaries(st.sampled_from(EXTERN_NAMES), extern, max_size=2)
 
 
-def any_states(n: int, time: float, extern_names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[MITState]:
+def any_states(n: int, time: float) -> SearchStrategy[MITState]:
     """States of n joints and of any content at `time` s: joints never heard, impossible quaternions, infinite ages."""
-    return _any_states(n, extern_names).map(lambda state: replace(state, time=time))
+    return _any_states(n).map(lambda state: replace(state, time=time))
 
 
 @cache
-def _any_states(n: int, extern_names: tuple[str, ...]) -> SearchStrategy[MITState]:
+def _any_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
         time=st.just(0.0),
@@ -83,7 +84,7 @@ def _any_states(n: int, extern_names: tuple[str, ...]) -> SearchStrategy[MITStat
         imu_quaternion=any_arrays(4),
         imu_angular_velocity=any_arrays(3),
         imu_linear_acceleration=any_arrays(3),
-        extern=any_externs(extern_names),
+        extern=any_externs(),
     )
 
 
@@ -97,9 +98,9 @@ def _healthy_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
         time=st.just(0.0),
-        joint_position=any_arrays(n, _MODERATE),
-        joint_velocity=any_arrays(n, _MODERATE),
-        joint_effort=any_arrays(n, _MODERATE),
+        joint_position=_arrays(n, _MODERATE),
+        joint_velocity=_arrays(n, _MODERATE),
+        joint_effort=_arrays(n, _MODERATE),
         joint_age=st.just(np.zeros(n)),
         imu_quaternion=st.just(np.array([1.0, 0.0, 0.0, 0.0])),
         imu_angular_velocity=st.just(np.zeros(3)),
@@ -142,26 +143,21 @@ def any_commands(n: int) -> SearchStrategy[MITCommand]:
 @cache
 def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     """Finite commands with gains that are not negative."""
-    gains: SearchStrategy[FloatArray] = any_arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
-    return st.builds(MITCommand, *[any_arrays(n, _MODERATE)] * 3, gains, gains)
+    gains = _arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
+    return st.builds(MITCommand, *[_arrays(n, _MODERATE)] * 3, gains, gains)
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
     """Return valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
     stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | any_numbers()
-    return st.builds(RemoteCommand, command=_all_commands(n), arrival_time=stamps)
+    return st.builds(RemoteCommand, valid_commands(n) | any_commands(n) | valid_commands(n + 1), stamps)
 
 
-@cache
-def _all_commands(n: int) -> SearchStrategy[MITCommand]:
-    return valid_commands(n) | any_commands(n) | valid_commands(n + 1)
-
-
-def any_tick_inputs(n: int, time: float, extern_names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[TickInput]:
+def any_tick_inputs(n: int, time: float) -> SearchStrategy[TickInput]:
     """Everything at once, at `time` s."""
     return st.builds(
         TickInput,
-        state=any_states(n, time, extern_names),
+        state=any_states(n, time),
         safety=safety_statuses(),
         intents=intents(),
         remote=st.none() | any_remote_commands(n, time),

@@ -13,10 +13,6 @@ pytestmark = pytest.mark.timeout(1800)  # shrinking a failure to its few steps t
 class RigMachine(StackMachine):
     """The small stack of the tests, with two policies."""
 
-    position = rig.KNOWN
-    waiting_period = rig.PERIOD
-    longest_standby = 4.5 * rig.PERIOD
-
     def build(self, policy):
         return rig.two_policies(policy, policy)
 

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import rig
 from hypothesis import Phase, settings
+from models import contract_of
 
 from humanoid_sim import testing
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.mit import MITCommand
 
 QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=6, derandomize=True, database=None)
@@ -60,25 +63,10 @@ class FaultsWithoutAWord(Held):
         return Fault("") if isinstance(super().activate(tick_input), Fault) else Memory()
 
 
-class GivesOnlyACommand(Held):
-    def update(self, memory, tick_input):
-        return self.command(tick_input.state) if tick_input.state.joint_count == 3 else Fault("width")
-
-
-class GivesNoCommand(Held):
-    def command(self, state):
-        return state.joint_position
-
-
 class ForgetsItself(Held):
     def update(self, memory, tick_input):
         result = super().update(memory, tick_input)
         return result if isinstance(result, Fault) else (None, result[1])
-
-
-class NeverWorks(Held):
-    def activate(self, tick_input):
-        return Fault("not today")
 
 
 class FailsInTime(DampingController):
@@ -90,7 +78,7 @@ class FailsInTime(DampingController):
 
 @pytest.mark.parametrize("name", sorted(rig.PATHS))
 def test_the_packages_own_controllers_are_sound(name):
-    testing.fuzz_controller(rig.supervisor().controllers[name], QUICK, healthy_ticks=300)
+    testing.fuzz_controller(rig.supervisor().controllers[name], QUICK)
 
 
 @pytest.mark.parametrize(
@@ -100,10 +88,7 @@ def test_the_packages_own_controllers_are_sound(name):
         (PassesNaNOn(), "expected"),
         (IsNotPure(), "the same inputs gave"),
         (FaultsWithoutAWord(), "a fault whose message is ''"),
-        (GivesOnlyACommand(), "expected a memory and a command"),
-        (GivesNoCommand(), "for a command"),
         (ForgetsItself(), "expected a memory and a command"),
-        (NeverWorks(), "on a healthy robot: Fault(message='not today'"),
         (FailsInTime(rig.JOINTS, np.ones(3)), "in tick 1501"),
     ],
 )
@@ -116,11 +101,6 @@ def test_a_mistake_is_found(controller, message):
 @pytest.mark.parametrize("name", sorted(testing.misbehaviours(1)))
 @pytest.mark.parametrize(("m", "limit"), [(1, 100.0), (14, 5.0)])
 def test_every_misbehaviour_of_a_policy_is_a_fault(name, m, limit):
-    from models import contract_of  # noqa: PLC0415
-
-    from humanoid_sim.controllers.reference import no_reference  # noqa: PLC0415
-    from humanoid_sim.controllers.rl_policy import RLPolicyController  # noqa: PLC0415
-
     joints = tuple(f"joint_{i}" for i in range(m))
     contract = contract_of(joints, observation=("joint_pos", "actions"))
     policy = testing.misbehaviours(m, limit)[name]

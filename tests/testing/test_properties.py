@@ -17,7 +17,6 @@ from humanoid_sim.messages import (
     SafetyStatus,
     StandbyState,
 )
-from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import SafetyProperties, SafetyViolationError
 
 ZERO, DAMPING, A, RL, REMOTE = (
@@ -64,14 +63,8 @@ def with_mode(output, mode, name, message=""):
     return replace(output, control_mode=ControlMode(mode, name, message))
 
 
-def zeros(_):
-    return MITCommand.zeros(3)
-
-
-NAN_3 = np.array([0.0, np.nan, 0.0])
 STANDBY = StandbyState(1, 2, 1.0, True)
 REPORT = FaultReport(RL, DAMPING, "NaN")
-LIMP = FaultReport(DAMPING, ZERO, "NaN")
 
 
 def row(name, tamper, message, *intents, **inputs):
@@ -80,28 +73,18 @@ def row(name, tamper, message, *intents, **inputs):
 
 
 BROKEN = {
-    "not finite": row(DAMPING, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
     "negative gain": row(DAMPING, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
-    "too wide": row(DAMPING, lambda o: replace(o, command=MITCommand.zeros(4)), "has shape (4,), expected (3,)"),
     "torque in ZERO_TORQUE": row(ZERO, lambda o: with_command(o, effort=[0, 0, 1e-9]), "ZERO_TORQUE's command is"),
     "stiff DAMPING": row(DAMPING, lambda o: with_command(o, stiffness=np.ones(3)), "DAMPING's stiffness is [1. 1. 1.]"),
-    "DAMPING pushes": row(DAMPING, lambda o: with_command(o, effort=np.ones(3)), "the effort in damping_controller is"),
-    "other damping": row(DAMPING, lambda o: with_command(o, damping=np.ones(3)), "expected [1.5 1.6 1.7]"),
     "DAMPING follows": row(DAMPING, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
-    "unknown name": row(DAMPING, lambda o: with_mode(o, Mode.DAMPING, "damper"), "controller damper is none of"),
     "wrong mode": row(DAMPING, lambda o: with_mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
     "standby elsewhere": row(DAMPING, lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
-    "no standby": row(A, lambda o: replace(o, standby=None), "STANDBY with standby None"),
-    "moves while unsafe": row(
-        RL, lambda o: with_mode(o, Mode.LOCOMOTION, RL), "is in control although safety reports", safety=FAULT
-    ),
     "DAMP is not heard": row(
         RL,
         lambda o: with_mode(o, Mode.LOCOMOTION, RL),
         "DAMP was requested, and rl_policy_controller is in control",
         Intent.DAMP,
     ),
-    "wakes by itself": row(ZERO, lambda o: with_mode(o, Mode.DAMPING, DAMPING), "to damping_controller by itself"),
     "no such edge": row(
         DAMPING, lambda o: with_mode(o, Mode.LOCOMOTION, RL), "which is not an edge", Intent.START_LOCOMOTION
     ),
@@ -111,13 +94,6 @@ BROKEN = {
         "without Intent.LOAD_A",
         Intent.LOAD_B,
     ),
-    "goes limp": row(
-        DAMPING,
-        lambda o: with_mode(replace(o, command=zeros(o), faults=(LIMP,)), Mode.ZERO_TORQUE, ZERO),
-        "went limp",
-        Intent.DAMP,
-    ),
-    "quits unasked": row(DAMPING, lambda o: replace(o, quit=True), "quit without QUIT"),
     "quits although DAMP": row(
         DAMPING, lambda o: replace(o, quit=True), "although DAMP came with it", Intent.QUIT, Intent.DAMP
     ),
@@ -127,19 +103,11 @@ BROKEN = {
         RL, lambda o: replace(o, refusals=()), "policy dance was selected in rl_policy_controller", policy="dance"
     ),
     "failed and stays": row(RL, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
-    "failed for nothing": row(
-        DAMPING, lambda o: replace(o, faults=(replace(REPORT, message=""),)), "without saying why"
-    ),
     "failure not told": row(DAMPING, lambda o: replace(o, faults=(REPORT,)), "is not in the status message"),
-    "failed twice": row(DAMPING, lambda o: replace(o, faults=(REPORT, REPORT)), "failed twice in one tick"),
     "raised": row(DAMPING, lambda o: replace(o, faults=(replace(REPORT, is_bug=True),)), "raised: NaN"),
     "other fallback": row(
         DAMPING, lambda o: replace(o, faults=(replace(REPORT, fallback=ZERO),)), "damping_controller leads"
     ),
-    "ZERO_TORQUE failed": row(
-        DAMPING, lambda o: replace(o, faults=(replace(REPORT, controller=ZERO),)), "zero_torque_controller failed"
-    ),
-    "gains fall": row(A, lambda o: with_command(o, stiffness=o.command.stiffness / 2), "STANDBY's"),
     "gains too high": row(
         A,
         lambda o: with_command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
@@ -151,7 +119,6 @@ BROKEN = {
         "STANDBY began with 0.5 of its gains",
         Intent.LOAD_A,
     ),
-    "policy gains": row(RL, lambda o: with_command(o, damping=np.ones(3)), "LOCOMOTION's damping"),
     "pinned joint": row(
         RL,
         lambda o: with_command(o, position=o.command.position + 1.0),
@@ -170,14 +137,6 @@ def test_a_broken_property_is_found(what):
     with pytest.raises(SafetyViolationError) as caught:
         run.properties.check(given, tamper(output))
     assert message in str(caught.value)
-
-
-def test_arrays_that_can_be_written_to_are_found():
-    run = at(DAMPING)
-    given, output = run.next()
-    object.__setattr__(output.command, "effort", np.zeros(3))
-    with pytest.raises(SafetyViolationError, match="effort can be written to"):
-        run.properties.check(given, output)
 
 
 @pytest.mark.parametrize("policy", ["passive", "hold"])

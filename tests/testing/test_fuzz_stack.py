@@ -1,0 +1,217 @@
+"""A stack with one planted defect for each safety property: `fuzz_stack` finds it; sound stacks pass."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+import rig
+import yaml
+from hypothesis import Phase, settings
+from hypothesis.stateful import run_state_machine_as_test
+
+from humanoid_sim import testing
+from humanoid_sim.assets import asset_path
+from humanoid_sim.controllers import supervisor as supervisor_module
+from humanoid_sim.controllers.fsm import Decision, transition
+from humanoid_sim.messages import OK, Intent, Mode
+from humanoid_sim.testing.fuzz import every_mode_lasts, every_report_and_intent
+
+SEARCH = settings(testing.DEFAULT_SETTINGS, max_examples=200, derandomize=True, database=None, phases=[Phase.generate])
+SOUND = testing.robot_stack("lite")
+run_as_test = partial(run_state_machine_as_test, settings=SEARCH)
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The memory of the stack below, and for how many ticks its present controller has been in control."""
+
+    inner: Any
+    ticks: int = 0
+
+    @property
+    def controller(self) -> str:
+        return self.inner.controller
+
+
+class Stack:
+    """A sound stack whose defect is in `after` or `before` a tick. Its children have one each."""
+
+    def __init__(self, policy):
+        self.sound = SOUND(policy)
+        self.joints, self.controllers, self.guards = self.sound.joints, self.sound.controllers, self.sound.guards
+        self.policies, self.calls = self.sound.policies, 0
+
+    def initial(self):
+        return Counted(self.sound.initial())
+
+    def step(self, memory, given):
+        self.calls += 1
+        inner, output = self.sound.step(memory.inner, self.before(memory, given))
+        count = memory.ticks + 1 if inner.controller == memory.controller else 0
+        return self.after(Counted(inner, count), given, output)
+
+    def before(self, memory, given):
+        return given
+
+    def after(self, memory, given, output):
+        return memory, output
+
+
+def changed(output, **fields):
+    return replace(output, command=replace(output.command, **fields))
+
+
+class CommandsNaNAfter20Seconds(Stack):
+    def after(self, memory, given, output):
+        if memory.ticks == 1000 and output.control_mode.mode is Mode.DAMPING:
+            output = changed(output, position=np.full(len(self.joints), np.nan))
+        return memory, output
+
+
+class DampingGoesLimp(Stack):
+    def after(self, memory, given, output):
+        if output.control_mode.mode is not Mode.DAMPING or memory.ticks < 300:
+            return memory, output
+        start = self.sound.initial()
+        return Counted(start), self.sound.step(start, replace(given, intents=()))[1]
+
+
+class PolicyTires(Stack):
+    """In LOCOMOTION the joints are reported as unknown after a while, so that a sound policy's controller fails."""
+
+    def before(self, memory, given):
+        if memory.controller == "rl_policy_controller" and memory.ticks >= 500:
+            unknown = np.full(len(given.state.joint_position), np.nan)
+            return replace(given, state=replace(given.state, joint_position=unknown))
+        return given
+
+
+class IgnoresTheSecondSource(Stack):
+    def before(self, memory, given):
+        return replace(given, safety=given.safety[:1])
+
+
+class IgnoresDampWithQuit(Stack):
+    def before(self, memory, given):
+        return replace(given, intents=()) if {Intent.DAMP, Intent.QUIT} <= set(given.intents) else given
+
+
+class NegativeGainInRemote(Stack):
+    def after(self, memory, given, output):
+        if output.control_mode.mode is Mode.REMOTE and output.command.damping.max() > 50.0:
+            output = changed(output, damping=-output.command.damping)
+        return memory, output
+
+
+class RemembersOutsideItsMemory(Stack):
+    def after(self, memory, given, output):
+        if self.calls > 200 and output.control_mode.mode is Mode.DAMPING:
+            output = changed(output, position=output.command.position + 1e-9 * self.calls)
+        return memory, output
+
+
+class ChangesTheRunningPolicy(Stack):
+    """A selection is refused in LOCOMOTION, and holds from the next tick all the same."""
+
+    def after(self, memory, given, output):
+        if given.policy in self.policies and output.control_mode.mode is Mode.LOCOMOTION:
+            memory = replace(memory, inner=replace(memory.inner, policy=given.policy))
+        return memory, output
+
+
+class SleepingGuards(Stack):
+    """It has guards, and never asks them."""
+
+    def __init__(self, policy):
+        super().__init__(policy)
+        self.sound = replace(self.sound, guards=None)
+
+
+def machine(build):
+    return type("Machine", (testing.StackMachine,), {"build": staticmethod(build)})
+
+
+@pytest.mark.parametrize(
+    ("build", "attack", "message"),
+    [
+        (CommandsNaNAfter20Seconds, every_mode_lasts, "expected finite numbers"),
+        (DampingGoesLimp, every_mode_lasts, "damping_controller went to zero_torque_controller by itself"),
+        (PolicyTires, every_mode_lasts, "on a healthy robot"),
+        (IgnoresTheSecondSource, every_report_and_intent, "although safety reports"),
+        (IgnoresDampWithQuit, every_report_and_intent, "DAMP was requested"),
+        (ChangesTheRunningPolicy, every_report_and_intent, "LOCOMOTION's stiffness"),
+        (RemembersOutsideItsMemory, run_as_test, "the same inputs gave"),
+        (SleepingGuards, run_as_test, "although a guard has tripped"),
+        pytest.param(NegativeGainInRemote, run_as_test, "expected no negative gain", marks=pytest.mark.soak),
+    ],
+)
+def test_a_planted_defect_is_found(build, attack, message):
+    with pytest.raises(testing.SafetyViolationError, match=message):
+        attack(machine(build))
+
+
+def test_a_run_is_repeated_from_its_inputs():
+    built = []
+
+    class OtherOnceMore(Stack):
+        def __init__(self, policy):
+            super().__init__(policy)
+            built.append(self)
+
+        def after(self, memory, given, output):
+            if self is not built[0] and memory.ticks == 99:
+                output = changed(output, damping=output.command.damping * 2.0)
+            return memory, output
+
+    run = machine(OtherOnceMore)()
+    run.tick(Intent.DAMP)
+    run.pass_time(99)
+    with pytest.raises(testing.SafetyViolationError, match="of the repeated run gave"):
+        run.teardown()
+
+
+def without_safety(current, safety, *rest):
+    return transition(current, OK, *rest)
+
+
+def recovers(current, safety, intent, *rest):
+    healthy = safety.is_ok and intent is None and current == "damping_controller"
+    return Decision("standby_controller_a") if healthy else transition(current, safety, intent, *rest)
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"), [(without_safety, "although safety reports"), (recovers, "went to standby_controller_a")]
+)
+def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
+    monkeypatch.setattr(supervisor_module, "transition", rule)
+    with pytest.raises(testing.SafetyViolationError, match=message):
+        testing.fuzz_stack(rig.supervisor, SEARCH)
+
+
+def test_a_pose_that_takes_for_ever_is_found(tmp_path):
+    document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text(encoding="utf-8"))
+    document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
+    document["standby_controller_a"]["segment_durations"] = [2.0, 20.0]
+    (tmp_path / "slow.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    with pytest.raises(testing.SafetyViolationError, match="standby_controller_a has not finished"):
+        every_mode_lasts(machine(testing.robot_stack(tmp_path / "slow.yaml")))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
+def test_every_shipped_robot_withstands_anything(name):
+    testing.fuzz_stack(testing.robot_stack(name), settings(testing.DEFAULT_SETTINGS, max_examples=60))
+
+
+def test_a_property_of_ones_own_is_checked_in_the_search():
+    class Gentle(testing.StackMachine):
+        build = staticmethod(rig.supervisor)
+
+        def check(self, given, output):
+            super().check(given, output)
+            assert abs(output.command.velocity).max() <= 1.0, "too fast"
+
+    with pytest.raises(AssertionError, match="too fast"):
+        run_as_test(Gentle)
