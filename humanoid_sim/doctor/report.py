@@ -5,23 +5,23 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 from rich.console import Console
 from rich.progress import Progress
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.doctor.edits import FIELDS, plain
+from humanoid_sim.doctor.edits import wiring_values
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import Result, search_episodes, search_trace
 from humanoid_sim.doctor.trial import load_subject
 from humanoid_sim.policy.readers.own import own_contract
+from humanoid_sim.policy.words import shown
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 
@@ -105,71 +105,35 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
 
 
 def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
-    """Return the fields of `after` that differ, as a contract file has them; of terms and clock too what is usual."""
-    found = {name: plain(getattr(after, name)) for name in _differing(before, after)}
-    if "observation" in found:
-        terms = {term.name: term for term in before.terms}
-        found["observation"] = [_stated(terms[term.name], term, after.kind(term).relative) for term in after.terms]
-    if before.phase is not None and after.phase is not None and "phase" in found:
-        found["phase"] = _stated(before.phase, after.phase)
+    """Return what differs in `after`, as a contract file has it."""
+    found: dict[str, Any] = {}
+    for name, value in _differing(before, after).items():
+        whole, _, part = name.partition(".")
+        if whole == "observation" and part:
+            term, _, option = part.rpartition(".")
+            found.setdefault("terms", {}).setdefault(term, {})[option] = value
+        elif part:
+            found.setdefault(whole, {})[part] = value
+        else:
+            found[name] = value
     return found
 
 
-def _stated(before: Term | PhaseRule, after: Term | PhaseRule, relative: bool = False) -> Any:
-    """Return `after` as a contract file has it, with every option that differs; None for `relative` is as given."""
-    options = {
-        item.name: (plain(getattr(before, item.name)), plain(getattr(after, item.name))) for item in fields(after)
-    }
-    changed = {name: relative if new is None else new for name, (old, new) in options.items() if old != new}
-    own = plain(after)
-    return {**({"name": own} if isinstance(own, str) else own), **changed} if changed else own
-
-
-def _differing(before: PolicyContract, after: PolicyContract) -> list[str]:
-    """Names of the fields that differ; an action offset does not where it is the default pose, before and after."""
-    changed = [name for name in FIELDS if plain(getattr(before, name)) != plain(getattr(after, name))]
-    follows = all(
-        dict(zip(each.action_joint_names, np.asarray(each.action_offset).tolist(), strict=True)).items()
-        <= dict(zip(each.joint_names, each.default_joint_pos.tolist(), strict=True)).items()
-        for each in (before, after)
-    )
-    return [name for name in changed if name != "action_offset" or not follows]
+def _differing(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
+    old = wiring_values(before)
+    return {name: value for name, value in wiring_values(after).items() if value != old.get(name)}
 
 
 def changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
     """Yield what differs: the field, the joint or place, the value before and after."""
-    for name in _differing(before, after):
-        if name == "observation":
-            yield from _term_changes(before, after)
+    values = wiring_values(before)
+    for field, new in _differing(before, after).items():
+        old, name = values.get(field), field.removeprefix("observation.")
+        if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
+            yield f"{name}: {shown(old)} -> {shown(new)}"
             continue
-        old, new = getattr(before, name), getattr(after, name)
-        if np.ndim(old) != 1 or np.shape(old) != np.shape(new):
-            yield f"{name}: {_text(plain(old))} -> {_text(plain(new))}"
-            continue
-        places = before.action_joint_names if name.startswith("action_") else before.joint_names
-        if not isinstance(new, np.ndarray):  # names have places
-            places = tuple(f"[{i}]" for i in range(len(new)))
-        pairs = zip(places, np.asarray(old).tolist(), np.asarray(new).tolist(), strict=True)
-        lines = [f"{at} {_text(a)} -> {_text(b)}" for at, a, b in pairs if a != b]
+        owners = before.action_joint_names if name.startswith("action_") else before.joint_names
+        if isinstance(new[0], str) or len(owners) != len(new):
+            owners = tuple(f"[{i}]" for i in range(len(new)))
+        lines = [f"{at} {shown(a)} -> {shown(b)}" for at, a, b in zip(owners, old, new, strict=True) if a != b]
         yield f"{name}: {', '.join(lines[:_SHOWN])}" + (f" and {len(lines) - _SHOWN} more" if lines[_SHOWN:] else "")
-
-
-def _term_changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
-    if before.observation_names != after.observation_names:
-        yield f"observation: {', '.join(before.observation_names)} -> {', '.join(after.observation_names)}"
-    terms = {term.name: term for term in before.terms}
-    for term in after.terms:
-        for item in fields(Term):
-            old, new = (plain(getattr(each, item.name)) for each in (terms[term.name], term))
-            if item.name == "relative":
-                old, new = (after.kind(term).relative if each is None else each for each in (old, new))
-            if old != new:
-                yield f"{term.name} {item.name}: {_text(old)} -> {_text(new)}"
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.5g}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_text, value[:3]))}{f', … {len(value)} in all' if len(value) > 3 else ''}]"
-    return str(value)

@@ -1,12 +1,13 @@
 """Fourteen single mistakes of wiring, planted into the right contracts of published policies."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract, Term
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.edits import wiring_values
 
 Plant = Callable[[PolicyContract], PolicyContract]
 
@@ -16,10 +17,10 @@ def relabelled(order: tuple[str, ...]) -> Plant:
 
     def plant(contract: PolicyContract) -> PolicyContract:
         names = dict(zip(contract.joint_names, order, strict=True))
-        terms = tuple(
-            replace(item, joints=None if item.joints is None else tuple(names[name] for name in item.joints))
-            for item in contract.terms
-        )
+        terms = [
+            term if term.joints is None else replace(term, joints=tuple(names[name] for name in term.joints))
+            for term in contract.terms
+        ]
         driven = tuple(names[name] for name in contract.action_joint_names)
         return replace(contract, observation=terms, joint_names=order, action_joint_names=driven)
 
@@ -136,16 +137,11 @@ def plants_of(policy: str, robot: tuple[str, ...], breadth_first: tuple[str, ...
 
 
 def alike(one: PolicyContract, other: PolicyContract) -> bool:
-    """Whether two contracts wire a policy alike."""
-    if one.observation_names != other.observation_names:
-        return False
-    skipped = ("source", "source", "observation", "dataset_repo_id")
-    names = [field.name for field in fields(PolicyContract) if field.name not in skipped]
-    pairs = [(getattr(one, name), getattr(other, name)) for name in names]
-    for a, b in zip(one.terms, other.terms, strict=True):
-        pairs += [(getattr(a, field.name), getattr(b, field.name)) for field in fields(Term) if field.name != "scale"]
-        pairs.append((a.scale + np.zeros_like(b.scale), b.scale + np.zeros_like(a.scale)))
-    return all(
-        np.shape(a) == np.shape(b) and np.allclose(a, b) if isinstance(a, np.ndarray) else a == b or repr(a) == repr(b)
-        for a, b in pairs
-    )
+    """Whether two contracts wire a policy alike, but for rounding."""
+    a, b = wiring_values(one), wiring_values(other)
+    return a.keys() == b.keys() and all(same(a[name], b[name]) for name in a)
+
+
+def same(a: Any, b: Any) -> bool:
+    is_numeric = np.array(a).dtype.kind == np.array(b).dtype.kind == "f"
+    return bool(np.allclose(a, b)) if is_numeric else a == b

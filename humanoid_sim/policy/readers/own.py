@@ -98,7 +98,9 @@ def _csv_text(key: str, value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a field's value as JSON and YAML have it; a float64's repr keeps every bit."""
+    """Return a contract, or a field's value, as JSON and YAML have it; a float64's repr keeps every bit."""
+    if isinstance(value, PolicyContract):
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value) if item.name != "source"}
     if isinstance(value, Term | PhaseRule | TensorNames):
         values = {item.name: plain(getattr(value, item.name)) for item in fields(value)}
         return {name: item for name, item in values.items() if item is not None or name == "standing_value"}
@@ -111,8 +113,7 @@ def plain(value: Any) -> Any:
 
 def encode(contract: PolicyContract) -> str:
     """Return one line of JSON from which `decode` makes the same contract again, bit for bit."""
-    document = {item.name: plain(getattr(contract, item.name)) for item in fields(contract) if item.name != "source"}
-    return json.dumps({"version": _VERSION, "contract": document, "source": dict(contract.source)})
+    return json.dumps({"version": _VERSION, "contract": plain(contract), "source": dict(contract.source)})
 
 
 def _decoded(text: str, where: str) -> tuple[dict[str, Any], dict[str, str]]:
