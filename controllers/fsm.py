@@ -28,20 +28,12 @@ RESTING = frozenset({Mode.ZERO_TORQUE, Mode.DAMPING})
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """Conditions under which an intent is granted."""
+    """Modes from which an intent is granted, and the controller that it leads to, None for quit."""
 
     modes: frozenset[Mode]
-    """Modes from which it is granted."""
     target: str | None
-    """Controller that it leads to; None: quit."""
     standby_finished: bool = False
     """True if the standby controller must have arrived."""
-
-    @property
-    def requirement(self) -> str:
-        """Return what is required, such as `ZERO_TORQUE or DAMPING` or `finished STANDBY`."""
-        names = mode_names(self.modes)
-        return f"finished {names}" if self.standby_finished else names
 
 
 RULES: Mapping[Intent, Rule] = MappingProxyType(
@@ -58,15 +50,12 @@ RULES: Mapping[Intent, Rule] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Decision of `transition`."""
+    """The controller to activate, None for none, and the reasons for that and for refusing an intent."""
 
     controller: str | None = None
-    """The controller to activate; None: the present one stays."""
     quit: bool = False
     message: str = ""
-    """Reason for the change of control."""
     refusal: str = ""
-    """Reason why the intent takes no effect."""
 
 
 def mode_names(modes: frozenset[Mode]) -> str:
@@ -92,10 +81,7 @@ def describe_safety(safety: SafetyStatus) -> str:
     """One line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
     words = ["safety", safety.level.name]
     if safety.flags:
-        # Iterating over flags gives the bits that have a name; a plugin may set others.
-        names = [flag.name or "" for flag in safety.flags]
-        unnamed = int(safety.flags) & ~sum(int(flag) for flag in SafetyFlag)
-        words.append("|".join([*names, hex(unnamed)] if unnamed else names))
+        words.append(safety.flags.name or hex(safety.flags))  # a plugin's bits may have no name
     if safety.source:
         words += ["from", safety.source]
     line = " ".join(words)
@@ -131,21 +117,10 @@ def transition(
     available: Container[str],
     unready: str = "",
 ) -> Decision:
-    """Return the next controller.
+    """Return the next controller: `RULES`, after safety.
 
-    ================= ============================ ==============================
-    intent            from                         to
-    ================= ============================ ==============================
-    DAMP              any                          `damping_controller`
-    LOAD_A, LOAD_B    DAMPING                      `standby_controller_a`, `_b`
-    START_LOCOMOTION  STANDBY and finished         `rl_policy_controller`
-    START_REMOTE      STANDBY and finished         `remote_policy_controller`
-    QUIT              ZERO_TORQUE, DAMPING         quit
-    ================= ============================ ==============================
-
-    Everything else is refused. Safety comes before intents: any status but OK moves STANDBY, LOCOMOTION and REMOTE to
-    DAMPING and refuses every intent but DAMP and QUIT while it lasts. It never moves ZERO_TORQUE up, and nothing
-    recovers by itself.
+    Any status but OK moves STANDBY, LOCOMOTION and REMOTE to DAMPING and refuses every intent but DAMP and QUIT while
+    it lasts. It never moves ZERO_TORQUE up, and nothing recovers by itself.
 
     Args:
         safety: all sources merged.
@@ -180,10 +155,11 @@ def _refusal(
     rule = RULES[intent]
     if not safety.is_ok and intent not in (Intent.DAMP, Intent.QUIT):
         return describe_safety(safety)
+    requirement = ("finished " if rule.standby_finished else "") + mode_names(rule.modes)
     if mode not in rule.modes:
-        return f"requires {rule.requirement}, mode is {mode.name}"
+        return f"requires {requirement}, mode is {mode.name}"
     if rule.standby_finished and not standby_finished:
-        return f"requires {rule.requirement}, {current} has not finished"
+        return f"requires {requirement}, {current} has not finished"
     if rule.target is not None and rule.target not in available:
         return f"{rule.target} is not available"
     return unready

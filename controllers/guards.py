@@ -80,14 +80,11 @@ class Guards:
         put(self, "_times", np.array([[self.following_time], [self.limit_time], [self.speed_time]]) - _ROUNDING)
 
     def watch(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> GuardMemory | None:
-        """One tick, of one robot or a batch.
+        """Return the memory after a tick of one robot or a batch; None where no condition holds.
 
         Args:
             state: of this tick, shape (..., n); any values.
             command: that is about to leave, shape (..., n); finite.
-
-        Returns:
-            What to remember; None where no condition holds.
         """
         with np.errstate(all="ignore"):
             position = state.joint_position
@@ -97,10 +94,8 @@ class Guards:
             fast = np.abs(state.joint_velocity) > self.speed_limit
             if not np.count_nonzero(pulled | above | below | fast):  # nearly every tick ends here
                 return None
-            push = spring + command.effort
-            if self.following_within:
-                spring = self._spring(state, command)
-                pulled = np.abs(spring) > self.following_effort
+            push, spring = spring + command.effort, self._spring(state, command)
+            pulled = np.abs(spring) > self.following_effort
             condition = np.stack([pulled, (above & (push > 0.0)) | (below & (push < 0.0)), fast], axis=-2)
             condition &= (np.isfinite(position) & (state.joint_age < _STALE) & np.isfinite(spring))[..., None, :]
             return self._count(memory, state, condition, np.where(spring < 0.0, -1.0, 1.0))

@@ -32,7 +32,6 @@ class MotionReference:
     """Reference terms by name, one row per policy step."""
 
     frame_count: int
-    """At least 1."""
     terms: Mapping[str, Float32Array]
     """Each of shape (frame_count, width), in the term's own unit. Beside terms that observations name:
     `reference_joint_pos`, `reference_joint_vel` (n, policy order, rad and rad/s) and `anchor_pos` (3), `anchor_quat`
@@ -43,30 +42,14 @@ class MotionReference:
     """Shape (2, frame_count), the first and the last frame of each frame's motion."""
 
     def __post_init__(self) -> None:
-        if self.frame_count < 1:
-            raise FieldError(f"MotionReference.frame_count: is {self.frame_count}, expected at least 1")
         lengths = np.array(self.lengths or (self.frame_count,))
-        if lengths.min() < 1 or lengths.sum() != self.frame_count:
-            raise FieldError(
-                f"MotionReference.lengths: are {self.lengths}, expected numbers >= 1 whose sum is {self.frame_count}"
-            )
         ends = np.cumsum(lengths)
         bounds = np.repeat(np.stack([ends - lengths, ends - 1]), lengths, axis=1)
-        bounds.setflags(write=False)
+        terms = {name: np.array(table, dtype=np.float32) for name, table in self.terms.items()}
+        for array in (bounds, *terms.values()):
+            array.setflags(write=False)
         object.__setattr__(self, "_bounds", bounds)
-        frozen = {}
-        for name, values in self.terms.items():
-            table = np.array(values, dtype=np.float32)
-            if table.ndim != 2 or table.shape[0] != self.frame_count:
-                raise FieldError(
-                    f"MotionReference.terms['{name}']: has shape {table.shape}, expected ({self.frame_count}, width)"
-                )
-            if not np.isfinite(table).all():
-                row = int(np.argmin(np.isfinite(table).all(axis=1)))
-                raise FieldError(f"MotionReference.terms['{name}']: frame {row} is not finite")
-            table.setflags(write=False)
-            frozen[name] = table
-        object.__setattr__(self, "terms", frozen)
+        object.__setattr__(self, "terms", terms)
 
     @classmethod
     def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
@@ -109,12 +92,10 @@ class MotionReference:
         row: Float32Array = self.terms[name][self.clamp(frame)]
         return row
 
-    def progress(self, frame: Frame) -> float | npt.NDArray[np.float64]:
+    def progress(self, frame: Frame) -> FloatArray:
         """Frame over last frame, [0, 1]; 1 for a motion of one frame."""
         clamped = self.clamp(frame)
-        done, length = clamped - self.first(clamped), self.last(clamped) - self.first(clamped)
-        if isinstance(length, int):
-            return done / length if length else 1.0
+        done, length = np.subtract(clamped, self.first(clamped)), np.subtract(self.last(clamped), self.first(clamped))
         return np.where(length > 0, done / np.maximum(length, 1), 1.0)
 
     def anchor(self, frame: Frame, alignment: Alignment | None) -> tuple[FloatArray, FloatArray]:
@@ -149,8 +130,6 @@ def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionRe
             frame. Piano: key states, 0 or 1.
     """
     table = np.asarray(frames, dtype=np.float32)
-    if table.ndim != 2 or not table.size:
-        raise FieldError(f"motion: has shape {table.shape}, expected (frames, width), at least one of each")
     if contract.task_type == "tracking":
         bodies = len(contract.body_names)
         if table.shape[1] != 9 * bodies:
@@ -183,10 +162,10 @@ def build_world_reference(
     """
     table = np.asarray(frames, dtype=np.float32)
     n, b = len(joint_names), len(body_names)
-    if table.ndim != 2 or not len(table) or table.shape[1] != 2 * n + 7 * b:
+    if table.shape[1] != 2 * n + 7 * b:
         raise FieldError(
-            f"motion: has shape {table.shape}, expected (frames, {2 * n + 7 * b}), that is 2 for each of {n} joints "
-            f"and 7 for each of {b} bodies"
+            f"motion: frames are {table.shape[1]} wide, expected {2 * n + 7 * b}, 2 for each of {n} joints and 7 for "
+            f"each of {b} bodies"
         )
     order = joint_indices(contract.joint_names, joint_names, "joints of the motion")
     terms = {"reference_joint_pos": table[:, order], "reference_joint_vel": table[:, n + order]}

@@ -15,13 +15,13 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWir
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import Float32Array, MITCommand, MITState
+from humanoid_sim.mit import Float32Array, MITCommand
 
 _RATE_TOLERANCE = 1e-6  # relative: periods are decimal fractions, which binary numbers round
 
 
 def ticks_per_step(policy_dt: float, control_period: float) -> tuple[int, bool]:
-    """Return the control periods nearest to a policy's period, both in s, and True if they add up to it."""
+    """Return the number of control periods in a policy's period, both in s, and True if it is whole."""
     ratio = policy_dt / control_period
     ticks = max(round(ratio), 1)
     return ticks, abs(ratio - ticks) <= _RATE_TOLERANCE * ratio
@@ -72,8 +72,9 @@ class RLPolicyController:
         wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, limit)
         object.__setattr__(self, "wiring", wiring)
 
-    def unready(self, state: MITState) -> str:
+    def unready(self, tick_input: TickInput) -> str:
         """Return which live input the policy would miss if it started now, and why; '' for none."""
+        state = tick_input.state
         for name, topic in self.contract.live_topics.items():
             live = state.extern.get(name)
             if live is None:

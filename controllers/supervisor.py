@@ -36,12 +36,13 @@ NOT_DRIVEN = "no motor is driven: reactivate failed"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupervisorMemory:
-    """The controller in control, its memory, and the latest message to the operator."""
+    """State that the supervisor carries from one tick to the next."""
 
     controller: str
     controller_memory: Any
     """Memory of that controller; None: it is to be activated in the next tick."""
     status_message: str
+    """The latest message to the operator."""
     command: MITCommand
     """The command of the previous tick, which was accepted; zeros at the start."""
     guards: GuardMemory | None = None
@@ -49,15 +50,6 @@ class SupervisorMemory:
     ZERO_TORQUE, which push nowhere, end it."""
     policy: str = ""
     """Name of the selected policy; '' where there is only one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Result:
-    """Memory and sound command of the controller in control."""
-
-    memory: Memory
-    command: MITCommand
-    guards: GuardMemory | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +88,7 @@ class Supervisor:
         return SupervisorMemory(ZERO_TORQUE, None, reason, zeros, policy=next(iter(self.policies), ""))
 
     def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
-        """One tick. Neither argument is changed; the same arguments give bit-identical results."""
+        """Return the memory after one tick, and its output; the same arguments give bit-identical results."""
         safety = merge_safety(tick_input.safety)
         intent, superseded = choose_intent(tick_input.intents)
         standby = None if memory.controller_memory is None else memory.controller_memory.standby
@@ -115,33 +107,34 @@ class Supervisor:
         policy_error: str | None = None
         while True:
             result = self._attempt(name, self._controller(name, policy), controller_memory, memory, tick_input)
-            if isinstance(result, _Result):
+            if not isinstance(result, Fault):
                 break
             fallback = ZERO_TORQUE if name in (DAMPING, ZERO_TORQUE) else DAMPING
             if not faults:
                 policy_step, policy_error = result.policy_step, result.policy_error
             faults.append(FaultReport(name, fallback, result.message, result.is_bug))
             if name == ZERO_TORQUE:  # never this package's own
-                result = _Result(Memory(), MITCommand.zeros(len(self.joints)))
+                result = Memory(), MITCommand.zeros(len(self.joints)), None
                 break
             # A fallback that was in control goes on: the captured positions of DAMPING are as good as they were.
             name, controller_memory = fallback, memory.controller_memory if fallback == memory.controller else None
 
+        after, command, guards = result
         refusals = tuple(refused(other, f"{intent.name} came in the same tick") for other in superseded if intent)
         refusals = tuple(filter(None, (decision.refusal, *refusals, policy_refusal)))
-        words = (selection, starts or decision.message, *map(_describe, faults), result.memory.notice, *refusals)
+        words = (selection, starts or decision.message, *map(_describe, faults), after.notice, *refusals)
         status = "; ".join(filter(None, words)) or memory.status_message
         output = TickOutput(
-            command=result.command,
+            command=command,
             control_mode=ControlMode(MODES[name], name, status),
-            standby=result.memory.standby,
+            standby=after.standby,
             quit=decision.quit,
             faults=tuple(faults),
             refusals=refusals,
-            policy_step=result.memory.policy_step or policy_step,
+            policy_step=after.policy_step or policy_step,
             policy_error=policy_error,
         )
-        return SupervisorMemory(name, result.memory, status, result.command, result.guards, policy), output
+        return SupervisorMemory(name, after, status, command, guards, policy), output
 
     def _select(self, memory: SupervisorMemory, wanted: str) -> tuple[str, str, str]:
         """Return the selected policy, what changed, and why `wanted` is refused; the last two '' for nothing."""
@@ -159,17 +152,18 @@ class Supervisor:
 
     def unready(self, intent: Intent | None, tick_input: TickInput, policy: str = "") -> str:
         """Return why a policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
+        controller = None
         if intent is Intent.START_REMOTE and self.needs_producer:
-            remote = self.controllers.get(REMOTE_POLICY)
-            return remote.unready(tick_input) if isinstance(remote, RemotePolicyController) else ""
-        if intent is Intent.START_LOCOMOTION and RL_POLICY in self.controllers:
-            controller = self._controller(RL_POLICY, policy)
-            return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
+            controller = self.controllers.get(REMOTE_POLICY)
+        elif intent is Intent.START_LOCOMOTION:
+            controller = self.policies.get(policy, self.controllers.get(RL_POLICY))
+        if isinstance(controller, RemotePolicyController | RLPolicyController):
+            return controller.unready(tick_input)
         return ""
 
     def _attempt(
         self, name: str, controller: Controller, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
-    ) -> _Result | Fault:
+    ) -> tuple[Memory, MITCommand, GuardMemory | None] | Fault:
         """Return a controller's result, or what keeps its command from being sent."""
         try:
             answer = controller.activate(tick_input) if controller_memory is None else controller_memory
@@ -189,7 +183,7 @@ class Supervisor:
                 return Fault(problem, memory.policy_step)
             if not isinstance(memory, Memory):
                 raise TypeError(f"update gave a {type(memory).__name__} for a memory")
-            return _Result(memory, command, guards)
+            return memory, command, guards
         except Exception as error:  # a bug; contained here because the robot needs a command in this tick
             return Fault(f"{type(error).__name__}: {_text(error)}", is_bug=True)
 
