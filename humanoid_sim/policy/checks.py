@@ -120,7 +120,8 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
             motor = MOTORS.get(models.get(name, ""))
             if motor is None:
                 continue
-            most, step = getattr(motor, gain), getattr(motor, f"{gain}_step")
+            most = getattr(motor, gain)
+            step = most / 65535  # gains are 16 bits on the wire
             if value > most:
                 over[name] = f"{value:g}, {motor.name} at most {most:g}"
             elif 0.0 < value < step / _COARSE:

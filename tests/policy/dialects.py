@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -23,40 +22,34 @@ def arrays(size: int, elements: st.SearchStrategy[float] = numbers) -> st.Search
     return st.lists(elements, min_size=size, max_size=size).map(np.array)
 
 
-@st.composite
-def pairs(draw: st.DrawFn) -> tuple[float, float]:
-    low, high = sorted([draw(numbers), draw(numbers)])
-    return low, high
+pairs = st.tuples(numbers, numbers).map(lambda pair: tuple(sorted(pair)))
+phases = st.builds(
+    PhaseRule,
+    period=st.floats(0.1, 10.0),
+    offsets=st.lists(numbers, min_size=1, max_size=3),
+    advance_first=st.booleans(),
+    standing_threshold=st.floats(0.0, 1.0),
+    standing_value=st.none() | numbers,
+    standing_restarts=st.booleans(),
+)
 
 
-@st.composite
-def phases(draw: st.DrawFn) -> PhaseRule:
-    return PhaseRule(
-        period=draw(st.floats(0.1, 10.0)),
-        offsets=draw(arrays(draw(st.integers(1, 3)))),
-        advance_first=draw(st.booleans()),
-        standing_threshold=draw(st.floats(0.0, 1.0)),
-        standing_value=draw(st.none() | numbers),
-        standing_restarts=draw(st.booleans()),
-    )
-
-
-@st.composite
-def terms(draw: st.DrawFn, name: str, joints: tuple[str, ...], history: st.SearchStrategy[int]) -> Term:
-    return Term(
-        name=name,
-        kind=draw(st.just("") | st.sampled_from(["joint_pos", "live_input"])),
-        scale=draw(numbers | arrays(3)),
-        clip=draw(st.none() | pairs()),
-        history=draw(history),
-        history_order=draw(st.sampled_from(["oldest_first", "newest_first"])),
-        frame=draw(st.sampled_from(["body", "world"])),
-        relative=draw(st.sampled_from([None, True, False])),
-        layout=draw(st.sampled_from(["rows", "columns", "two_rows"])),
-        inverse=draw(st.booleans()),
-        quaternion=draw(st.sampled_from(["wxyz", "xyzw"])),
-        form=draw(st.sampled_from(["raw", "scaled"])),
-        joints=draw(st.none() | st.lists(st.sampled_from(joints), min_size=1, unique=True).map(tuple)),
+def terms(name: str, joints: tuple[str, ...], history: st.SearchStrategy[int]) -> st.SearchStrategy[Term]:
+    return st.builds(
+        Term,
+        name=st.just(name),
+        kind=st.sampled_from(["", "joint_pos", "live_input"]),
+        scale=numbers | arrays(3),
+        clip=st.none() | pairs,
+        history=history,
+        history_order=st.sampled_from(["oldest_first", "newest_first"]),
+        frame=st.sampled_from(["body", "world"]),
+        relative=st.sampled_from([None, True, False]),
+        layout=st.sampled_from(["rows", "columns", "two_rows"]),
+        inverse=st.booleans(),
+        quaternion=st.sampled_from(["wxyz", "xyzw"]),
+        form=st.sampled_from(["raw", "scaled"]),
+        joints=st.none() | st.lists(st.sampled_from(joints), min_size=1, unique=True).map(tuple),
     )
 
 
@@ -85,10 +78,10 @@ def contracts(draw: st.DrawFn) -> PolicyContract:
         lookahead_steps=tuple(draw(st.lists(st.integers(0, 1000), max_size=3))),
         action_offset=draw(arrays(m)),
         action_clip=draw(st.just(float("inf")) | st.floats(0.1, 100.0)),
-        position_clip=draw(st.none() | st.lists(pairs(), min_size=m, max_size=m)),
+        position_clip=draw(st.none() | st.lists(pairs, min_size=m, max_size=m)),
         history_layout=layout,
-        command_ranges=draw(st.none() | st.lists(pairs(), min_size=3, max_size=3)),
-        phase=draw(st.none() | phases()),
+        command_ranges=draw(st.none() | st.lists(pairs, min_size=3, max_size=3)),
+        phase=draw(st.none() | phases),
         anchor_body=draw(st.just("") | names),
         align_reference=draw(st.booleans()),
         reference_quaternion=draw(st.sampled_from(["wxyz", "xyzw"])),
@@ -104,29 +97,14 @@ def said(contract: PolicyContract) -> dict[str, Any]:
 
 def as_contract_yaml(contract: PolicyContract) -> dict[str, Any]:
     """The document of a contract.yaml that gives every field."""
-    document: dict[str, Any] = {}
-    for field in fields(PolicyContract):
-        value = getattr(contract, field.name)
-        if field.name not in ("source", "observation", "phase", "tensors", "command_ranges"):
-            document[field.name] = _plain(value)
-    document["observation"] = [_struct(term) for term in contract.terms]
-    document["tensors"] = _struct(contract.tensors)
-    document["phase"] = None if contract.phase is None else _struct(contract.phase)
-    ranges = contract.command_ranges
-    axes = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-    document["command_ranges"] = None if ranges is None else dict(zip(axes, ranges.tolist(), strict=True))
+    document = said(contract)
+    for term in document["observation"]:
+        for name in [name for name, value in term.items() if value is None]:
+            del term[name]
+    if document["command_ranges"] is not None:
+        axes = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+        document["command_ranges"] = dict(zip(axes, document["command_ranges"], strict=True))
     return document
-
-
-def _struct(value: Any) -> dict[str, Any]:
-    plain = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    return {name: item for name, item in plain.items() if item is not None or name == "standing_value"}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return list(value) if isinstance(value, tuple) else value
 
 
 def through_yaml(document: Mapping[str, Any]) -> str:

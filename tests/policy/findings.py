@@ -11,7 +11,3 @@ def found(findings: Any, severity: str, field: str, words: str = "") -> Finding:
     hits = [f for f in findings if (f.severity, f.field) == (severity, field) and words in f.message]
     assert len(hits) == 1, "\n".join(f"{f.severity} {f}" for f in findings)
     return hits[0]
-
-
-def errors(findings: Any) -> list[str]:
-    return [str(finding) for finding in findings if finding.severity == "error"]

@@ -1,26 +1,21 @@
 """Fixtures of the tests of policies: a checkpoint, its trainer's trace, and the program to run on them."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 from trainer import MJCF, Run, save_checkpoint, save_trace
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy_tools import main
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 
-__all__ = ["cli", "lite", "robot", "stamped", "trace", "walker"]
-
-Cli = Callable[..., tuple[int, str, str]]
+__all__ = ["cli", "robot", "stamped", "trace", "walker"]
 
 
 @pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Cli:
+def cli(capsys, monkeypatch):
     """Runs `policy` with arguments; returns exit status, standard output and standard error."""
     monkeypatch.setenv("COLUMNS", "200")
 
-    def run(*arguments: object) -> tuple[int, str, str]:
+    def run(*arguments):
         try:
             status = run_program(main, [str(argument) for argument in arguments])
         except SystemExit as error:
@@ -32,19 +27,19 @@ def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.fixture
-def walker(tmp_path: Path) -> Path:
+def walker(tmp_path):
     """A checkpoint that walks, as its trainer exports it; `trainer` says how it is wired."""
     return save_checkpoint(tmp_path / "walker.onnx")
 
 
 @pytest.fixture
-def trace(tmp_path: Path) -> Path:
+def trace(tmp_path):
     """A run of `walker` in its trainer's own program."""
     return save_trace(tmp_path / "trace.npz", Run())
 
 
 @pytest.fixture
-def stamped(cli: Cli, walker: Path, trace: Path, tmp_path: Path) -> Path:
+def stamped(cli, walker, trace, tmp_path):
     """`walker` with golden vectors of its trainer's run, in a folder of its own."""
     output = tmp_path / "stamped" / "walker.onnx"
     output.parent.mkdir()
@@ -54,13 +49,8 @@ def stamped(cli: Cli, walker: Path, trace: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> RobotDescription:
+def robot(tmp_path_factory):
     """The robot that the trainer's policy is for."""
     path = tmp_path_factory.mktemp("robot") / "walker.xml"
     path.write_text(MJCF, encoding="utf-8")
     return load_robot(str(path))
-
-
-@pytest.fixture(scope="session")
-def lite() -> RobotDescription:
-    return load_robot("lite")

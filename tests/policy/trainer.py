@@ -3,13 +3,11 @@
 Nothing here is shared with the package's observation code, so that agreement with it means something.
 """
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
-from models import finished
+from models import finished, saved
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
@@ -24,7 +22,16 @@ HISTORY = 3
 PERIOD = 0.8
 DT = 0.02
 WIDTH = 3 + 3 + 3 + 4 * HISTORY + 4 + 3 + 2 + 2
-MJCF = """
+LEG = """
+<body name="{0}_thigh" pos="0 {1} 0">
+  <joint name="{0}_hip" axis="0 1 0" range="-1.5 1.5" armature="0.01"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
+  <body name="{0}_shank" pos="0 0 -0.3">
+    <joint name="{0}_knee" axis="0 1 0" range="-0.1 2" armature="0.01"/>
+    <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
+  </body>
+</body>"""
+MJCF = f"""
 <mujoco model="walker">
   <compiler angle="radian"/>
   <option timestep="0.001"/>
@@ -32,22 +39,8 @@ MJCF = """
     <body name="pelvis" pos="0 0 0.8">
       <freejoint name="root"/>
       <geom size="0.1" mass="8"/>
-      <body name="left_thigh" pos="0 0.1 0">
-        <joint name="left_hip" axis="0 1 0" range="-1.5 1.5" armature="0.01"/>
-        <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
-        <body name="left_shank" pos="0 0 -0.3">
-          <joint name="left_knee" axis="0 1 0" range="-0.1 2" armature="0.01"/>
-          <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
-        </body>
-      </body>
-      <body name="right_thigh" pos="0 -0.1 0">
-        <joint name="right_hip" axis="0 1 0" range="-1.5 1.5" armature="0.01"/>
-        <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
-        <body name="right_shank" pos="0 0 -0.3">
-          <joint name="right_knee" axis="0 1 0" range="-0.1 2" armature="0.01"/>
-          <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.3" mass="1"/>
-        </body>
-      </body>
+      {LEG.format("left", 0.1)}
+      {LEG.format("right", -0.1)}
     </body>
   </worldbody>
 </mujoco>
@@ -94,12 +87,10 @@ def network() -> np.ndarray:
     return np.random.default_rng(5).normal(0.0, 0.2, (WIDTH, len(DRIVEN))).astype(np.float32)
 
 
-def save_checkpoint(path: Path, wiring: PolicyContract | None = None, *, complete: bool = True) -> Path:
-    """Export the policy; complete: with all that the thirteen keys cannot say."""
+def save_checkpoint(path: Path, wiring: PolicyContract | None = None) -> Path:
+    """Export the policy with its contract."""
     wiring = contract() if wiring is None else wiring
-    metadata = write_metadata(wiring)
-    if complete:
-        metadata[STAMP_KEY] = encode(wiring)
+    metadata = {**write_metadata(wiring), STAMP_KEY: encode(wiring)}
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
         "policy",
@@ -107,39 +98,26 @@ def save_checkpoint(path: Path, wiring: PolicyContract | None = None, *, complet
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, len(DRIVEN)])],
         [numpy_helper.from_array(network(), "weights")],
     )
-    onnx.save(finished(graph, metadata), str(path))
-    return path
+    return saved(path, finished(graph, metadata))
 
 
-@dataclass
 class Run:
-    """A run, F steps; every array has one row per step."""
+    """A run; every array has one row per step."""
 
-    steps: int = 30
-    qpos: np.ndarray = field(init=False)
-    qvel: np.ndarray = field(init=False)
-    obs: np.ndarray = field(init=False)
-    action: np.ndarray = field(init=False)
-    target: np.ndarray = field(init=False)
-    cmd: np.ndarray = field(init=False)
+    steps = 30
 
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
         rng = np.random.default_rng(11)
         time = DT * np.arange(self.steps)[:, None]
-        places = np.array([ROBOT_JOINTS.index(name) for name in JOINTS])
-        q = np.empty((self.steps, 4))
-        q[:, places] = DEFAULT + 0.3 * np.sin(6.0 * time + np.arange(4))
-        qd = np.empty_like(q)
-        qd[:, places] = 1.8 * np.cos(6.0 * time + np.arange(4))
+        q = DEFAULT + 0.3 * np.sin(6.0 * time + np.arange(4))  # in the policy's order
+        qd = 1.8 * np.cos(6.0 * time + np.arange(4))
         quaternion = np.array([0.6, 0.05, -0.1, 0.7]) + 0.05 * rng.normal(size=(self.steps, 4))
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
         position = np.array([0.3, -0.2, 0.8]) + 0.01 * time
-        self.qpos = np.concatenate([position, quaternion, q], axis=1)
-        self.qvel = np.concatenate([rng.normal(size=(self.steps, 6)), qd], axis=1)
+        order = [JOINTS.index(name) for name in ROBOT_JOINTS]
+        self.qpos = np.concatenate([position, quaternion, q[:, order]], axis=1)
+        self.qvel = np.concatenate([rng.normal(size=(self.steps, 6)), qd[:, order]], axis=1)
         self.cmd = np.array([0.5, -0.1, 0.3])
-        self._act(q[:, places], qd[:, places], quaternion)
-
-    def _act(self, q: np.ndarray, qd: np.ndarray, quaternion: np.ndarray) -> None:
         last, relative = np.zeros(3, dtype=np.float32), q - DEFAULT
         observations, actions = [], []
         for k in range(self.steps):
@@ -147,9 +125,8 @@ class Run:
             angles = 2.0 * np.pi * DT / PERIOD * (k + 1) + np.array([0.0, np.pi])
             past = [relative[max(k - back, 0)] for back in reversed(range(HISTORY))]
             parts = [0.25 * self.qvel[k, 3:6], gravity, self.cmd, *past, 0.05 * qd[k], last]
-            observation = np.concatenate([*parts, np.sin(angles), np.cos(angles)]).astype(np.float32)
-            last = observation @ network()
-            observations.append(observation)
+            observations.append(np.concatenate([*parts, np.sin(angles), np.cos(angles)]).astype(np.float32))
+            last = observations[-1] @ network()
             actions.append(last)
         self.obs, self.action = np.stack(observations), np.stack(actions)
         self.target = np.zeros((self.steps, 4))
@@ -158,15 +135,8 @@ class Run:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What the trainer writes into a trace."""
-        return {
-            "qpos": self.qpos,
-            "qvel": self.qvel,
-            "obs": self.obs,
-            "action": self.action,
-            "cmd": self.cmd,
-            "target": self.target,
-            "joint_names": np.array(["root", *ROBOT_JOINTS]),
-        }
+        names = ("qpos", "qvel", "obs", "action", "cmd", "target")
+        return {name: getattr(self, name) for name in names} | {"joint_names": np.array(["root", *ROBOT_JOINTS])}
 
 
 def save_trace(path: Path, run: Run, **changes: np.ndarray | None) -> Path:
