@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -30,6 +30,7 @@ _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
 _STANDBY_SECONDS = 2.0
+NO_RANGE = (-math.inf, math.inf)
 _MUJOCO_ERRORS = (ValueError, mujoco.FatalError)
 _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
 """An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
@@ -42,30 +43,24 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Raises `InputError`
     with what is wrong, or which file is missing.
     """
-    _silence_warnings()
+    if mujoco.get_mju_user_warning() is None:  # else on stderr and in MUJOCO_LOG.TXT; `MjData.warning` still counts
+        mujoco.set_mju_user_warning(lambda _: None)
     regular_file(path, "the robot's MJCF model")
-    spec = _parsed(path)
-    if prefix := _common_prefix(spec, path):
-        word = re.compile(rf"(?<!\S){re.escape(prefix)}")
-        text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
-        folder = spec.modelfiledir
-        with blaming(f"{path}: without the prefix '{prefix}'", _MUJOCO_ERRORS):
+    with blaming(f"{path}: not a valid {'URDF' if path.suffix == '.urdf' else 'MJCF model'}", _MUJOCO_ERRORS):
+        spec = mujoco.MjSpec.from_file(str(path))
+        if prefix := _common_prefix(spec, path):
+            word, folder = re.compile(rf"(?<!\S){re.escape(prefix)}"), spec.modelfiledir
+            text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
             spec = mujoco.MjSpec.from_string(text)
-        spec.modelfiledir = folder
-    find_files(spec, path)
+            spec.modelfiledir = folder
+    _find_files(spec, path)
     return spec
 
 
 def prefix_line(path: Path) -> str:
     """Return the note on a prefix that `read_spec` removes, '' if there is none."""
-    prefix = _common_prefix(_parsed(path), path)
+    prefix = _common_prefix(mujoco.MjSpec.from_file(str(path)), path)
     return f"all names in {path.name} begin with '{prefix}', which is left out" if prefix else ""
-
-
-def _parsed(path: Path) -> mujoco.MjSpec:
-    kind = "URDF" if path.suffix == ".urdf" else "MJCF model"
-    with blaming(f"{path}: not a valid {kind}", _MUJOCO_ERRORS):
-        return mujoco.MjSpec.from_file(str(path))
 
 
 def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
@@ -78,36 +73,36 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
     return prefix if prefix and path.suffix == ".xml" and "<include" not in path.read_text(encoding="utf-8") else ""
 
 
-def find_files(spec: mujoco.MjSpec, path: Path) -> None:
-    """Point the meshes and textures of a model to files that exist. Raises `InputError` with all that are missing.
+def _find_files(spec: mujoco.MjSpec, path: Path) -> None:
+    """Point the meshes and textures of a model to files that exist. Raises `InputError` if some are missing.
 
     `package://NAME/…` is in the folder above the file that is the package NAME, or has it; what is not in the model's
     folder of meshes is looked up beside the file.
     """
     here, missing = path.resolve().parent, []
-    for folder, assets in ((spec.meshdir, spec.meshes), (spec.texturedir, spec.textures)):
-        for asset in (asset for asset in assets if asset.file):
-            package = _PACKAGE.match(asset.file)
-            name = package[2] if package else asset.file
-            places = [here / folder / name, here / name, here / folder / Path(name).name]
-            if package:
-                places = [root / name for root in _package_folders(package[1], here)] + places
-            found = next((place for place in places if place.is_file()), None)
-            if found is None:
-                missing.append(asset.file)
-            elif package or found != here / folder / asset.file:
-                asset.file = str(found)
+    assets = [(spec.meshdir, mesh) for mesh in spec.meshes] + [(spec.texturedir, texture) for texture in spec.textures]
+    for folder, asset in assets:
+        if not asset.file:
+            continue
+        package = _PACKAGE.match(asset.file)
+        name = package[2] if package else asset.file
+        places = [here / folder / name, here / name, here / folder / Path(name).name]
+        if package:
+            places = [root / name for root in _package_folders(package[1], here)] + places
+        found = next((place for place in places if place.is_file()), None)
+        if found is None:
+            missing.append(f"{asset.file} (looked in {here / folder})")
+        elif package or found != here / folder / asset.file:
+            asset.file = str(found)
     if missing:
-        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        where = ", ".join(sorted({str(here / folder) for folder in (spec.meshdir, spec.texturedir)}))
-        raise InputError(f"{path}: does not find {', '.join(missing[:3])}{more}; looked in {where}")
+        more = f", nor {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise InputError(f"{path}: does not find {missing[0]}{more}")
 
 
 def _package_folders(name: str, here: Path) -> list[Path]:
     """Return the folders that may be the ROS package of this name: above `here`, or in one above."""
     above = (here, *here.parents)
-    named = [folder for folder in above if folder.name == name or _package_name(folder) == name]
-    return [*named, *(folder / name for folder in above)]
+    return [folder for folder in above if name in (folder.name, _package_name(folder))] + [f / name for f in above]
 
 
 def _package_name(folder: Path) -> str:
@@ -115,12 +110,6 @@ def _package_name(folder: Path) -> str:
         return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
     except (OSError, ElementTree.ParseError):
         return ""
-
-
-def _silence_warnings() -> None:
-    """Keep MuJoCo's warnings off stderr and out of MUJOCO_LOG.TXT; `MjData.warning` still counts them."""
-    if mujoco.get_mju_user_warning() is None:
-        mujoco.set_mju_user_warning(lambda _: None)
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -154,20 +143,17 @@ def describe_mjcf(path: Path) -> RobotDescription:
     joints = _robot_joints(model)
     if not joints:
         raise InputError(f"{path}: has no hinge joint, expected a robot")
-    names = [model.joint(joint).name for joint in joints]
-    if "" in names:
-        body = model.body(model.jnt_bodyid[joints[names.index("")]]).name
-        raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
     base = _root(model, joints[0])
+    for i in joints:
+        if not model.joint(i).name:
+            body = model.body(model.jnt_bodyid[i]).name
+            raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
     if not model.body(base).name:
-        raise InputError(f"{path}: the body that carries '{names[0]}' has no name; it is the base")
-    is_floating = _has_free_joint(model, base)
-    limited = model.jnt_limited[joints].astype(bool)  # the others turn freely
-    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
-    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
-    pose = tuple(np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper).tolist())
-    own = own_actuators(model)
-    efforts = [_effort_limit(model, joint, own.get(name)) for joint, name in zip(joints, names, strict=True)]
+        raise InputError(f"{path}: the base, which carries '{model.joint(joints[0]).name}', has no name")
+    is_floating, own = _has_free_joint(model, base), own_actuators(model)
+    described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
+    starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
+    pose = tuple(min(max(value, joint.lower), joint.upper) for value, joint in starts)
     zeros = (0.0,) * len(joints)
     standby = StandbySettings(
         target_stiffness=zeros,
@@ -179,10 +165,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
         name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
         mjcf=path.name,
         folder=str(path.resolve().parent),
-        joints=tuple(
-            JointDescription(name=name, lower=low, upper=high, effort_limit=effort, stiffness=0.0, damping=0.0)
-            for name, low, high, effort in zip(names, lower.tolist(), upper.tolist(), efforts, strict=True)
-        ),
+        joints=described,
         initial_position=pose,
         imu=find_imu(model, base)[0],
         base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
@@ -191,6 +174,16 @@ def describe_mjcf(path: Path) -> RobotDescription:
         standby_controller_a=standby,
         standby_controller_b=standby,
     )
+
+
+def _describe_joint(model: mujoco.MjModel, i: int, own: OwnActuator | None) -> JointDescription:
+    """Return a joint with the least effort that it and its actuators allow; what is not limited is infinite."""
+    lower, upper = model.jnt_range[i].tolist() if model.jnt_limited[i] else NO_RANGE
+    effort = math.inf if own is None else max(abs(bound) for bound in own.force_range)
+    if model.jnt_actfrclimited[i]:
+        effort = min(effort, float(np.abs(model.jnt_actfrcrange[i]).max()))
+    name = model.joint(i).name
+    return JointDescription(name=name, lower=lower, upper=upper, effort_limit=effort, stiffness=0.0, damping=0.0)
 
 
 def _robot_joints(model: mujoco.MjModel) -> list[int]:
@@ -222,19 +215,10 @@ def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
     return min(own, longest)
 
 
-def _effort_limit(model: mujoco.MjModel, joint: int, own: OwnActuator | None) -> float:
-    """N·m: the least of what the joint and its actuators allow, infinite where neither says."""
-    limit = math.inf if own is None else max(abs(bound) for bound in own.force_range)
-    return min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else limit)
-
-
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
     """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
     damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}
-
-
-NO_RANGE = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,17 +277,8 @@ def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
     )
 
 
-_GYRO = (mujoco.mjtSensor.mjSENS_GYRO,)
-_FRAME = (
-    mujoco.mjtSensor.mjSENS_ACCELEROMETER,
-    mujoco.mjtSensor.mjSENS_VELOCIMETER,
-    mujoco.mjtSensor.mjSENS_FRAMEQUAT,
-    mujoco.mjtSensor.mjSENS_FRAMEXAXIS,
-    mujoco.mjtSensor.mjSENS_FRAMEYAXIS,
-    mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
-    mujoco.mjtSensor.mjSENS_FRAMEANGVEL,
-    mujoco.mjtSensor.mjSENS_FRAMELINACC,
-)
+_Sensor = mujoco.mjtSensor
+_FRAME = (_Sensor.mjSENS_ACCELEROMETER, _Sensor.mjSENS_FRAMEQUAT, _Sensor.mjSENS_FRAMEZAXIS, _Sensor.mjSENS_FRAMEANGVEL)
 """Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
 
 
@@ -314,7 +289,8 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     IMU; the only site on the robot with a sensor of an orientation; the base itself.
     """
     sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
-    gyros, frames = ([i for i in _sensor_sites(model, kinds) if i in sites] for kinds in (_GYRO, _FRAME))
+    gyros = [i for i in _sensor_sites(model, _Sensor.mjSENS_GYRO) if i in sites]
+    frames = [i for i in _sensor_sites(model, *_FRAME) if i in sites]
     named = [i for i in sites if "imu" in model.site(i).name.lower()]
     choices = (
         ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
@@ -330,11 +306,12 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
 
 
-def _sensor_sites(model: mujoco.MjModel, kinds: Sequence[mujoco.mjtSensor]) -> dict[int, None]:
+def _sensor_sites(model: mujoco.MjModel, *kinds: mujoco.mjtSensor) -> list[int]:
     """Return the sites that have such a sensor, in the order of the sensors."""
-    on_site = model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE
-    pairs = zip(model.sensor_objid[on_site].tolist(), model.sensor_type[on_site].tolist(), strict=True)
-    return dict.fromkeys(site for site, kind in pairs if mujoco.mjtSensor(kind) in kinds)
+    chosen = np.isin(model.sensor_type, [int(kind) for kind in kinds]) & (
+        model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE
+    )
+    return list(dict.fromkeys(model.sensor_objid[chosen].tolist()))
 
 
 def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:

@@ -37,75 +37,23 @@ def body_documents(description: RobotDescription) -> dict[str, str]:
 
 def qpos_addresses(model: mujoco.MjModel) -> str:
     """Return where the value of each joint begins in `qpos`, by the joint's name in the URDF, as JSON."""
-    joints = [link for link in links_of(model) if link.joint_id >= 0]
-    return json.dumps({link.joint: int(model.jnt_qposadr[link.joint_id]) for link in joints})
+    return json.dumps({_joint_name(model, joint): int(model.jnt_qposadr[joint]) for joint in range(model.njnt)})
+
+
+def _joint_name(model: mujoco.MjModel, joint: int) -> str:
+    return model.joint(joint).name or f"joint_{joint}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Link:
-    """A link, and the joint that carries it. Its frame has its body's axes and its origin in the joint's anchor."""
+class _Link:
+    """A link's frame with all joints at 0: its body's axes, its origin in its joint's anchor."""
 
     name: str
-    parent: str
-    joint: str
-    kind: str  # `fixed`, `revolute`, `continuous`, `prismatic`, `floating`
-    position: FloatArray
-    """Shape (3,), m, world frame, with all joints at 0."""
-    quaternion: FloatArray
-    """Shape (4,), w x y z, likewise."""
-    axis: FloatArray
-    """Shape (3,), of the joint, link frame."""
-    joint_id: int  # in the model; -1 for a fixed joint
-    body: int  # whose geoms it has; -1 between the joints of one body
-    shift: FloatArray
-    """Shape (3,), m: the link's origin in its body's frame."""
+    position: FloatArray  # shape (3,), m, world frame
+    quaternion: FloatArray  # shape (4,), w x y z
 
 
 _ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-_WORLD = Link("world", "", "", "fixed", _ORIGIN, _LEVEL, _ORIGIN, -1, 0, _ORIGIN)
-
-
-def links_of(model: mujoco.MjModel) -> tuple[Link, ...]:
-    """Return the links of a model, parents first, after the link `world`, which has no joint.
-
-    A MuJoCo body may have several joints; here each has a link of its own. A body without joints is fixed to its
-    parent.
-    """
-    data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, _SCALAR)]] = 0.0
-    mujoco.mj_kinematics(model, data)
-    links, names = [], {0: _WORLD.name}
-    for body in range(1, model.nbody):
-        name, parent = model.body(body).name or f"body_{body}", names[int(model.body_parentid[body])]
-        names[body] = name
-        place, turn = data.xpos[body].copy(), data.xquat[body].copy()
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        if not count:
-            links.append(Link(name, parent, f"{name}_fixed", "fixed", place, turn, _ORIGIN, -1, body, _ORIGIN))
-        for joint in range(first, first + count):
-            joint_name, is_last = model.joint(joint).name or f"joint_{joint}", joint == first + count - 1
-            link = Link(
-                name=name if is_last else f"{name}_{joint_name}",
-                parent=parent,
-                joint=joint_name,
-                kind=_kind(model, joint),
-                position=data.xanchor[joint].copy(),
-                quaternion=turn,
-                axis=rotate_inverse(turn, data.xaxis[joint]),
-                joint_id=joint,
-                body=body if is_last else -1,
-                shift=rotate_inverse(turn, data.xanchor[joint] - place),
-            )
-            links.append(link)
-            parent = link.name
-    return tuple(links)
-
-
-def _kind(model: mujoco.MjModel, joint: int) -> str:
-    kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
-    if kind == mujoco.mjtJoint.mjJNT_HINGE:
-        return "revolute" if model.jnt_limited[joint] else "continuous"
-    return "prismatic" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "floating"
 
 
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
@@ -113,56 +61,81 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
 
     A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. Geoms that MuJoCo's viewer
     shows are `visual`, those that can collide are `collision`. The IMU is a link of its own. A floating base hangs on
-    the link `world` by a joint of type `floating`.
+    the link `world` by a joint of type `floating`. Of a body with several joints, each has a link of its own.
     """
-    root = Element("robot", name=description.name)
-    links = (_WORLD, *links_of(model))
-    by_name, by_body = ({getattr(link, key): link for link in links} for key in ("name", "body"))
-    for link in links:
-        element = SubElement(root, "link", name=link.name)
-        if link.body < 0:
-            _add_inertia(element, _SPECK, np.full(3, _SPECK))
-            continue
-        if mass := float(model.body_mass[link.body]):
-            inertial = _add_inertia(element, mass, model.body_inertia[link.body])
-            _add_origin(inertial, model.body_ipos[link.body] - link.shift, model.body_iquat[link.body])
-        _add_geoms(element, model, link)
-    limits = _limits(description)
-    for link in links[1:]:
-        parent = by_name[link.parent]
-        joint = _add_joint(root, link.joint, link.kind, link.parent, link.name)
-        place = rotate_inverse(parent.quaternion, link.position - parent.position)
-        _add_origin(joint, place, multiply(conjugate(parent.quaternion), link.quaternion))
-        if link.kind in ("revolute", "prismatic", "continuous"):
-            SubElement(joint, "axis", xyz=_numbers(link.axis))
-            lower, upper = model.jnt_range[link.joint_id]
-            own = {"lower": _number(lower), "upper": _number(upper), "effort": "0.0", "velocity": "0.0"}
-            SubElement(joint, "limit", limits.get(link.joint, own))
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, _SCALAR)]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    limits = _limits(model, description)
+    root, joints = Element("robot", name=description.name), []
+    _add_geoms(SubElement(root, "link", name="world"), model, 0, _ORIGIN)
+    links = [_Link("world", _ORIGIN, _LEVEL)]  # the last of each body
+    for body in range(1, model.nbody):
+        name, place, turn = model.body(body).name or f"body_{body}", data.xpos[body], data.xquat[body]
+        link, first = links[model.body_parentid[body]], int(model.body_jntadr[body])
+        own = range(first, first + int(model.body_jntnum[body])) or (-1,)  # -1: fixed to its parent
+        for joint in own:
+            parent, joint_name = link, _joint_name(model, joint) if joint >= 0 else f"{name}_fixed"
+            is_last = joint == own[-1]
+            position = data.xanchor[joint] if joint >= 0 else place
+            link = _Link(name if is_last else f"{name}_{joint_name}", position, turn)
+            kind = _kind(model, joint)
+            joints.append(_joint(joint_name, kind, parent, link))
+            if kind not in ("fixed", "floating"):
+                SubElement(joints[-1], "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[joint])))
+                SubElement(joints[-1], "limit", limits[joint_name])
+            element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, position - place)
+            if not is_last:
+                _add_inertia(element, _SPECK, np.full(3, _SPECK))
+        if mass := float(model.body_mass[body]):
+            inertial = _add_inertia(element, mass, model.body_inertia[body])
+            _add_origin(inertial, model.body_ipos[body] - shift, model.body_iquat[body])
+        _add_geoms(element, model, body, shift)
+        links.append(link)
+    root.extend(joints)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, description.imu)
-    if site >= 0 and description.imu not in by_name:
-        owner = by_body[int(model.site_bodyid[site])]
+    if site >= 0 and description.imu not in [link.name for link in links]:
+        owner = int(model.site_bodyid[site])
+        turn = multiply(data.xquat[owner], model.site_quat[site])
         SubElement(root, "link", name=description.imu)
-        joint = _add_joint(root, f"{description.imu}_fixed", "fixed", owner.name, description.imu)
-        _add_origin(joint, model.site_pos[site] - owner.shift, model.site_quat[site])
+        imu = _Link(description.imu, data.site_xpos[site], turn)
+        root.append(_joint(f"{description.imu}_fixed", "fixed", links[owner], imu))
     indent(root)
     return tostring(root, encoding="unicode")
 
 
-def _limits(description: RobotDescription) -> dict[str, dict[str, str]]:
-    """Return the limits of the robot's joints by name; effort and velocity are 0 where they are not known."""
-    limits = {}
-    for joint, speed in zip(description.joints, rated_speed(description).tolist(), strict=True):
-        values = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort_limit, "velocity": speed}
-        limits[joint.name] = {name: _number(value) for name, value in values.items() if math.isfinite(value)}
-        limits[joint.name] = {"effort": "0.0", "velocity": "0.0"} | limits[joint.name]
-    return limits
+def _kind(model: mujoco.MjModel, joint: int) -> str:
+    if joint < 0:
+        return "fixed"
+    kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        return "revolute" if model.jnt_limited[joint] else "continuous"
+    return "prismatic" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "floating"
 
 
-def _add_joint(root: Element, name: str, kind: str, parent: str, child: str) -> Element:
-    joint = SubElement(root, "joint", name=name, type=kind)
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
+def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
+    joint = Element("joint", name=name, type=kind)
+    SubElement(joint, "parent", link=parent.name)
+    SubElement(joint, "child", link=child.name)
+    place = rotate_inverse(parent.quaternion, child.position - parent.position)
+    _add_origin(joint, place, multiply(conjugate(parent.quaternion), child.quaternion))
     return joint
+
+
+def _limits(model: mujoco.MjModel, description: RobotDescription) -> dict[str, dict[str, str]]:
+    """Return the limits of all joints by name; effort and velocity are 0 where they are not known."""
+    known = {}
+    for i in range(model.njnt):
+        lower, upper = model.jnt_range[i].tolist()
+        known[_joint_name(model, i)] = {"lower": lower, "upper": upper}
+    for joint, speed in zip(description.joints, rated_speed(description).tolist(), strict=True):
+        bounds = {"lower": joint.lower, "upper": joint.upper}
+        known[joint.name] = {**bounds, "effort": joint.effort_limit, "velocity": speed}
+    unknown = {"effort": "0.0", "velocity": "0.0"}
+    return {
+        name: unknown | {key: _number(value) for key, value in values.items() if math.isfinite(value)}
+        for name, values in known.items()
+    }
 
 
 def _add_inertia(element: Element, mass: float, inertia: FloatArray) -> Element:
@@ -174,11 +147,11 @@ def _add_inertia(element: Element, mass: float, inertia: FloatArray) -> Element:
     return inertial
 
 
-def _add_geoms(element: Element, model: mujoco.MjModel, link: Link) -> None:
-    for geom in np.flatnonzero(model.geom_bodyid == link.body).tolist():
+def _add_geoms(element: Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:
+    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
         tags = ["visual"] if model.geom_group[geom] < _SHOWN_GROUPS else []
         tags += ["collision"] if model.geom_contype[geom] | model.geom_conaffinity[geom] else []
-        position, quaternion = model.geom_pos[geom] - link.shift, model.geom_quat[geom]
+        position, quaternion = model.geom_pos[geom] - shift, model.geom_quat[geom]
         material = int(model.geom_matid[geom])
         colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
         for shape, attributes, offset in _shapes(model, geom):
