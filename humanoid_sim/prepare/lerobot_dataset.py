@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 from collections.abc import Mapping
@@ -18,7 +17,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.sources import SourceMotion, even_times, joint_of, poses
 
 _FORMAT = "v3.0"
-_CONVERTER = "convert_dataset_v21_to_v30"
 _WIDTHS = {"body_pos_w": 3, "body_quat_w": 4, "motion_body_pos_b": 3, "motion_body_ori_b": 6}
 _EPISODE_COLUMNS = ["episode_index", "length", "data/chunk_index", "data/file_index"]
 ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
@@ -47,7 +45,8 @@ def read_dataset(folder: Path, episode: int | None, roles: Mapping[str, str], jo
         info = json.loads(regular_file(folder / "meta" / "info.json", "a dataset's info.json").read_bytes())
         if info["codebase_version"] != _FORMAT:
             version = one_line(str(info["codebase_version"]))[:80]
-            raise InputError(f"{folder}: has LeRobot's format {version}, expected {_FORMAT}; {_conversion()}")
+            converter = "convert it with LeRobot's convert_dataset_v21_to_v30"
+            raise InputError(f"{folder}: has LeRobot's format {version}, expected {_FORMAT}; {converter}")
         listed = parquet.read_table(folder / "meta" / "episodes", columns=_EPISODE_COLUMNS).to_pylist()
         rows = {row["episode_index"]: row for row in listed}
         chosen = 0 if episode is None and len(rows) == 1 else episode
@@ -62,16 +61,6 @@ def read_dataset(folder: Path, episode: int | None, roles: Mapping[str, str], jo
         columns = {key: np.array(table[key].to_pylist(), dtype=np.float64) for key in numeric}
         names = {key: _listed(its.get("names")) for key, its in numeric.items()}
         return episode_motion(f"{folder} episode {chosen}", columns, names, float(info["fps"]), roles, joints)
-
-
-def _conversion() -> str:
-    """Return how to convert older datasets: by the converter of the installed LeRobot, wherever it has it."""
-    lerobot = importlib.util.find_spec("lerobot")
-    for folder in lerobot.submodule_search_locations or () if lerobot else ():
-        for file in sorted(Path(folder).rglob(f"{_CONVERTER}.py")):
-            module = ".".join(("lerobot", *file.relative_to(folder).with_suffix("").parts))
-            return f"convert it with python -m {module}"
-    return f"convert it with LeRobot's {_CONVERTER}, which is not installed here"
 
 
 def _listed(names: Any) -> list[str]:

@@ -6,11 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.policy.motion import body_frames
+from humanoid_sim.prepare import main
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
+POLICY = asset_path("policies", "lite_tracking.onnx")
 FPS = 50.0
 FRAMES = 40
 BODIES = ("left_elbow_pitch", "left_hand", "right_elbow_pitch", "right_hand")
@@ -60,3 +64,18 @@ def write_npz(path: Path, state: dict[str, Any], **changes: Any) -> Path:
     """Changes replace arrays, and None removes one."""
     np.savez(path, **{key: value for key, value in (state | changes).items() if value is not None})
     return path
+
+
+def prepare(folder: Path, motion: Path | str, *options: str) -> int:
+    """Run `prepare` for the sample policy, into `out` of the folder; its exit status."""
+    given = ["--policy", str(POLICY), "--motion", str(motion), "--output", str(folder / "out")]
+    return run_program(main, [*given, *options])
+
+
+def refusal(capsys: Any, folder: Path, motion: Path | str, *options: str) -> str:
+    """The one line of a refused run."""
+    capsys.readouterr()
+    assert prepare(folder, motion, *options) == 2
+    error: str = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error

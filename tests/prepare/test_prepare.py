@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from motion_samples import BODIES, FRAMES, joint_frames, joint_path, lite, state_of, write_npz
+from motion_samples import BODIES, FRAMES, POLICY, joint_frames, joint_path, lite, prepare, refusal, state_of, write_npz
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.play import main as play
 from humanoid_sim.policy.checkpoint import read_contract
@@ -14,7 +13,6 @@ from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 from humanoid_sim.prepare.conventions import Skeleton
 
-POLICY = asset_path("policies", "lite_tracking.onnx")
 SKELETON = Skeleton(lite(), read_contract(POLICY))
 SAMPLE = state_of(joint_path(), SKELETON.bodies)
 ANGLES, SPEEDS, POINTS, TURNS = (SAMPLE[name] for name in ("joint_pos", "joint_vel", "body_pos_w", "body_quat_w"))
@@ -27,21 +25,6 @@ ISAACS = {
     "body_quat_w": TURNS[:, BODY_LEVELS],
 }
 LEAD = np.roll(np.arange(14), 1)
-
-
-def prepare(tmp_path, motion, *options):
-    given = ["--policy", str(POLICY), "--motion", str(motion), "--output", str(tmp_path / "out")]
-    return run_program(main, [*given, *options])
-
-
-def refusal(capsys, tmp_path, motion, *options):
-    """The one line of a refused run, which leaves nothing behind."""
-    assert prepare(tmp_path, motion, *options) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-    return error
 
 
 def made(tmp_path, name="dance"):
@@ -64,10 +47,7 @@ def csv(tmp_path, rows, *names):
     return path
 
 
-PUBLISHED = ("gripper", *lite().joint_names)
-
-
-def bag(tmp_path, q, *topics, names=PUBLISHED, unstamped=False):
+def bag(tmp_path, q, *topics, unstamped=False):
     """A folder of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
@@ -79,8 +59,8 @@ def bag(tmp_path, q, *topics, names=PUBLISHED, unstamped=False):
             for i, row in enumerate(q):
                 time = 10**18 + 5_000_000 * i + int(jitter[i])
                 sent = stamp(0, 0) if unstamped else stamp(*divmod(time, 10**9))
-                position = np.array([0.5, *row])[: len(names)]
-                message = state(header(sent, ""), list(names), position, np.zeros(0), np.zeros(0))
+                names = ["gripper", *lite().joint_names]
+                message = state(header(sent, ""), names, np.array([0.5, *row]), np.zeros(0), np.zeros(0))
                 writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
     return tmp_path / "dance"
 
@@ -130,25 +110,20 @@ OFF = "bodies are off"
     ("changes", "reason"),
     [
         ({"joint_pos": ANGLES[:, LEAD]}, OFF),
-        ({"joint_pos": ISAACS["joint_pos"]}, OFF),
         ({"body_pos_w": ISAACS["body_pos_w"], "body_quat_w": ISAACS["body_quat_w"]}, OFF),
         ({"body_quat_w": np.roll(TURNS, -1, -1)}, OFF),
-        ({"joint_pos": np.degrees(ANGLES)}, OFF),
-        ({"body_pos_w": 100.0 * POINTS}, OFF),
         ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
         ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "bodies is nan in frame 0"),
         ({"body_quat_w": 0.5 * TURNS}, "quaternions of norm 0.5"),
-        ({"joint_pos": ANGLES[1:]}, "joint velocities of another shape"),
         ({"joint_vel": None}, "has no joint_vel"),
         ({"fps": np.array([0.0])}, "fps is 0"),
-        ({"joint_pos": ANGLES[0], "joint_vel": SPEEDS[0]}, "joint_pos is float32 of shape (14,)"),
         ({"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]}, "--joint-order: contract has 14 names"),
-        ({"body_pos_w": POINTS[:, :9], "body_quat_w": TURNS[:, :9]}, "--body-order: mjcf has 18 names"),
         ({"joint_names": np.array([f"joint_{i}" for i in range(14)])}, "unknown joint 'joint_0'"),
     ],
 )
 def test_an_npz_that_is_not_this_robots_is_refused(tmp_path, capsys, changes, reason):
     assert reason in refusal(capsys, tmp_path, npz(tmp_path, **changes))
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_wider_tolerance_lets_a_small_error_through(tmp_path):
@@ -156,18 +131,8 @@ def test_a_wider_tolerance_lets_a_small_error_through(tmp_path):
 
 
 def test_a_joint_that_is_faster_than_its_guard_allows_is_noted(tmp_path, capsys):
-    assert (
-        prepare(
-            tmp_path,
-            csv(tmp_path, joint_path(), *lite().joint_names),
-            "--fps",
-            "900",
-            "--angle-unit",
-            "rad",
-            "--resample",
-        )
-        == 0
-    )
+    path = csv(tmp_path, joint_path(), *lite().joint_names)
+    assert prepare(tmp_path, path, "--fps", "900", "--angle-unit", "rad", "--resample") == 0
     assert "the robot's limit is" in capsys.readouterr().out
 
 
@@ -194,18 +159,13 @@ BARE = [*NAMED, "--joint-order", "robot"]
     ("rows", "names", "options"),
     [
         ([ROWS], lite().joint_names, NAMED),
-        (
-            [TIMES, ROWS[:, ::-1]],
-            ("time", *(f"{name}.pos" for name in lite().joint_names[::-1])),
-            ["--angle-unit", "rad"],
-        ),
+        ([TIMES, ROWS[:, ::-1]], ("time", *(f"{name}.pos" for name in lite().joint_names[::-1])), NAMED[2:]),
         ([BASE, ROWS], (*BASE_NAMES, *lite().joint_names), NAMED),
-        ([np.degrees(ROWS)], lite().joint_names, ["--fps", "50", "--angle-unit", "deg"]),
         ([ROWS], (), BARE),
         ([ROWS[:, LEVELS]], (), [*NAMED, "--joint-order", "breadth_first"]),
         ([XYZW, ROWS], (), [*BARE, "--quaternions", "xyzw"]),
     ],
-    ids=["named", "times", "base", "degrees", "bare", "breadth first", "LAFAN1"],
+    ids=["named", "times", "base", "bare", "breadth first", "LAFAN1"],
 )
 def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, options):
     path = csv(tmp_path, np.concatenate(rows, axis=1), *names)
@@ -222,32 +182,22 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
         (ROWS[:, LEVELS], (), BARE, "beyond"),
         (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --angle-unit right?"),
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
-        (ROWS[:, :12], (), BARE, "has 12 columns, expected 14 joints, or 7 of the base before"),
         (ROWS, ("hip", *lite().joint_names[1:]), NAMED, "unknown column 'hip'"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"lacks columns, or has one twice: {lite().joint_names[0]}"),
-        (ROWS[:0], lite().joint_names, NAMED, "has no frames"),
         (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), NAMED[2:], "does not increase"),
-        (np.concatenate([TIMES, ROWS], axis=1), ("time", *lite().joint_names), NAMED, "--fps: is 50"),
     ],
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
 
 
-def test_a_csv_of_text(tmp_path, capsys):
-    path = tmp_path / "dance.csv"
-    path.write_text(",".join(lite().joint_names) + "\n" + ",".join(["x"] * 14))
-    assert "is not a table of numbers" in refusal(capsys, tmp_path, path, *NAMED)
-
-
 Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
 
 
 @pytest.mark.parametrize("unstamped", [False, True])
-@pytest.mark.parametrize("single_file", [False, True])
-def test_joint_states_of_another_robot_s_driver(tmp_path, capsys, unstamped, single_file):
+def test_joint_states_of_another_robot_s_driver(tmp_path, capsys, unstamped):
     path = bag(tmp_path, Q_200_HZ, unstamped=unstamped)
-    path = next(path.glob("*.mcap")) if single_file else path
+    path = next(path.glob("*.mcap")) if unstamped else path
     assert "add --resample" in refusal(capsys, tmp_path, path)
     assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
     motion = made(tmp_path)
@@ -260,25 +210,13 @@ def test_joint_states_that_are_not_enough(tmp_path, capsys):
     several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
     assert "expected one: /left, /right; --topic chooses" in refusal(capsys, tmp_path, several)
     assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
-    assert "has 0 topics" in (prepare(tmp_path, several, "--topic", "/r"), capsys.readouterr().err)[1]
-
-
-def test_joint_states_that_lack_a_joint(tmp_path, capsys):
-    path = bag(tmp_path, Q_200_HZ[:3], names=("gripper", *lite().joint_names[:-1]))
-    assert f"unknown joint '{lite().joint_names[-1]}'" in refusal(capsys, tmp_path, path)
-
-
-def test_a_motion_file_is_no_recording_of_joint_states(tmp_path, capsys):
-    assert "has 0 topics of sensor_msgs/msg/JointState" in refusal(capsys, tmp_path, asset_path("motions", "wave.mcap"))
 
 
 def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
     path = npz(tmp_path)
     assert prepare(tmp_path, path) == 0
     before = (tmp_path / "out" / "dance.mcap").read_bytes()
-    capsys.readouterr()
-    assert prepare(tmp_path, path) == 2
-    assert "exists; choose another --name, or add --overwrite" in capsys.readouterr().err
+    assert "exists; choose another --name, or add --overwrite" in refusal(capsys, tmp_path, path)
     assert prepare(tmp_path, path, "--overwrite") == 0
     assert (tmp_path / "out" / "dance.mcap").read_bytes() == before
     assert prepare(tmp_path, path, "--name", "again") == 0
@@ -289,12 +227,9 @@ def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
     ("options", "reason"),
     [
         (["--wandb-run-path", "a/b/c"], "--policy and --wandb-run-path: both are given"),
-        (["--motion", "gone.npz"], "gone.npz: no such file"),
         (["--motion", "dance.bvh"], "--motion: is 'dance.bvh', expected"),
         (["--motion", "x.npz", "--song", "ode_to_joy"], "--motion and --song: both are given"),
         (["--motion", "x.npz", "--fps", "50"], "--fps: is given, but x.npz has times of its own"),
-        (["--motion", "x.csv", "--fps", "-1"], "--fps: is -1"),
-        (["--motion", "x.npz", "--robot", "nobody"], "unknown robot 'nobody'"),
         (["--policy", "lite_biped_velocity", "--robot", "lite_biped"], "is a policy of task_type locomotion"),
     ],
 )

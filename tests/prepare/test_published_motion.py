@@ -80,8 +80,3 @@ def test_a_floating_robot_needs_the_pose_of_its_base(tmp_path, waltz, capsys):
     options = ["--motion", str(tmp_path / "waltz.npz"), "--body-order", ",".join(waltz.body_names[1:])]
     assert prepare(tmp_path, *options) == 2
     assert f"has no pose of the floating base '{waltz.body_names[0]}'" in capsys.readouterr().err
-
-
-def test_a_policy_that_carries_its_motion_needs_none(tmp_path, capsys):
-    assert prepare(tmp_path) == 0
-    assert "carries its motion itself: there is nothing else to prepare" in capsys.readouterr().out

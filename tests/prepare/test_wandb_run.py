@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from motion_samples import joint_path, lite, state_of, write_npz
+from motion_samples import POLICY, joint_path, lite, state_of, write_npz
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.prepare import main, wandb_run
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 
 RUN = "lab/arms/7xk2"
-POLICY = asset_path("policies", "lite_tracking.onnx")
 
 
 @dataclass
@@ -63,12 +61,8 @@ def test_the_newest_model_by_its_number(service, tmp_path):
 @pytest.mark.parametrize(
     ("files", "name", "reason"),
     [
-        (["model_3.pt"], None, r"has no \.onnx file; it has: model_3\.pt"),
-        (
-            ["a.onnx", "b.onnx"],
-            None,
-            r"has several \.onnx files; choose one with --wandb-file; it has: a\.onnx, b\.onnx",
-        ),
+        (["model_3.pt"], None, r"it has: model_3\.pt"),
+        (["a.onnx", "b.onnx"], None, "choose one with --wandb-file"),
         (["../a.onnx"], None, "expected a name inside the run's folder"),
         (["a.onnx"], "c.onnx", r"has no 'c\.onnx'; it has: a\.onnx"),
         (ConnectionError("name resolution"), None, "run lab/arms/7xk2 cannot be read: name resolution"),
@@ -89,11 +83,9 @@ def test_no_answer_is_no_hang(service, tmp_path, monkeypatch):
     event.set()
 
 
-def test_what_is_no_run_and_a_missing_package(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="expected entity/project/run"):
-        fetch_checkpoint("lab/run", None, tmp_path)
+def test_a_missing_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "wandb", None)
-    with pytest.raises(MissingPackageError, match=r"pip install 'humanoid_sim\[wandb\]'"):
+    with pytest.raises(MissingPackageError, match="wandb"):
         fetch_checkpoint(RUN, None, tmp_path)
 
 
