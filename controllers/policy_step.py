@@ -135,7 +135,8 @@ class PolicyWiring:
             return ""
         i = int(np.argmin(finite))
         kind = self.contract.kind(self.layout.term_at(i).term)
-        why = f": {kind.stale}" if kind.stale and np.isnan(observation[i]) else ""
+        is_missing = kind.topic != "" and np.isnan(observation[i])
+        why = ": no value has come, or the last one is too old" if is_missing else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> BoolArray:

@@ -298,16 +298,19 @@ class TermKind:
     """Conventions that may be mistaken: options of `Term`, or its `sign`."""
     relative: bool = False
     """True if positions are relative to the default pose unless the term says otherwise."""
-    task: Literal["", "tracking", "piano"] = ""
-    """The task that a policy with such a term has; empty: any."""
     requires: str = ""
     """Field of the contract without which it means nothing."""
     scales: tuple[float, ...] = (1.0,)
     """Scales seen in published policies."""
-    stale: str = ""
-    """Likely cause of NaN values; empty if none is known."""
     topic: str = ""
     """Topic on which other programs publish it, where the term names none; empty: none does."""
+
+    @property
+    def task(self) -> Literal["", "tracking", "piano"]:
+        """The task that a policy with such a term has; empty: any."""
+        if self.name.startswith("target_keys"):
+            return "piano"
+        return "tracking" if self.tables else ""
 
     def is_relative(self, term: Term) -> bool:
         """Return whether the positions of such a term are less the default pose."""
@@ -394,7 +397,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         names=("motion_command", "motion"),
         tables=("reference_joint_pos", "reference_joint_vel"),
         conventions=("relative",),
-        task="tracking",
     ),
     TermKind(
         "motion_anchor_pos",
@@ -406,7 +408,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         estimate="the position of the anchor body",
         tables=("anchor_pos",),
         conventions=("frame",),
-        task="tracking",
         requires="anchor_body",
     ),
     TermKind(
@@ -419,7 +420,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         estimate="the orientation of the anchor body",
         tables=("anchor_pos",),
         conventions=("layout", "inverse"),
-        task="tracking",
         requires="anchor_body",
     ),
     TermKind(
@@ -463,7 +463,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         _of_table,
         _referenced,
         tables=("motion_body_pos_b",),
-        task="tracking",
         requires="body_names",
     ),
     TermKind(
@@ -472,17 +471,15 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         _of_table,
         _referenced,
         tables=("motion_body_ori_b",),
-        task="tracking",
         requires="body_names",
     ),
-    TermKind("target_keys", "keys to press now, 0 or 1", _of_table, _referenced, tables=("target_keys",), task="piano"),
+    TermKind("target_keys", "keys to press now, 0 or 1", _of_table, _referenced, tables=("target_keys",)),
     TermKind(
         "target_keys_future",
         "keys to press in the steps ahead",
         _of_table,
         _referenced,
         tables=("target_keys_future",),
-        task="piano",
         requires="lookahead_steps",
     ),
     TermKind("progress", "progress of the motion, 0 to 1", 1, _progress),
@@ -492,7 +489,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         _of_live,
         _live,
         reads=KEY_PRESSED,
-        stale="no key state has come, or the last one is too old",
         topic="/piano/key_state",
     ),
     TermKind(
@@ -503,7 +499,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         names=("height_scan", "height_scanner"),
         reads=HEIGHT_SCAN,
         scales=(1.0, 0.2),
-        stale="no height scan has come, or the last one is too old",
         topic="/height_scan",
     ),
 )
@@ -536,8 +531,7 @@ def live_kind(name: str) -> TermKind:
         return replace(usual, width=_of_live, value=_live)
     plain = "".join(letter if f"_{letter}".isidentifier() and letter.isascii() else "_" for letter in name)
     topic = f"/{plain}" if plain.isidentifier() else f"/_{plain}"
-    stale = "no value has come, or the last one is too old"
-    return TermKind(name, "live input", _of_live, _live, reads=name, stale=stale, topic=topic)
+    return TermKind(name, "live input", _of_live, _live, reads=name, topic=topic)
 
 
 def is_known(name: str) -> bool:

@@ -58,13 +58,16 @@ def field_lines(contract: PolicyContract, layout: ObservationLayout | None = Non
             )
     starts = _starts(layout) if layout is not None else {}
     stated = contract.source.get("observation", DEFAULT)
+    options: dict[tuple[str, str], list[str]] = {}
     for term in contract.terms:
-        options = _parts(contract.source, f"observation.{term.name}")
         lines.append(FieldLine(term.name, f"{starts.get(term.name, '')}{_term(contract, term)}", stated))
-        for source, names in options.items():
+        for source, names in _parts(contract.source, f"observation.{term.name}").items():
             if source != stated:
-                lines.append(FieldLine(f"  {', '.join(names)}", "as above", source))
-    return _merged(lines)
+                options.setdefault((", ".join(names), source), []).append(term.name)
+    for (listed, source), owners in options.items():
+        of_all = len(owners) == len(contract.terms)
+        lines.append(FieldLine(f"terms' {listed}", "of every term" if of_all else f"of {', '.join(owners)}", source))
+    return lines
 
 
 def _parts(sources: Mapping[str, str], whole: str) -> dict[str, list[str]]:
@@ -74,22 +77,6 @@ def _parts(sources: Mapping[str, str], whole: str) -> dict[str, list[str]]:
         if name.startswith(f"{whole}."):
             parts.setdefault(source, []).append(name.removeprefix(f"{whole}."))
     return parts
-
-
-def _merged(lines: list[FieldLine]) -> list[FieldLine]:
-    """Put options of terms together that come from one source."""
-    merged: list[FieldLine] = []
-    options: dict[tuple[str, str], list[str]] = {}
-    owner = ""
-    for line in lines:
-        if line.value == "as above":
-            options.setdefault((line.name.strip(), line.source), []).append(owner)
-        else:
-            owner = line.name
-            merged.append(line)
-    for (names, source), owners in options.items():
-        merged.append(FieldLine(f"terms' {names}", f"of {', '.join(owners)}", source))
-    return merged
 
 
 def _starts(layout: ObservationLayout) -> dict[str, str]:

@@ -101,7 +101,7 @@ def test_keys_that_are_missing_or_too_old_are_not_taken_for_released():
             assert np.isnan(observation[2:]).all()
             assert wiring.observation_problem(observation) == (
                 "observation key_pressed[0] is nan, expected a finite number: "
-                "no key state has come, or the last one is too old"
+                "no value has come, or the last one is too old"
             )
 
 
