@@ -21,10 +21,6 @@ def released(time):
     return motion
 
 
-def test_nothing_before_release():
-    assert BaseMotion().summary() is None
-
-
 def test_speeds_are_in_the_heading_frame_from_two_seconds_on():
     motion = released(5.0)
     for k in range(301):
@@ -60,14 +56,6 @@ def test_height_counts_from_landing_on():
     assert falling.height == pytest.approx((0.81, 0.81, 0.81))  # it has not landed yet: where it is
     assert summary.height == pytest.approx((0.78, 0.7975, 0.82))
     assert summary.lowest == pytest.approx(0.7 * 0.78 / 0.56)
-
-
-def test_height_counts_from_two_seconds_on_for_a_robot_that_rises():
-    motion = released(0.0)
-    for time, height in ((0.0, 0.83), (1.0, 0.9), (2.0, 0.85), (3.0, 0.87)):
-        motion.update(time, base(height))
-    summary = motion.summary()
-    assert summary.height == pytest.approx((0.85, 0.86, 0.87))
 
 
 def test_a_run_that_ends_before_it_has_settled_has_no_means():

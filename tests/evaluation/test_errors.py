@@ -2,18 +2,11 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.rotation import multiply
-from humanoid_sim.evaluation.errors import length, pose_error, quaternion_angle, rms, total
+from humanoid_sim.evaluation.errors import pose_error, quaternion_angle
 
 
 def turned(angle, axis):
     return np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.array(axis))])
-
-
-def test_sums_lengths_and_means_are_over_the_last_axis():
-    values = np.array([[3.0, 4.0], [0.0, 0.0]])
-    assert total(values).tolist() == [7.0, 0.0]
-    assert length(values).tolist() == [5.0, 0.0]
-    assert rms(values).tolist() == pytest.approx([np.sqrt(12.5), 0.0])
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi])

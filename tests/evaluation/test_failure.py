@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.evaluation import failure
 from humanoid_sim.evaluation.errors import PoseError
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
@@ -31,26 +30,11 @@ def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_heig
     assert failure.has_fallen(bases, np.array([0.8, 0.9, 0.7, 0.8, 0.8])).tolist() == [False, True, False, False, True]
 
 
-@pytest.mark.parametrize(
-    ("height", "tilt", "text"),
-    [
-        (0.3, 0.1, "fell: its centre of mass sank to 0.30 m, it stood at 0.80 m"),
-        (0.8, 1.2, "fell: tilted by 69°"),
-        (0.3, 0.9, "fell: tilted by 52°"),
-    ],
-)
-def test_a_fall_is_described_in_one_way_for_one_robot_and_for_one_of_many(height, tilt, text):
-    assert failure.describe_fall(base(np.array(height), np.array(tilt)), 0.8) == text
-    assert failure.describe_fall(base(np.array([0.8, height]), np.array([0.0, tilt])), 0.8, 1) == text
-
-
 def test_an_anchor_strays_by_height_or_tilt_and_not_by_heading_or_place():
     offset = np.array([[5.0, 5.0, 0.34], [0.0, 0.0, -0.36], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, np.nan]])
     turn = np.stack([*leaning(np.array([0.0, 0.0, 1.19, 1.21])), np.array([np.cos(1.5), 0.0, 0.0, np.sin(1.5)])])
     error = PoseError(offset, turn)
     assert failure.has_strayed(error).tolist() == [False, True, False, True, True]
-    assert failure.describe_stray(error, 1) == "strayed: 0.36 m off the motion's height"
-    assert failure.describe_stray(error, 3) == "strayed: tilted by 69° against the motion"
     assert error.angle[4] == pytest.approx(3.0)
     assert error.tilt[4] == 0.0
 
@@ -58,8 +42,6 @@ def test_an_anchor_strays_by_height_or_tilt_and_not_by_heading_or_place():
 def test_a_body_strays_by_its_distance():
     distance = np.array([[0.1, 0.29], [0.31, 0.0], [np.nan, 0.0]])
     assert failure.body_has_strayed(distance**2).tolist() == [False, True, True]
-    assert failure.describe_body_stray(distance[1], ("left", "right")) == "strayed: left is 0.31 m from the motion"
-    assert failure.describe_body_stray(distance[2], ("left", "right")) == "strayed: left is nan m from the motion"
 
 
 ROBOT = """
@@ -67,10 +49,10 @@ ROBOT = """
   <compiler angle="radian"/>
   <worldbody>
     <geom name="ground" type="plane" size="0 0 0.05" pos="0 0 {floor}"/>
-    <body name="base" pos="0 0 1" {turn}>
+    <body name="base" pos="0 0 1">
       <freejoint/>
       <site name="imu"/>
-      <body name="frame" {back}><body name="hips" pos="0 0 {down}">
+      <body name="hips" pos="0 0 {down}">
         <geom type="box" size="0.1 0.15 0.2" pos="0 0 0.3" mass="10"/>
         <body name="leg">
           <joint name="hip" axis="0 1 0" range="-2 2" armature="0.02"/>
@@ -80,13 +62,13 @@ ROBOT = """
             <geom type="box" size="0.1 0.15 0.2" pos="0 0 -0.2" mass="2"/>
           </body>
         </body>
-      </body></body>
+      </body>
     </body>
   </worldbody>
 </mujoco>
 """
 """1.4 m high, the hips at 0.9 m, with its base's frame anywhere: `down` is from there to the hips."""
-FRAMES = {"ground": 0.9, "hips": 0.0, "head": -0.5, "above the head": -0.8, "below the ground": 1.1}
+FRAMES = {"hips": 0.0, "above the head": -0.8, "below the ground": 1.1}
 MASS = (10.0 * 1.2 + 2.0 * 0.65 + 2.0 * 0.2) / 14.0
 """m, of its centre of mass where it stands."""
 FOLDED = np.array([-1.5, 2.4])
@@ -97,9 +79,9 @@ FOLDED = np.array([-1.5, 2.4])
 def figure(request, tmp_path):
     """Writes that robot."""
 
-    def make(floor=0.0, turn="", back=""):
+    def make(floor=0.0):
         path = tmp_path / "figure.xml"
-        path.write_text(ROBOT.format(down=FRAMES[request.param], floor=floor, turn=turn, back=back))
+        path.write_text(ROBOT.format(down=FRAMES[request.param], floor=floor))
         return path
 
     return make
@@ -116,7 +98,7 @@ def posed(robot, joints, quaternion=None):
     return observer.at(qpos, np.zeros(8))
 
 
-@pytest.mark.parametrize("floor", [0.0, -0.8, 1.7])
+@pytest.mark.parametrize("floor", [0.0, -0.8])
 def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure, floor):
     robot = MujocoRobot(load_robot(figure(floor)), support=False)
     standing = BaseObserver(robot.model, robot.description).standing_height(robot.qpos)
@@ -133,27 +115,6 @@ def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure, floor):
     lying = posed(robot, np.zeros(2), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))
     assert lying.tilt == pytest.approx(np.pi / 2)
     assert failure.has_fallen(lying, standing)
-
-
-TURNS = {
-    "upside down": ('euler="3.14159265358979 0 0"', (0.0, 1.0, 0.0, 0.0)),
-    "on its nose": ('euler="0 1.57079632679490 0"', (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)),
-    "on its side": ('euler="1.57079632679490 0 0"', (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)),
-}
-
-
-@pytest.mark.parametrize("turn", TURNS)
-def test_a_base_frame_may_be_turned_any_way_up(figure, turn):
-    there, quaternion = TURNS[turn]
-    w, x, y, z = quaternion
-    robot = MujocoRobot(load_robot(figure(turn=there, back=f'quat="{w} {-x} {-y} {-z}"')), support=False)
-    base = robot.base_state
-    assert base.tilt == pytest.approx(0.0, abs=1e-6)
-    assert base.mass_height == pytest.approx(MASS)
-    assert not failure.has_fallen(base, MASS)
-    fallen = posed(robot, np.zeros(2), multiply(leaning(np.array(1.1)), np.array(quaternion)))
-    assert fallen.tilt == pytest.approx(1.1)
-    assert failure.has_fallen(fallen, 0.0)
 
 
 def test_one_robot_and_a_batch_fall_at_the_same_height(figure):

@@ -36,12 +36,3 @@ def test_a_foot_that_has_just_landed_does_not_count():
     before, after = ball(0.5, 0.03)
     before[..., 2] = 0.1
     assert np.isnan(FEET.slip(before, after, 0.02)).all()
-
-
-def test_points_turn_with_their_foot():
-    feet = Feet(
-        bodies=("foot",), foot=(0, 0), points=np.array([[0.1, 0, 0], [0, 0, -0.05]]), radius=np.zeros(2), floor=0.0
-    )
-    half = np.sqrt(0.5)
-    placed = feet.place(np.array([[[1.0, 2.0, 3.0]]]), np.array([[[half, 0.0, 0.0, half]]]))  # a quarter to the left
-    assert placed == pytest.approx(np.array([[[1.0, 2.1, 3.0], [1.0, 2.0, 2.95]]]))

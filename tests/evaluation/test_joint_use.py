@@ -51,11 +51,3 @@ def test_the_greatest_of_each_joint():
 )
 def test_the_joint_closest_to_its_limit_is_named_and_a_missing_limit_is_said(limits, expected):
     assert describe_effort(used(limits).effort()) == expected
-
-
-def test_nothing_seen_is_no_figure():
-    use = JointUse(NAMES, np.full(3, 5.0), np.full(3, -1.0), np.ones(3))
-    assert [row["lowest"] for row in use.rows()] == [None, None, None]
-    assert describe_effort(use.effort()) == "0.0 of 5 N·m at hip, 0 ticks at an effort limit"
-    use.update(state([np.nan] * 3, [np.nan] * 3, [np.nan] * 3))
-    assert [row["range_share"] for row in use.rows()] == [None, None, None]

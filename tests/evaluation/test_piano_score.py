@@ -26,12 +26,6 @@ def test_steps_are_scored_one_by_one_and_a_rest_is_right():
     assert result.steps == Ratio(0.75, 0.875, pytest.approx((1 + 2 / 3 + 1) / 4))
 
 
-def test_a_key_that_never_moves():
-    result = score(keys("...."), keys("##.."), 0.05)
-    assert result.steps == Ratio(1.0, 0.5, 0.5)
-    assert (result.notes, result.false_count) == (Ratio(1.0, 0.0, 0.0), 0)
-
-
 def test_strokes_match_notes_of_their_key_in_time():
     wanted = keys("#...#...#...", "............")
     early, late, wrong = keys("#....#......", "........#..."), 0.05, 0.049

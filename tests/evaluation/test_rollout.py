@@ -59,17 +59,6 @@ def test_a_restart_is_a_fresh_start_for_those_that_are_chosen(scenario, simulati
     assert loop.memory.last_action[0].any()
 
 
-def test_what_a_controller_would_not_accept_is_named(scenario, simulation):
-    loop = ClosedLoop(simulation, scenario.wiring, STILL)
-    wild = actions(1)[0]
-    wild[1, 2] = np.nan
-    action, accepted = loop.infer(lambda *_: wild)
-    assert accepted.tolist() == [True, False]
-    joint = scenario.contract.action_joint_names[2]
-    assert loop.problem(action, 1) == f"action of {joint} is nan, expected a magnitude <= 100"
-    assert loop.problem(action, 0) == ""
-
-
 def test_a_sample_is_of_the_step_that_was_taken(scenario, simulation):
     loop = ClosedLoop(simulation, scenario.wiring, STILL)
     before, action = actions(2)

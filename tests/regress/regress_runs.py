@@ -13,19 +13,6 @@ from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepa
 from humanoid_sim.regress.results import Episode, PolicyRun
 from humanoid_sim.regress.suite import Case, Suite, Tolerance, load_suite
 
-__all__ = [
-    "SAMPLE",
-    "SHORT",
-    "WALKER",
-    "changed_copy",
-    "episode",
-    "given",
-    "noisy_copy",
-    "prepared",
-    "run",
-    "slowed_copy",
-]
-
 SAMPLE, WALKER = (asset_path("policies", f"{name}.onnx") for name in ("lite_tracking", "lite_biped_velocity"))
 SHORT = """\
 name: short

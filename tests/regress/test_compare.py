@@ -23,11 +23,9 @@ def compare(baseline, candidate, suite=None):
 @pytest.mark.parametrize(
     ("factor", "noise", "verdict"),
     [
-        (1.0, 0.0, "no difference seen"),
         (1.0, 0.1, "no difference seen"),
         (1.0 + 1e-12, 0.0, "no difference seen"),
         (1.02, 0.01, "worse within tolerance"),
-        (1.05, 0.2, "worse within tolerance"),  # worse, and not shown to be beyond tolerance
         (1.1, 0.1, "worse beyond tolerance"),
         (0.95, 0.1, "better"),
     ],
@@ -85,14 +83,6 @@ def test_a_failure_where_the_baseline_had_none_fails_whatever_is_tolerated(count
     assert faults.new_failures == tuple(f"a, seed {seed}" for seed in range(count))
     assert (comparison.verdict, comparison.episodes) == ("no difference seen", 24 - count), "failed ones are left out"
     assert compare(bad, bad, suite)[1] == [], "a case that fails now and then anyway"
-
-
-def test_failures_are_judged_whether_a_suite_names_them_or_not():
-    good, bad = given(lambda *_: 1.0), given(lambda *_: None)
-    comparison, worse = compare(good, bad)
-    assert worse == ["joint_error", "faults"], "no episode has an error any more"
-    assert (comparison.change, comparison.episodes) == (None, 0)
-    assert compare(bad, bad)[1] == []
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say():

@@ -15,7 +15,6 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.executors import run_seeds
-from humanoid_sim.regress.metrics import metrics_of
 from humanoid_sim.regress.preparation import prepare_suite
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 
@@ -58,14 +57,6 @@ def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
     policy = noisy_copy(SAMPLE, tmp_path / "noisy.onnx", 0.05)
     one = replace(suite, cases=suite.cases[1:])
     assert run_seeds((prepare_suite(one, folder), policy, None), [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
-
-
-def test_what_an_episode_says_of_itself(short):
-    (episode,) = run_episodes(short, [5])
-    assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 10, "", "")
-    assert episode.duration == pytest.approx(0.2)
-    assert list(episode.metrics) == list(metrics_of("tracking"))
-    assert [episode.metrics[name] for name in ("survival", "faults", "losses")] == [1.0, 0.0, 0.0]
 
 
 def test_errors_are_those_of_the_tracking_report(short, samples):

@@ -1,7 +1,7 @@
 """`regress` from its command line and from Python: verdicts as exit statuses, files, and refusals."""
 
-import html.parser
 import json
+import re
 from xml.etree import ElementTree
 
 import msgspec
@@ -50,23 +50,6 @@ def test_without_a_baseline_figures_are_shown_and_nothing_is_judged(suite, capsy
     assert [line.split()[0] for line in figures] == ["body_position_error", "joint_error", "losses", "faults"]
 
 
-class Cells(html.parser.HTMLParser):
-    """The texts of a page's table cells, and the tags that it uses."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags, self.cells = set(), []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.add(tag)
-        self.cells += [""] * (tag == "td")
-
-    def handle_data(self, data):
-        if self.cells:
-            self.cells[-1] += data
-
-
 def test_a_policy_that_is_worse_fails_beside_one_that_is_not(suite, base, tmp_path, capsys):
     worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx")
     junit, page = tmp_path / "out.xml", tmp_path / "out.html"
@@ -82,10 +65,9 @@ def test_a_policy_that_is_worse_fails_beside_one_that_is_not(suite, base, tmp_pa
     named = {case.attrib["name"]: case.find("failure") for case in failed.iter("testcase")}
     assert "worse beyond tolerance: +" in named["joint_error"].attrib["message"]
     assert named["faults"] is None
-    read = Cells(page.read_text())
-    row = read.cells[read.cells.index("swapped") :]
-    assert row[1:3] == ["body_position_error", "worse beyond tolerance"]
-    assert not read.tags & {"script", "link", "img"}, "one file, without network"
+    text = page.read_text()
+    assert "<td>swapped</td><td>body_position_error</td><td>worse beyond tolerance</td>" in text
+    assert not re.search("<(script|link|img)", text), "one file, without network"
 
 
 def test_failing_episodes_are_counted_with_their_reason(suite, base, tmp_path, capsys):
@@ -94,11 +76,8 @@ def test_failing_episodes_are_counted_with_their_reason(suite, base, tmp_path, c
     assert main([str(policy), "--suite", suite, "--baseline", str(base), "--junit", str(junit)]) == 1
     printed = capsys.readouterr().out
     assert "12 of 12 episodes failed (the baseline: 0 of 12):" in printed
-    assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
     assert "12 new, such as wave, seed 0" in printed
-    assert ElementTree.parse(junit).find("testsuite").attrib["failures"] == "3", (
-        "errors that no episode has, and faults"
-    )
+    assert ElementTree.parse(junit).find("testsuite").attrib["failures"] == "3"  # two errors that none has, and faults
 
 
 def test_python_gives_the_same_verdict_and_a_frame(suite, base):
@@ -119,16 +98,10 @@ def complaint(capsys, *arguments):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--suite", "nowhere"), "--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking, velocity"),
         (("--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
-        (("--json", "there.json"), "--json: 'there.json' exists; choose another name, or add --overwrite"),
         (("--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),
         (("--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave, drum"),
-        (("--seeds", "0"), "--seeds: is 0, expected at least 1"),
         (("--seeds", "5", "--baseline", SAMPLE), "--seeds: is 5, expected at least 1, and 6 with a --baseline"),
-        (("--first-seed", "-1"), "--first-seed: is -1, expected at least 0"),
-        (("--threads", "0"), "threads: is 0, expected a whole number >= 1"),
-        (("--baseline", "none.json"), "none.json: no such file, expected a baseline"),
         (("--baseline", "there.json"), "there.json: is not a baseline of `regress --write-baseline`"),
         (("--ray", "127.0.0.1:1"), "--ray: is '127.0.0.1:1', and nobody answers there"),
     ],
@@ -137,14 +110,6 @@ def test_options_that_cannot_be_used_are_one_line(suite, options, message, tmp_p
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.json").write_text("{}")
     assert complaint(capsys, SAMPLE, "--suite", suite, *options).startswith(message)
-
-
-def test_a_policy_that_is_not_there_is_refused(capsys):
-    assert complaint(capsys, "--suite", "velocity").startswith("POLICIES: is empty")
-    assert complaint(capsys, "none.onnx", "--suite", "velocity", "--robot", "lite_biped").startswith(
-        "none.onnx: no such"
-    )
-    assert complaint(capsys, "lite_traking").startswith("POLICIES: unknown policy 'lite_traking' (did you mean")
 
 
 def without(name):
@@ -162,9 +127,7 @@ def without(name):
         (None, ("name: wave", "name: circle"), (), "unknown case 'circle'; known: wave, drum"),
         (None, ("", ""), ("--first-seed", "1"), "has the seeds 0 to 5; see --seeds and --first-seed"),
         (lambda document: document["definitions"].update(fall="never"), ("", ""), (), "other definitions than today's"),
-        (lambda document: document.pop("definitions"), ("", ""), (), "other definitions than today's"),
         (without("joint_error"), ("", ""), (), "was made before joint_error could be measured"),
-        (lambda document: document.update(format="humanoid_sim.regress/9"), ("", ""), (), "is not a baseline"),
     ],
 )
 def test_a_baseline_that_does_not_fit_is_refused(change, text, options, message, base, tmp_path, capsys):
