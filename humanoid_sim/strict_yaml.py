@@ -51,7 +51,22 @@ Loader.add_constructor(
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
-def read_yaml(path: Path, label: str = "", what: str = "a YAML file") -> Any:
+class TrainerLoader(Loader):
+    """The loader of files in which a trainer's program dumped its own objects: these come as plain values, uncalled."""
+
+
+def _construct_plain(loader: Any, _tag: str, node: yaml.Node) -> Any:
+    if isinstance(node, yaml.MappingNode):
+        return loader.construct_mapping(node, deep=True)
+    if isinstance(node, yaml.SequenceNode):
+        return loader.construct_sequence(node, deep=True)
+    return loader.construct_scalar(node)
+
+
+TrainerLoader.add_multi_constructor("tag:yaml.org,2002:python/", _construct_plain)
+
+
+def read_yaml(path: Path, label: str = "", what: str = "a YAML file", loader: type[Loader] = Loader) -> Any:
     """Return the document in a YAML file; None if it is empty.
 
     `label` is what to call the file in messages, its path by default; `what` it should be.
@@ -60,7 +75,7 @@ def read_yaml(path: Path, label: str = "", what: str = "a YAML file") -> Any:
     """
     label = label or str(path)
     try:
-        return yaml.load(regular_file(path, what).read_text(encoding="utf-8"), Loader)
+        return yaml.load(regular_file(path, what).read_text(encoding="utf-8"), loader)
     except UnicodeDecodeError:
         raise InputError(f"{label}: is not a text file (UTF-8), expected {what}") from None
     except yaml.YAMLError as error:

@@ -233,7 +233,10 @@ observations:
     concatenate_terms: true
     history_length: null
     gyro: {func: "isaaclab.envs.mdp.observations:base_ang_vel", scale: 0.2, clip: !!python/tuple [-5.0, 5.0]}
-    velocity: {func: "isaaclab.envs.mdp.observations:generated_commands", params: {command_name: base_velocity}}
+    velocity:
+      func: "isaaclab.envs.mdp.observations:generated_commands"
+      params: {command_name: base_velocity}
+      noise: !!python/object:somewhere.Noise {std: !!python/name:somewhere.deviation ''}
     joint_pos: {func: "isaaclab.envs.mdp.observations:joint_pos", history_length: 3}
     last_action: {func: "isaaclab.envs.mdp.observations:last_action"}
 """
@@ -259,7 +262,7 @@ def test_isaac_labs_env_yaml(tmp_path):
 
 def test_an_env_yaml_that_cannot_be_read_is_told_and_stops_nothing(tmp_path):
     deployed(tmp_path)
-    (tmp_path / "params" / "env.yaml").write_text("scene: !!python/name:somewhere.Scene ''\n")
+    (tmp_path / "params" / "env.yaml").write_text("scene: [\n")
     reading = read(tmp_path / "exported")
     assert reading.contract is not None
     assert "env.yaml cannot be read" in reading.unused[0]

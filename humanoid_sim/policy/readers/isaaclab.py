@@ -13,7 +13,7 @@ from typing import Any
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer
 from humanoid_sim.policy.readers.trainer_files import is_group, mapping, number, observation_fields
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
 
 ENV_FILE = "env.yaml"
 
@@ -21,7 +21,7 @@ ENV_FILE = "env.yaml"
 def read_env(path: Path) -> list[Layer]:
     """Return gains, pose, scale, terms and rate."""
     where = str(path)
-    document = mapping(read_yaml(path), where)
+    document = mapping(read_yaml(path, loader=TrainerLoader), where)
     values: dict[str, Any] = {}
     sim = mapping(document, where, "sim")
     timestep = sim.get("dt", mapping(sim, f"{where}: sim", "mujoco").get("timestep"))
