@@ -76,14 +76,14 @@ def _describe(options: Describe) -> int:
 
     from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415
     from humanoid_sim.robots import describe  # noqa: PLC0415
-    from humanoid_sim.robots.description import load_robot, with_imu  # noqa: PLC0415
+    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
     from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415
 
     if options.output is not None:
         if Path(options.robot).suffix != ".xml":
             raise InputError(f"--output: is for an MJCF (.xml), and '{options.robot}' is none")
         output_file(options.output, "--output", ".yaml", ".yml", overwrite=options.overwrite)
-    robot = with_imu(load_robot(options.robot), options.imu_site)
+    robot = load_robot(options.robot, options.imu_site)
     model, console = bare_model(robot), make_console()
     console.print(describe.joint_table(robot, model))
     if model.nu:

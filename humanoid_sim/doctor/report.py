@@ -23,7 +23,7 @@ from humanoid_sim.doctor.trial import load_subject
 from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy.words import shown
 from humanoid_sim.policy_tools.show import make_console
-from humanoid_sim.robots.description import load_robot, with_imu
+from humanoid_sim.robots.description import load_robot
 
 _SHOWN = 6  # joints, or other edits, listed one by one
 _WIDTH = 110
@@ -92,7 +92,7 @@ def doctor(config: DoctorConfig) -> int:
 def examine(config: DoctorConfig, console: Console) -> Examination:
     """Search, with progress on a console. Raises `InputError` if checkpoint, robot, motion or trace is refused."""
     start = time.perf_counter()
-    robot = with_imu(load_robot(config.robot), config.imu_site)
+    robot = load_robot(config.robot, config.imu_site)
     subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task("changes", total=None)

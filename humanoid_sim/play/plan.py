@@ -20,7 +20,7 @@ from humanoid_sim.play.outputs import Outputs, choose_outputs
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import choose_for_robot, policy_notices
 from humanoid_sim.play.refusals import options_without_effect, refuse
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
+from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.script import parse_script
@@ -43,7 +43,7 @@ class Plan:
         steps = None if config.script is None else parse_script(config.script)
         refuse(config)
         front_ends = wanted_front_ends(config)
-        description = with_imu(load_robot(config.robot), config.imu_site)
+        description = load_robot(config.robot, config.imu_site)
         self.config = config
         self.realtime = is_realtime(config, front_ends)
         self.policy, self.description = choose_for_robot(config, description)

@@ -32,7 +32,6 @@ from humanoid_sim.robots.description import (
     load_robot,
     with_contract,
     with_contract_physics,
-    with_imu,
 )
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.mjcf import bare_model, imu_line, prefix_line
@@ -49,7 +48,7 @@ _PLURALS: dict[Severity, str] = {"error": "error(s)", "warning": "warning(s)", "
 
 def check(options: Check) -> int:
     """Print the findings; exit status 1 if there is an error among them."""
-    description = with_imu(load_robot(options.robot), options.imu_site)
+    description = load_robot(options.robot, options.imu_site)
     findings = check_checkpoint(
         options.checkpoint,
         description,

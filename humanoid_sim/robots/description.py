@@ -30,7 +30,6 @@ __all__ = [
     "shipped_robots",
     "with_contract",
     "with_contract_physics",
-    "with_imu",
     "with_joint_limits",
 ]
 
@@ -40,12 +39,12 @@ def shipped_robots() -> tuple[str, ...]:
     return shipped("robots")
 
 
-def load_robot(name_or_path: str | Path) -> RobotDescription:
+def load_robot(name_or_path: str | Path, imu_site: str | None = None) -> RobotDescription:
     """Load a robot: shipped (`lite`), public (`robot_descriptions:g1`), of a YAML file, or of an MJCF alone.
 
     A YAML file without a list of joints changes single fields of what its MJCF says, as in
-    `joints: {left_knee: {effort_limit: 60}}`. Raises `InputError` with file and fields, such as
-    `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
+    `joints: {left_knee: {effort_limit: 60}}`. `imu_site` is another site or body of the MJCF that is the IMU. Raises
+    `InputError` with file and fields, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _robot_file(str(name_or_path))
     if path.suffix == ".urdf":
@@ -56,11 +55,13 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     if path.suffix == ".xml":
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
-        return describe_mjcf(path)
-    document = read_yaml(path, label)
-    if not isinstance(document, dict):
-        raise InputError(f"{label}: is no robot description, expected a mapping with name, mjcf, joints, …")
-    return _described(document, label, path.resolve().parent)
+        robot = describe_mjcf(path)
+    else:
+        document = read_yaml(path, label)
+        if not isinstance(document, dict):
+            raise InputError(f"{label}: is no robot description, expected a mapping with name, mjcf, joints, …")
+        robot = _described(document, label, path.resolve().parent)
+    return robot if imu_site is None else msgspec.structs.replace(robot, imu=imu_site)
 
 
 def _robot_file(name_or_path: str) -> tuple[Path, str]:
@@ -70,14 +71,11 @@ def _robot_file(name_or_path: str) -> tuple[Path, str]:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
     if name_or_path.startswith(PREFIX):
         return public_mjcf(name_or_path), name_or_path
-    if os.path.isdir(name_or_path):
-        expected = f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"
-        raise InputError(f"{name_or_path}: is a folder, expected {expected}")
     if not os.path.exists(name_or_path):
         unknown = f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists"
         public = "" if near_miss(name_or_path, known) else near_public(name_or_path)
         raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
-    return regular_file(name_or_path, "a robot's YAML file or an MJCF"), name_or_path
+    return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
 
 
 def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescription:
@@ -145,11 +143,6 @@ def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return whole
 
 
-def with_imu(description: RobotDescription, frame: str | None) -> RobotDescription:
-    """Return the description with its IMU at another site or body of its MJCF; None: as it is."""
-    return description if frame is None else msgspec.structs.replace(description, imu=frame)
-
-
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
     """Return the description with the contract's gains and physics, standing in the contract's default pose.
 
@@ -162,26 +155,27 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
     stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
     pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
-    replace = msgspec.structs.replace
-    standby_a, standby_b = (
-        StandbySettings(
+    replace, limited = msgspec.structs.replace, with_contract_physics(description, contract)
+
+    def standby(own: StandbySettings) -> StandbySettings:
+        return StandbySettings(
             target_stiffness=stiffness,
             target_damping=damping,
-            segment_durations=(sum(settings.segment_durations),),
+            segment_durations=(sum(own.segment_durations),),
             pose_segments=(pose,),
         )
-        for settings in (description.standby_controller_a, description.standby_controller_b)
+
+    joints = (
+        replace(joint, stiffness=k_p, damping=k_d)
+        for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
     )
-    limited = with_contract_physics(description, contract)
     return replace(
         limited,
-        joints=tuple(
-            replace(joint, stiffness=stiffness[i], damping=damping[i]) for i, joint in enumerate(limited.joints)
-        ),
+        joints=tuple(joints),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
-        standby_controller_a=standby_a,
-        standby_controller_b=standby_b,
+        standby_controller_a=standby(description.standby_controller_a),
+        standby_controller_b=standby(description.standby_controller_b),
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
     )
 

@@ -124,7 +124,7 @@ def test_a_file_that_is_no_description(tmp_path, text, problem):
 
 
 def test_an_unknown_name_lists_the_shipped_robots(tmp_path):
-    assert refusal(tmp_path).startswith("is a folder, expected a robot's YAML file, an MJCF or one of: lite, ")
+    assert refusal(tmp_path).startswith("is a directory, expected a robot's YAML file, an MJCF or one of: lite, ")
     with pytest.raises(InputError, match=r"^unknown robot 'lit' \(did you mean 'lite'\?\); known: lite, lite_biped, "):
         load_robot("lit")
 
@@ -253,7 +253,6 @@ def test_lower_torque_limits_and_damping_of_the_training_are_the_robots():
 
 def test_joint_limits_are_those_of_the_driven_joints():
     driven = (BIPED.joint_names[4], BIPED.joint_names[1])
-    made = with_joint_limits(
-        contract(BIPED.joint_names, action_joint_names=driven, position_clip="joint_limits"), BIPED
-    )
-    assert made.position_clip.tolist() == [[BIPED.lower[4], BIPED.upper[4]], [BIPED.lower[1], BIPED.upper[1]]]
+    clipped = contract(BIPED.joint_names, action_joint_names=driven, position_clip="joint_limits")
+    limits = [[BIPED.lower[4], BIPED.upper[4]], [BIPED.lower[1], BIPED.upper[1]]]
+    assert with_joint_limits(clipped, BIPED).position_clip.tolist() == limits

@@ -69,10 +69,8 @@ def test_guards_that_do_not_watch_a_joint_are_named_with_the_reason():
 
 
 def test_the_description_decides():
-    settings = GuardSettings(
-        following=FollowingGuard(effort_share=0.5, time=1.0), limit=None, speed=SpeedGuard(limit=(3.0,) * 14)
-    )
-    guards = of(replace(LITE, guards=settings))
+    following, speed = FollowingGuard(effort_share=0.5, time=1.0), SpeedGuard(limit=(3.0,) * 14)
+    guards = of(replace(LITE, guards=GuardSettings(following=following, limit=None, speed=speed)))
     assert (guards.following_effort[ELBOW], guards.following_time) == (7.0, 1.0)
     assert np.isinf(guards.limit_margin).all()
     assert (guards.speed_limit.tolist(), guards.speed_assumed) == ([3.0] * 14, ())

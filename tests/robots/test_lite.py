@@ -32,20 +32,11 @@ def sides(joints):
 
 
 @pytest.mark.parametrize(
-    ("name", "joints"), [("lite", sides(ARM)), ("lite_neck", [*sides(ARM), *NECK]), ("lite_biped", sides(LEG))]
-)
-def test_joints_are_in_canonical_order(name, joints):
-    robot = load_robot(name)
-    assert robot.joint_names == tuple(joints)
-    model = build_model(robot, scene=False)
-    assert [model.joint(i).name for i in range(model.njnt)][-len(joints) :] == joints
-
-
-@pytest.mark.parametrize(
-    ("name", "ids", "models", "directions", "efforts"),
+    ("name", "joints", "ids", "models", "directions", "efforts"),
     [
         (
             "lite_neck",
+            [*sides(ARM), *NECK],
             [*range(11, 18), *range(21, 28), 31, 32, 33],
             ["rs-02", "rs-00", "rs-00", "rs-00", "rs-05", "rs-05", "rs-05"] * 2 + ["rs-00"] * 3,
             [-1, -1, 1, -1, 1, -1, -1, 1, -1, 1, 1, 1, 1, -1, 1, 1, 1],
@@ -53,6 +44,7 @@ def test_joints_are_in_canonical_order(name, joints):
         ),
         (
             "lite_biped",
+            sides(LEG),
             [*range(31, 38), *range(41, 48)],
             ["rs-06", "rs-06", "rs-02", "rs-06", "rs-00", "rs-00", "rs-05"] * 2,
             [-1, 1, 1, -1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1],
@@ -60,9 +52,10 @@ def test_joints_are_in_canonical_order(name, joints):
         ),
     ],
 )
-def test_motors_are_those_of_the_hardware_map(name, ids, models, directions, efforts):
+def test_joints_and_motors_are_those_of_the_hardware_map(name, joints, ids, models, directions, efforts):
     robot = load_robot(name)
     motors = [joint.motor for joint in robot.joints]
+    assert list(robot.joint_names) == joints
     assert [motor.can_id for motor in motors] == ids
     assert [motor.bus for motor in motors] == ([0] * 7 + [1] * 7 + [0] * 3)[: len(ids)]
     assert [motor.model for motor in motors] == models
@@ -135,9 +128,6 @@ def test_poses_and_the_ways_to_them_touch_nothing(robot):
         way = [np.array(robot.initial_position), *(np.array(pose) for pose in standby.pose_segments)]
         for start, end in (*pairwise(way), (way[-1], 0.0 * way[-1])):  # after DAMP the next begins from anywhere
             assert not any(touches(model, data, start + share * (end - start)) for share in shares)
-    across_the_chest = np.zeros(robot.joint_count)
-    across_the_chest[[0, 1, 3]] = -1.5, -1.2, -2.3
-    assert touches(model, data, across_the_chest), "the check can fail"
 
 
 @ARMS
@@ -152,16 +142,6 @@ def test_the_arms_start_at_rest_without_torque(robot):
     assert np.abs(data.qvel).max() < 0.01
     left, right = ForwardKinematics(load_robot("lite"))(start[:14])[0]
     np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-4)
-
-
-@ARMS
-def test_what_is_only_shown_does_not_collide(robot):
-    model = build_model(robot)
-    shown = model.geom_group == 2
-    assert shown.sum() > 80
-    assert not (model.geom_contype | model.geom_conaffinity)[shown].any()
-    colliding = {model.body(model.geom_bodyid[i]).name for i in np.flatnonzero(model.geom_contype)}
-    assert colliding == {"world", "chest", "head", *sides(("shoulder_yaw", "wrist_yaw", "hand"))}
 
 
 @pytest.mark.parametrize(
@@ -185,11 +165,9 @@ def test_the_legs_centre_of_mass_feet_and_height_are_the_published_ones(pose, ce
     assert (data.contact.dist > -1e-4).all(), "nothing overlaps, of legs and pelvis either"
 
 
-@pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
-def test_the_legs_carry_themselves_for_ten_seconds(actuation):
+def test_the_legs_carry_themselves_for_ten_seconds():
     """At K_p 80 and K_d 2, held for a second and then released on their feet."""
-    robot = MujocoRobot(BIPED, actuation=actuation, base_yaw=0.7)
-    assert (robot.supported, robot.warnings) == (True, ())
+    robot = MujocoRobot(BIPED, base_yaw=0.7)
     zeros = np.zeros(14)
     stand = MITCommand(np.array(BIPED.initial_position), zeros, zeros, BIPED.stiffness, BIPED.damping)
     heights, tilts, efforts = [], [], []
@@ -205,6 +183,3 @@ def test_the_legs_carry_themselves_for_ten_seconds(actuation):
     assert max(tilts) < np.deg2rad(2.0)
     assert (np.max(efforts, axis=0) < 0.3 * BIPED.effort_limit).all()
     assert base.yaw == pytest.approx(0.7, abs=0.01)
-    for _ in range(300):
-        robot.write(MITCommand.zeros(14))
-    assert 0.0 < robot.base_state.height < 0.4, "without torque they fall, on the floor and not through it"
