@@ -3,8 +3,6 @@
 import copy
 import math
 import re
-import subprocess
-import sys
 
 import msgspec
 import numpy as np
@@ -69,13 +67,10 @@ BAD_VALUES = [
     ("mjcf", "nowhere.xml", "mjcf: 'nowhere.xml' is not a file"),
     ("topic_prefix", "a/b", "topic_prefix: is 'a/b'"),
     ("folder", "/", "folder: is not a field of the file"),
-    ("joints", [], "joints: is [], expected a list"),
     ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
     ("joints[3].lower", math.nan, "joints[3].lower: is nan, expected a finite number"),
-    ("joints[3].upper", "high", "joints[3].upper: is 'high', expected a number"),
     ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: is 0.0, expected a number > 0"),
-    ("joints[1].motor.direction", 2, "joints[1].motor.direction: is 2, expected one of -1, 1"),
     ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
@@ -87,8 +82,6 @@ BAD_VALUES = [
     ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, outside the limits of left_elbow_pitch, -2.35619 to 0"),
     ("simulation.physics_timestep", 0.0006, "simulation.physics_timestep: 0.0006 s does not divide"),
     ("base", {"type": "floating"}, "base.body: is empty"),
-    ("damping_controller.damping", [1.0], f"damping_controller.damping: has 1 values, {PER_JOINT}"),
-    (f"{STANDBY}.target_damping", [], f"{STANDBY}.target_damping: has 0 values, {PER_JOINT}"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
     (f"{STANDBY}.pose_segments[1][3]", 1.0, f"{STANDBY}.pose_segments[1][3]: is 1, outside the limits of left_elbow"),
     ("guards.following.effort", [1, None], f"guards.following.effort: has 2 values, {PER_JOINT}"),
@@ -152,14 +145,6 @@ def test_the_passive_hold_damps_as_damping_does_unless_it_has_its_own(tmp_path, 
     assert load_robot(write(tmp_path, document)).passive_damping.tolist() == document["damping_controller"]["damping"]
     document["remote_policy_controller"] = {"damping_scalar": 3.0}
     assert load_robot(write(tmp_path, document)).passive_damping.tolist() == [3.0] * 14
-
-
-def test_loading_does_not_import_the_simulator():
-    program = (
-        "import sys; from humanoid_sim.robots.description import load_robot; load_robot('lite'); "
-        "sys.exit('mujoco' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def completed(hopper, text):
