@@ -26,7 +26,7 @@ Executor = Callable[[TestedPolicy, Advance], list[Episode]]  # case by case, see
 _CHUNK = 8  # seeds of one task of a cluster
 
 
-def run_locally(policy: TestedPolicy, advance: Advance = id, *, threads: int | None = None) -> list[Episode]:
+def run_locally(policy: TestedPolicy, advance: Advance, *, threads: int | None = None) -> list[Episode]:
     """Run case after case in this process, each on so many threads; None for one per processor."""
     episodes: list[Episode] = []
     for case in policy.cases:

@@ -24,7 +24,7 @@ from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, prepare_policy, prepare_suite
 from humanoid_sim.regress.report import junit_xml, report_page, verdict_lines
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results
-from humanoid_sim.regress.suite import Suite, chosen_suite, load_suite
+from humanoid_sim.regress.suite import chosen_suite, load_suite
 
 _AGAIN = "make it again with --write-baseline"
 
@@ -67,7 +67,8 @@ def tested(config: RegressConfig) -> Results:
             runs.append(run_policy(policy, executor, partial(bar.advance, task)))
     if len(runs) > len(config.policies):
         baseline = runs.pop()
-    candidates = tuple(judge(prepared.suite, baseline, run) for run in runs)
+    compared = [() if baseline is None else compare_runs(prepared.suite, baseline, run) for run in runs]
+    candidates = tuple(Candidate(run=run, comparisons=c) for run, c in zip(runs, compared, strict=True))
     results = Results(suite=prepared.suite, robot=prepared.description.name, baseline=baseline, candidates=candidates)
     for output, document in (
         (config.write_baseline, json_of(runs[0])),
@@ -81,7 +82,7 @@ def tested(config: RegressConfig) -> Results:
     return results
 
 
-def run_policy(policy: TestedPolicy, executor: Executor = run_locally, advance: Advance = id) -> PolicyRun:
+def run_policy(policy: TestedPolicy, executor: Executor, advance: Advance) -> PolicyRun:
     """Run every episode of a policy."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
     return PolicyRun(
@@ -94,11 +95,6 @@ def run_policy(policy: TestedPolicy, executor: Executor = run_locally, advance: 
         episodes=tuple(executor(policy, advance)),
         versions={"humanoid_sim": __version__, **packages, "platform": platform.platform()},
     )
-
-
-def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun) -> Candidate:
-    """Return the verdicts on a run; none without a baseline."""
-    return Candidate(run=run, comparisons=() if baseline is None else compare_runs(suite, baseline, run))
 
 
 def json_of(value: msgspec.Struct) -> bytes:

@@ -6,13 +6,12 @@ What a mode's command must look like is taken from the settings of its controlle
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +95,7 @@ def _field_names(kind: type) -> tuple[str, ...] | None:
 class SafetyProperties:
     """Watches one run of a stack from its first tick.
 
-    - The command is finite, complete, read-only and as its mode's controller must give it.
+    - The command is finite, complete and as its mode's controller must give it.
     - DAMP is obeyed in the tick in which it arrives, from every mode.
     - No tick with a safety status other than OK ends in a mode that moves.
     - A mode changes only by the operator's intent along the FSM's edges, or down to DAMPING or ZERO_TORQUE; nothing
@@ -121,10 +120,6 @@ class SafetyProperties:
         self._newest: RemoteCommand | None = None
         self._age = math.inf
         """s since the newest remote command was shown to the stack."""
-
-    def copy(self) -> Self:
-        """Another watch over the same run, at the same tick."""
-        return copy.copy(self)
 
     def check(self, given: TickInput, output: TickOutput) -> None:
         """Check every property for this tick, which follows the one checked before."""
@@ -264,12 +259,10 @@ class SafetyProperties:
 
 
 def check_complete(command: MITCommand, n: int) -> None:
-    """Every command: n joints, all fields finite float64, gains not negative, arrays that nobody can write to."""
+    """Every command: n joints, all fields finite, gains not negative."""
     for name in COMMAND_FIELDS:
         values = getattr(command, name)
         require(values.shape == (n,), "command's {} has shape {}, expected ({},)", name, values.shape, n)
-        require(values.dtype == np.float64, "command's {} is of {}, expected float64", name, values.dtype)
-        require(not values.flags.writeable, "command's {} can be written to by whoever is given it", name)
         require(bool(np.isfinite(values).all()), "command's {} is {}, expected finite numbers", name, values)
     for name in ("stiffness", "damping"):
         values = getattr(command, name)

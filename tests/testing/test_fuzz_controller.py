@@ -63,12 +63,6 @@ class FaultsWithoutAWord(Held):
         return Fault("") if isinstance(super().activate(tick_input), Fault) else Memory()
 
 
-class ForgetsItself(Held):
-    def update(self, memory, tick_input):
-        result = super().update(memory, tick_input)
-        return result if isinstance(result, Fault) else (None, result[1])
-
-
 class FailsInTime(DampingController):
     __slots__ = ()
 
@@ -88,7 +82,6 @@ def test_the_packages_own_controllers_are_sound(name):
         (PassesNaNOn(), "expected"),
         (IsNotPure(), "the same inputs gave"),
         (FaultsWithoutAWord(), "a fault whose message is ''"),
-        (ForgetsItself(), "expected a memory and a command"),
         (FailsInTime(rig.JOINTS, np.ones(3)), "in tick 1501"),
     ],
 )
