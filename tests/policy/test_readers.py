@@ -305,3 +305,13 @@ def test_the_published_berkeley_checkpoint_needs_nothing_else():
     checkpoint = load_checkpoint(folder / "checkpoints" / "policy_biped_50hz.onnx", None, joints)
     assert checkpoint.contract.policy_dt == 0.02
     assert checkpoint.observation_width == 45
+
+
+def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
+    (tmp_path / "params").mkdir()
+    term = {"scale": 0.5, "history_length": 3}
+    env = {"observations": {"actor": {"terms": {"joint_pos": term, "actions": {}}, "concatenate_terms": True}}}
+    (tmp_path / "params" / "env.yaml").write_text(yaml.safe_dump(env, sort_keys=False))
+    reading = read(tmp_path)
+    assert reading.values["observation"] == ("joint_pos", "actions")
+    assert (reading.values["observation.joint_pos.history"], reading.unused) == (3, ())

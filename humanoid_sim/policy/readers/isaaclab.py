@@ -44,8 +44,11 @@ def read_env(path: Path) -> list[Layer]:
             values[name] = found
     values |= _action(mapping(document, where, "actions"), where)
     groups = mapping(document, where, "observations")
-    if is_group(groups.get("policy")):
-        values |= dict(observation_fields(groups["policy"], f"{where}: observations.policy"))
+    for name in ("policy", "actor"):  # Isaac Lab's name of the policy's group, and mjlab's, whose terms lie one deeper
+        group = mapping(groups, f"{where}: observations", name)
+        if is_group(group):
+            terms = mapping(group, f"{where}: observations.{name}", "terms")
+            values |= dict(observation_fields({**group, **terms, "terms": None}, f"{where}: observations.{name}"))
     ranges = mapping(document, where, "commands", "base_velocity", "ranges")
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = {axis: ranges[axis] for axis in COMMAND_AXES}
