@@ -36,22 +36,10 @@ _DOUBTS = {"rate": 0.15, "two joints": 0.1, "joint sign": 0.03}
 _BENT = {"hip_?pitch|HFE": -1.0, "knee|KFE": 2.0, "ankle_?pitch|FFE": -1.0}
 """Joints that bend where a humanoid stands with bent knees, and by how much, in shares of the shank's lean."""
 
+Orders = Mapping[str, tuple[str, ...]]
+"""By what they are called, orders that all joints of the policy may be in."""
 Changes = Iterator[tuple[str, str, dict[str, Any]]]
 """Name, family, and the fields of the contract that change."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotFacts:
-    """What the edits need of a robot and a motion."""
-
-    joint_names: tuple[str, ...]
-    """In the order of the MJCF, and of its actuators."""
-    breadth_first: tuple[str, ...]
-    """Level by level through the kinematic tree, as Isaac orders them."""
-    initial_position: FloatArray
-    """Shape (n,), rad, in the order of `joint_names`."""
-    motion_bodies: tuple[str, ...] = ()
-    """Bodies whose world poses the motion holds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,12 +56,10 @@ class Edit:
     """Share of its own errors by which it has to do better: few contracts are wrong in this way."""
 
 
-def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFacts:
-    """Return what the edits need. Raises `InputError` if the robot's MJCF cannot be built."""
-    names, model = description.joint_names, build_model(description, scene=False)
-    bodies = motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else ()
-    order = joints_of(model, breadth_first(model), names)
-    return RobotFacts(names, order, np.array(description.initial_position), bodies)
+def isaac_order(robot: RobotDescription) -> tuple[str, ...]:
+    """Return the robot's joints level by level through the kinematic tree."""
+    model = build_model(robot, scene=False)
+    return joints_of(model, breadth_first(model), robot.joint_names)
 
 
 def wiring_values(contract: PolicyContract) -> dict[str, Any]:
@@ -86,27 +72,40 @@ def wiring_values(contract: PolicyContract) -> dict[str, Any]:
 
 
 def single_edits(
-    contract: PolicyContract, robot: RobotFacts, *, all_pairs: bool = False, more: Iterable[Edit] = ()
+    contract: PolicyContract,
+    robot: RobotDescription,
+    motion: Motion | None = None,
+    *,
+    all_pairs: bool = False,
+    more: Iterable[Edit] = (),
 ) -> tuple[Edit, ...]:
     """Return every edit that fits the contract and changes it, no edited contract twice.
 
     Args:
-        more: further edits of this contract.
+        motion: that the policy follows.
         all_pairs: swap any two joints, not only neighbours in the list or on the robot, and mirror images.
+        more: further edits of this contract.
     """
+    orders = {
+        "the robot's": robot.joint_names,
+        "breadth-first (Isaac)": isaac_order(robot),
+        "alphabetical": tuple(sorted(contract.joint_names)),
+    }
+    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(contract.joint_names)}
     found: dict[str, Edit | None] = {str(wiring_values(contract)): None}
     unlike = asymmetry(contract)
     for changes in (
-        _joint_orders(contract, robot, all_pairs),
+        _joint_orders(contract, orders),
+        _joint_pairs(contract, None if all_pairs else robot.joint_names),
         _term_orders(contract),
         _conventions(contract),
-        _references(contract, robot),
+        _references(contract, motion),
         _phases(contract),
         _scales(contract),
         _histories(contract),
-        _actions(contract, robot),
-        _poses(contract, robot),
-        _gains(contract, robot),
+        _actions(contract, orders),
+        _poses(contract, orders, robot),
+        _gains(contract, orders),
         _rates(),
         _joint_signs(contract),
     ):
@@ -136,35 +135,24 @@ def asymmetry(contract: PolicyContract) -> int:
 # --- joints ---
 
 
-def _orders(contract: PolicyContract, robot: RobotFacts) -> dict[str, tuple[str, ...]]:
-    orders = {
-        "the robot's": robot.joint_names,
-        "breadth-first (Isaac)": robot.breadth_first,
-        "alphabetical": tuple(sorted(contract.joint_names)),
-    }
-    return {title: order for title, order in orders.items() if sorted(order) == sorted(contract.joint_names)}
-
-
-def _listed(contract: PolicyContract, robot: RobotFacts, joints: tuple[str, ...]) -> dict[str, Any]:
-    """Return, by the order that a list of values may be in, the place in it of each of `joints`."""
-    orders = _orders(contract, robot)
-    return {title: _places(joints, tuple(n for n in order if n in joints)) for title, order in orders.items()}
-
-
 def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
-    """Return the place in `order` of each of `joints`."""
-    return joint_indices(joints, order, "joints")
+    """Return the place of each of `joints` in a list in this order, which may have more joints."""
+    return joint_indices(joints, tuple(name for name in order if name in joints), "joints")
 
 
-def _joint_orders(contract: PolicyContract, robot: RobotFacts, all_pairs: bool) -> Changes:
-    names = contract.joint_names
-    for title, order in _orders(contract, robot).items():
+def _joint_orders(contract: PolicyContract, orders: Orders) -> Changes:
+    for title, order in orders.items():
         yield f"joint_names is in {title} order", "joint order", _relabelled(contract, order)
         name = f"the network has its joints, and their values, in {title} order"
         yield name, "joint order", _reordered(contract, order)
-    near = {*pairwise(names), *pairwise(robot.joint_names), *mirrored_pairs(names)}
+
+
+def _joint_pairs(contract: PolicyContract, robot_joints: tuple[str, ...] | None) -> Changes:
+    """Swap two joints; with the robot's, only such that are easily mistaken for each other."""
+    names = contract.joint_names
+    near = {*pairwise(names), *pairwise(robot_joints or ()), *mirrored_pairs(names)}
     for one, other in combinations(names, 2):
-        if all_pairs or (one, other) in near or (other, one) in near:
+        if robot_joints is None or (one, other) in near or (other, one) in near:
             swap = {one: other, other: one}
             order = tuple(swap.get(name, name) for name in names)
             yield f"{one} and {other} are in each other's places", "two joints", _relabelled(contract, order)
@@ -184,7 +172,10 @@ def _relabelled(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, A
 def _reordered(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, Any]:
     """Sort the joints, and all values that belong to them, into `order`."""
     driven = tuple(name for name in order if name in contract.action_joint_names)
-    joints, actions = _places(order, contract.joint_names), _places(driven, contract.action_joint_names)
+    joints, actions = (
+        joint_indices(order, contract.joint_names, ""),
+        joint_indices(driven, contract.action_joint_names, ""),
+    )
     moved: dict[str, Any] = {"joint_names": order, "action_joint_names": driven}
     for names, places in ((_OF_JOINTS, joints), (_OF_ACTIONS, actions)):
         for name in names:
@@ -253,10 +244,10 @@ def _term_orders(contract: PolicyContract) -> Changes:
         yield title, "term order", {"observation": order}
 
 
-def _references(contract: PolicyContract, robot: RobotFacts) -> Changes:
-    if not contract.requires("anchor_body"):
+def _references(contract: PolicyContract, motion: Motion | None) -> Changes:
+    if motion is None or motion.layout != "joints_bodies_w" or not contract.requires("anchor_body"):
         return
-    for body in robot.motion_bodies:
+    for body in motion.body_names:
         yield f"the anchor body is {body}", "anchor body", {"anchor_body": body}
     turned = not contract.align_reference
     title = f"the reference is {'' if turned else 'not '}turned to the robot's heading at the start"
@@ -270,16 +261,10 @@ def _phases(contract: PolicyContract) -> Changes:
     rule = contract.phase
     if rule is None or not contract.requires("phase"):
         return
-    others = {
-        "starts with the other foot": replace(rule, offsets=rule.offsets[::-1]),
-        f"is {'not ' if rule.advance_first else ''}advanced before the first observation": replace(
-            rule, advance_first=not rule.advance_first
-        ),
-    }
-    if rule.period is not None:
-        others |= {f"has a period of {period:g} s": replace(rule, period=period) for period in (0.6, 0.8, 1.0)}
-    for title, phase in others.items():
-        yield f"the gait clock {title}", "gait clock", {"phase": phase}
+    feet = replace(rule, offsets=rule.offsets[::-1])
+    yield "the gait clock starts with the other foot", "gait clock", {"phase": feet}
+    title = f"the gait clock is {'not ' if rule.advance_first else ''}advanced before the first observation"
+    yield title, "gait clock", {"phase": replace(rule, advance_first=not rule.advance_first)}
 
 
 def _scales(contract: PolicyContract) -> Changes:
@@ -305,12 +290,12 @@ def _histories(contract: PolicyContract) -> Changes:
 # --- actions, pose, gains, rate ---
 
 
-def _actions(contract: PolicyContract, robot: RobotFacts) -> Changes:
+def _actions(contract: PolicyContract, orders: Orders) -> Changes:
     scale = contract.action_scale
     values: dict[str, Any] = {f"{value:g}": value for value in (1.0, 0.5, 0.25)}
     values |= {f"{factor:g} x as large": factor * scale for factor in (0.5, 2.0, 4.0)}
-    listed = _listed(contract, robot, contract.action_joint_names)
-    values |= {f"listed in {title} order": scale[places] for title, places in listed.items()}
+    for title, order in orders.items():
+        values[f"listed in {title} order"] = scale[_places(contract.action_joint_names, order)]
     for title, value in values.items():
         yield f"the action scale is {title}", "action scale", {"action_scale": value}
     yield "an action is the position itself", "action offset", {"action_offset": 0.0}
@@ -319,19 +304,18 @@ def _actions(contract: PolicyContract, robot: RobotFacts) -> Changes:
 
 def with_pose(contract: PolicyContract, pose: FloatArray) -> dict[str, Any]:
     """Return the fields with another default pose; the action's offset moves along where it was the old one."""
-    old = contract.default_joint_pos[_places(contract.action_joint_names, contract.joint_names)]
+    old = contract.default_joint_pos[[contract.joint_names.index(name) for name in contract.action_joint_names]]
     follows = np.array_equal(np.asarray(contract.action_offset), old)
     return {"default_joint_pos": pose, "action_offset": None if follows else contract.action_offset}
 
 
-def _poses(contract: PolicyContract, robot: RobotFacts) -> Changes:
+def _poses(contract: PolicyContract, orders: Orders, robot: RobotDescription) -> Changes:
     names, pose = contract.joint_names, contract.default_joint_pos
     poses = {
         "all zeros": np.zeros(len(names)),
-        "the robot's own": robot.initial_position[_places(names, robot.joint_names)],
+        "the robot's own": np.array(robot.initial_position)[joint_indices(names, robot.joint_names, "joints")],
+        **{f"listed in {title} order": pose[_places(names, order)] for title, order in orders.items()},
     }
-    listed = _listed(contract, robot, names)
-    poses |= {f"listed in {title} order": pose[places] for title, places in listed.items()}
     if not pose.any():
         bend = sum(np.array([share * bool(re.search(part, name)) for name in names]) for part, share in _BENT.items())
         for lean in (0.15, 0.3, -0.15, -0.3):
@@ -340,11 +324,11 @@ def _poses(contract: PolicyContract, robot: RobotFacts) -> Changes:
         yield f"the default pose is {title}", "default pose", with_pose(contract, other)
 
 
-def _gains(contract: PolicyContract, robot: RobotFacts) -> Changes:
+def _gains(contract: PolicyContract, orders: Orders) -> Changes:
     own = np.stack([contract.joint_stiffness, contract.joint_damping])
     values = {f"{factor:g} x as large": factor * own for factor in (0.5, 2.0)}
-    for title, places in _listed(contract, robot, contract.joint_names).items():
-        values[f"listed in {title} order"] = own[:, places]
+    for title, order in orders.items():
+        values[f"listed in {title} order"] = own[:, _places(contract.joint_names, order)]
     for title, (stiffness, damping) in values.items():
         yield f"the gains are {title}", "gains", {"joint_stiffness": stiffness, "joint_damping": damping}
 

@@ -29,7 +29,6 @@ _TOLERANCE = 1e-4  # of an observation: absolute up to 1, relative beyond; float
 _ACTION_TOLERANCE = 1e-3  # networks amplify the rounding of other hardware
 _ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _CONSTANT = 1e-3  # largest range over the samples of what is constant
-_EXPLAINED = 0.05  # share of the efforts' squares that gains may leave
 _TRANSITIONS = 40  # steps of the trace that are predicted
 _NO_LIMIT = 1e9  # a recorded action is what it is
 
@@ -144,30 +143,6 @@ class Samples:
         mean = 0.5 * (speed[1:] + speed[:-1])
         fast = np.abs(mean) > 0.2 * np.abs(mean).max()
         return float(np.median(moved[fast] / mean[fast])) if mean.any() else 0.0
-
-    def gains(self, contract: PolicyContract) -> PolicyContract | None:
-        """Return the contract with the gains that the trace's efforts, (S, J) N·m, follow; None without any."""
-        if "effort" not in self._file:
-            return None
-        trace, effort = self.trace(contract), self._file["effort"].astype(np.float64)
-        names = self._names[len(self._names) - effort.shape[1] :]
-        order = [trace.joint_names.index(name) for name in contract.joint_names]
-        effort = effort[:, [names.index(name) for name in contract.joint_names]]
-        position = action_command(self.wiring(contract).action_map, trace.arrays["action"]).position
-        off = trace.arrays.get("target", position)[:, order]
-        best: tuple[float, Any] = (_EXPLAINED, None)
-        for late in (0, 1):  # the effort of a row belongs to the action of that row, or to the one before
-            stop = len(off) - late
-            parts = np.stack(
-                [
-                    off[:stop] - trace.arrays["joint_position"][late:, order],
-                    -trace.arrays["joint_velocity"][late:, order],
-                ]
-            )
-            fit = np.stack([np.linalg.lstsq(parts[..., j].T, effort[late:, j])[0] for j in range(len(order))], axis=1)
-            rest = float(((parts * fit[:, None]).sum(axis=0) - effort[late:]).var() / max(effort[late:].var(), 1e-12))
-            best = min(best, (rest, fit.round(3).clip(0.0)), key=lambda each: each[0])
-        return None if best[1] is None else replace(contract, joint_stiffness=best[1][0], joint_damping=best[1][1])
 
     def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
         """Return how far predicted joint velocities are from the trace's, over how far those changed; inf if unknown.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.edits import Edit, asymmetry, robot_facts, single_edits
+from humanoid_sim.doctor.edits import Edit, asymmetry, single_edits
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Command, Outcome, Simulations, Subject
 
@@ -19,7 +19,6 @@ _SECONDS = 4.0  # s, of an episode
 _WALK: Command = (0.5, 0.0, 0.5)
 _LONG: Sequence[Command] = (_WALK, (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.4, 0.0), (-0.5, 0.0, 0.0))
 _PHASE = 3.0  # s, of each of these
-_DEAD = 0.25  # share of a command below which it is not answered
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
@@ -28,7 +27,7 @@ _EXACT = 0.01  # prediction's error below which there is nothing to explain
 _RATES = (25.0, 30.0, 50.0, 60.0, 100.0, 200.0)  # Hz
 _OFF_RATE = 1.25  # factor between two rates beyond which they differ
 _THREADS = 2  # physics and inference release the interpreter
-_UNSEEN = ("gains", "one gain", "action scale", "action offset", "default pose", "model damping")
+_UNSEEN = ("gains", "action scale", "action offset", "default pose")
 """Families that no observation shows: they change how the robot moves."""
 
 
@@ -66,8 +65,8 @@ def _found(rows: Sequence[Row], *notes: str) -> Result:
 def search_trace(subject: Subject, samples: Samples) -> Result:
     """Try every edit on the samples of the trainer's environment; a finding agrees with all of them."""
     contract, simulations = subject.contract, Simulations(subject)
-    facts = robot_facts(subject.description, subject.motion)
-    edits = single_edits(contract, facts, all_pairs=True, more=samples.fitted(contract))
+    more = samples.fitted(contract)
+    edits = single_edits(contract, subject.description, subject.motion, all_pairs=True, more=more)
     far = samples.differing(contract)
     if not far.any():
         return _search_unseen(samples, contract, edits, simulations)
@@ -93,11 +92,6 @@ def _search_unseen(
         note = f"positions and velocities of the joints say {period:.3f} s from sample to sample"
         return _found([Row(edit, period, note)], agree)
     edits = [edit for edit in edits if edit.family in _UNSEEN]
-    fitted = samples.gains(contract)
-    if fitted is not None and not _same_gains(contract, fitted):
-        named = [edit for edit in edits if _same_gains(edit.contract, fitted)]
-        edit = named[0] if named else Edit("the gains are those of the trace's efforts", "gains", fitted)
-        return _found([Row(edit, 0.0, "agrees with the efforts")], agree)
     now = samples.prediction_error(contract, simulations)
     if math.isfinite(now):
         agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
@@ -107,11 +101,6 @@ def _search_unseen(
         if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
             return _found(rows, agree)
     return Result("Nothing wrong found: the contract agrees with the trace", (), (agree,), is_healthy=True)
-
-
-def _same_gains(one: PolicyContract, other: PolicyContract) -> bool:
-    pairs = [(getattr(one, name), getattr(other, name)) for name in ("joint_stiffness", "joint_damping")]
-    return all(np.allclose(a, b, rtol=0.1, atol=0.05) for a, b in pairs)
 
 
 def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
@@ -124,7 +113,7 @@ def search_episodes(subject: Subject, progress: Callable[[int, int], None] | Non
     schedule = [_within(command, contract) for command in _LONG] if walks else [_WALK]
     whole = _PHASE * len(schedule) if walks else subject.motion_seconds
     long = Simulations(subject).run(contract, whole, schedule)
-    edits = single_edits(contract, robot_facts(subject.description, subject.motion))
+    edits = single_edits(contract, subject.description, subject.motion)
     local = threading.local()
 
     def run(edited: PolicyContract) -> Outcome:
@@ -149,7 +138,7 @@ def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence
         now: of the contract as it is, in the episode of the edits.
         long: of the contract as it is, with every command.
     """
-    notes = (_describe(long), *_dead_zones(long))
+    notes = (_describe(long),)
 
     def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
         return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
@@ -173,17 +162,6 @@ def _describe(outcome: Outcome) -> str:
     parts = sorted(outcome.parts.items(), key=lambda item: -item[1])[:3]
     worst = ", ".join(f"{name} {value:.1f}" for name, value in parts)
     return f"stays up for {outcome.seconds:g} s; errors {outcome.cost:.1f} ({worst}, …)"
-
-
-def _dead_zones(long: Outcome) -> list[str]:
-    """Name the commands that the policy does not answer."""
-    dead = [
-        f"{axis} {wanted:g} of ({', '.join(f'{each:g}' for each in command)}): does {done:.2f}"
-        for command, velocity in long.responses
-        for axis, wanted, done in zip(("vx", "vy", "yaw rate"), command, velocity, strict=True)
-        if wanted and done / wanted < _DEAD
-    ]
-    return [f"commands that it does not answer: {'; '.join(dead)}"] if dead else []
 
 
 def _within(command: Command, contract: PolicyContract) -> Command:

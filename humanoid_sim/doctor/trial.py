@@ -22,7 +22,7 @@ from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_f
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import SafetyLevel
-from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, FloatArray, MITState
+from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -94,10 +94,7 @@ class Subject:
         if motion is None:
             return None
         if not self.in_policy_order:
-            count = max(round(len(motion.frames) * motion.policy_dt / contract.policy_dt), 1)
-            places = (np.arange(count) * contract.policy_dt / motion.policy_dt + 1e-6).astype(np.intp)
-            frames = motion.frames[np.minimum(places, len(motion.frames) - 1)]
-            return replace(motion, frames=frames, policy_dt=contract.policy_dt)
+            return replace(motion, policy_dt=contract.policy_dt)
         motion = replace(motion, policy_dt=contract.policy_dt, joint_names=contract.joint_names)
         if contract.reference_quaternion == self.contract.reference_quaternion or motion.layout != "joints_bodies_w":
             return motion
@@ -121,18 +118,14 @@ def load_subject(
         motion: name or file; None: the motion that the model carries.
     """
     checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
-    contract, own = checkpoint.contract, checkpoint.motion
+    contract = checkpoint.contract
     for name, width in contract.live_inputs.items():
         raise InputError(f"{path}: needs the live input '{name}' of width {width}, and doctor has none")
-    follows = contract.task_type != "locomotion"
-    if motion is not None and not follows:
+    if motion is not None and contract.task_type == "locomotion":
         raise InputError(f"--motion: is '{motion}', but {path} follows no motion")
-    if follows and motion is None and own is None:
-        raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
-    given = None if motion is None else read_motion(motion_path(motion))
-    chosen = (given or own) if follows else None
-    load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return Subject(contract, checkpoint.policy, description, chosen, given is None)
+    followed = checkpoint.motion if motion is None else read_motion(motion_path(motion))
+    load_policy(contract, checkpoint.policy, followed, checkpoint.observation_width, source=str(path))
+    return Subject(contract, checkpoint.policy, description, followed, motion is None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +140,6 @@ class Outcome:
     """Errors by name, each about 1 where an onlooker begins to notice."""
     lost: str = ""
     """Way in which the robot was lost; empty if it stayed up."""
-    responses: Sequence[tuple[Command, FloatArray]] = ()
-    """Each command, and the mean velocity that it led to, shape (3,)."""
 
     @property
     def cost(self) -> float:
@@ -162,7 +153,7 @@ class Simulations:
     def __init__(self, subject: Subject) -> None:
         self._subject = subject
         self._robots: dict[tuple[object, ...], MujocoRobot] = {}
-        self._stability: dict[tuple[object, ...], DampingStability] = {}
+        self._stability: dict[tuple[BatchActuation, float], DampingStability] = {}
 
     def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
         """Run a contract once; one that cannot run is lost at 0 s. The same contract gives the same outcome.
@@ -192,22 +183,21 @@ class Simulations:
             inferred = infer(wiring, loaded.policy, loop.observation, int(loop.memory.frame))
             if lost or isinstance(inferred, Fault):
                 lost = lost or inferred.message  # type: ignore[union-attr]
-                return Outcome(step * period, seconds, score.parts(period), lost, score.responses())
+                return Outcome(step * period, seconds, score.parts(period), lost)
             sent = loop.act(inferred.action, velocity=np.array(command))
             is_settled = step * period % (seconds / len(commands)) >= _SETTLED
             score.add(loop.state, robot.base_state, sent.position, command if is_settled else None)
-        return Outcome(seconds, seconds, score.parts(period), "", score.responses())
+        return Outcome(seconds, seconds, score.parts(period))
 
     def robot(self, contract: PolicyContract) -> MujocoRobot:
         """Return the robot in the contract's default pose, on the fastest plant that is stable with its gains."""
-        order, limits = np.argsort(contract.joint_names), contract.effort_limit
         actuation, timestep = self._plant(contract)
+        order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
             actuation,
             timestep,
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
-            contract.model_joint_damping,
             contract.policy_dt,
             contract.anchor_body,
             contract.velocity_points,
@@ -229,24 +219,20 @@ class Simulations:
     def _plant(self, contract: PolicyContract) -> tuple[BatchActuation, float]:
         robot = self._subject.description
         own = [contract.joint_names.index(name) for name in robot.joint_names]
-        for actuation, timestep in _PLANTS:
+        for plant in _PLANTS:
+            actuation, timestep = plant
             try:
                 steps_per_period(contract.policy_dt, timestep)
             except InputError:
                 continue
-            key = actuation, timestep, contract.model_joint_damping
-            if key not in self._stability:
-                is_implicit = actuation == "implicit"
+            if plant not in self._stability:
+                limp, is_implicit = self._limp(contract), actuation == "implicit"
                 model = build_model(
-                    self._limp(contract),
-                    physics_timestep=timestep,
-                    affine_actuators=True,
-                    implicit=is_implicit,
-                    scene=False,
+                    limp, physics_timestep=timestep, affine_actuators=True, implicit=is_implicit, scene=False
                 )
-                self._stability[key] = DampingStability(model, self._limp(contract))
-            if self._stability[key].suits(contract.joint_damping[own], contract.joint_stiffness[own], _STABLE):
-                return actuation, timestep
+                self._stability[plant] = DampingStability(model, limp)
+            if self._stability[plant].suits(contract.joint_damping[own], contract.joint_stiffness[own], _STABLE):
+                return plant
         raise InputError("its damping is unstable in simulation")
 
     def _limp(self, contract: PolicyContract) -> RobotDescription:
@@ -265,7 +251,7 @@ class _Score:
         contract, terms = loaded.contract, loaded.reference.terms
         self._walks = contract.task_type == "locomotion" and robot.base_state is not None
         self._targets = loaded.reference if "reference_joint_pos" in terms else None
-        self._base, self._poses = base, base or loaded.reference
+        self._base = base
         self._alignment: Alignment | None = None
         self._order = joint_indices(contract.joint_names, robot.joints, "joint_names of the policy")
         self._bodies: TrackingErrors | None = None
@@ -287,24 +273,17 @@ class _Score:
         if self._targets is not None:
             target = self._targets.term("reference_joint_pos", frame)
             self._add("joints", float(np.abs(state.joint_position[self._order] - target).mean()))
-        pose = self._pose(state, base)
-        if pose is not None:
-            self._alignment = self._alignment or self._poses.align(pose)
-            error = pose_error(pose, *self._poses.anchor(frame, self._alignment))
+        if base is None:
+            return ""
+        if self._base is not None:
+            pose = np.concatenate([base.position, base.quaternion])
+            self._alignment = self._alignment or self._base.align(pose)
+            error = pose_error(pose, *self._base.anchor(frame, self._alignment))
             self._add("position", float(error.distance))
             self._add("angle", float(error.angle))
             return describe_stray(error) if has_strayed(error) else ""
-        if base is None:
-            return ""
         self._standing = self._standing or float(base.mass_height)
         return describe_fall(base, self._standing) if has_fallen(base, self._standing) else ""
-
-    def _pose(self, state: MITState, base: BaseState | None) -> FloatArray | None:
-        """Return the pose of the body that is compared with the motion, shape (7,); None if there is none."""
-        if self._base is not None and base is not None:
-            return np.concatenate([base.position, base.quaternion])
-        live = state.extern.get(ANCHOR_POSE)
-        return live.value if live is not None and "anchor_pos" in self._poses.terms else None
 
     def add(self, state: MITState, base: BaseState | None, sent: FloatArray, command: Command | None) -> None:
         """Take in a policy step: the positions sent, the state after it, and the command; None: not settled yet."""
@@ -326,15 +305,11 @@ class _Score:
             errors["shaking"] /= period
         if "height" in errors:
             errors["height"] = float(np.std(self._values["height"]))
-        off = np.array([mean - np.array(command) for command, mean in self.responses()])
-        if len(off):
+        if self._velocities:
+            off = np.array([np.mean(each, axis=0) - command for command, each in self._velocities.items()])
             errors["velocity"] = float(np.hypot(off[:, 0], off[:, 1]).mean())
             errors["turning"] = float(np.abs(off[:, 2]).mean())
         if self._bodies is not None:
             hands = self._bodies.summary().hands
             errors |= {"hand position": hands.position_rms, "hand angle": hands.orientation_rms}
         return {name: value / _NOTICED[name] for name, value in errors.items()}
-
-    def responses(self) -> list[tuple[Command, FloatArray]]:
-        """Return each command, and the mean velocity that it led to, shape (3,)."""
-        return [(command, np.mean(each, axis=0)) for command, each in self._velocities.items()]

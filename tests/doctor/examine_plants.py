@@ -12,7 +12,7 @@ sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "policy
 from plants import alike, plants_of
 from published_policies import published, trace_of
 
-from humanoid_sim.doctor.edits import robot_facts
+from humanoid_sim.doctor.edits import isaac_order
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import search_episodes, search_trace
 
@@ -20,8 +20,7 @@ from humanoid_sim.doctor.search import search_episodes, search_trace
 def examine(policy: str, *, with_trace: bool) -> None:
     """Print a row for each plant, and how many were named first."""
     right = published(policy, Path(tempfile.mkdtemp()))
-    facts = robot_facts(right.description, right.motion)
-    plants = plants_of(policy, facts.joint_names, facts.breadth_first)
+    plants = plants_of(policy, right.description.joint_names, isaac_order(right.description))
     named, seconds = 0, []
     for name, plant in {"the right contract": lambda contract: contract, **plants}.items():
         wrong = plant(right.contract)

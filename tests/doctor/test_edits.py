@@ -9,22 +9,19 @@ from models import contract_of
 from plants import alike, at_rate, gains_listed, multiplied, no_pose, relabelled, swapped, term, terms_swapped, turned
 
 from humanoid_sim.controllers.contract import PhaseRule, Term
-from humanoid_sim.doctor.edits import RobotFacts, asymmetry, single_edits, wiring_values
+from humanoid_sim.doctor.edits import asymmetry, isaac_order, single_edits, wiring_values
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.description import load_robot
 
-JOINTS = ("left_hip_pitch", "left_hip_roll", "left_knee", "right_hip_pitch", "right_hip_roll", "right_knee")
-BREADTH_FIRST = ("left_hip_pitch", "right_hip_pitch", "left_hip_roll", "right_hip_roll", "left_knee", "right_knee")
-FACTS = RobotFacts(
-    joint_names=JOINTS,
-    breadth_first=BREADTH_FIRST,
-    initial_position=np.array([-0.2, 0.0, 0.4] * 2),
-    motion_bodies=("pelvis", "torso"),
-)
+ROBOT = load_robot("lite_biped")
+JOINTS = ROBOT.joint_names  # seven of each leg: hip pitch, roll, yaw; knee; ankle yaw, pitch, roll
+MOTION = Motion(np.zeros((2, 2 * 14 + 7 * 2)), ("pelvis", "torso"), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
 WALKER = contract_of(
     JOINTS,
-    joint_stiffness=[40.0, 99.0, 60.0] * 2,
-    joint_damping=[2.0, 6.0, 3.0] * 2,
-    default_joint_pos=[-0.2, 0.0, 0.4] * 2,
-    action_scale=[0.55, 0.35, 0.45] * 2,
+    joint_stiffness=[40.0, 99.0, 60.0, 90.0, 20.0, 21.0, 22.0] * 2,
+    joint_damping=[2.0, 6.0, 3.0, 5.0, 1.0, 1.1, 1.2] * 2,
+    default_joint_pos=ROBOT.initial_position,
+    action_scale=[0.55, 0.35, 0.45, 0.5, 0.25, 0.3, 0.4] * 2,
     observation=[
         Term("base_lin_vel", history=3),
         Term("base_ang_vel", scale=0.25, history=3),
@@ -49,10 +46,10 @@ TRACKER = contract_of(
 )
 
 PLANTS = {
-    "two joints swapped": swapped("left_hip_roll", "left_knee"),
-    "mirror images swapped": swapped("left_knee", "right_knee"),
-    "order of all joints": relabelled(BREADTH_FIRST),
-    "sign of a joint": turned("right_knee"),
+    "two joints swapped": swapped("left_hip_roll", "left_hip_yaw"),
+    "mirror images swapped": swapped("left_knee_pitch", "right_knee_pitch"),
+    "order of all joints": relabelled(isaac_order(ROBOT)),
+    "sign of a joint": turned("right_knee_pitch"),
     "gains x 2": multiplied(2.0, "joint_stiffness", "joint_damping"),
     "action scale x 0.5": multiplied(0.5, "action_scale"),
     "action scale x 2": multiplied(2.0, "action_scale"),
@@ -66,7 +63,7 @@ PLANTS = {
     "scale of a term": term("base_ang_vel", scale=1.0),
     "two terms swapped": terms_swapped("joint_pos", "joint_vel"),
     "25 Hz": at_rate(25.0),
-    "gains in another order": gains_listed(BREADTH_FIRST),
+    "gains in another order": gains_listed(isaac_order(ROBOT)),
     "history layout": lambda contract: replace(contract, history_layout="per_step"),
     "history order": lambda contract: replace(
         contract, observation=tuple(replace(item, history_order="newest_first") for item in contract.terms)
@@ -95,12 +92,12 @@ OF_MOTIONS = {
 def test_one_edit_undoes_a_usual_mistake(right, plant):
     wrong = plant(right)
     assert not alike(wrong, right)
-    assert any(alike(edit.contract, right) for edit in single_edits(wrong, FACTS))
+    assert any(alike(edit.contract, right) for edit in single_edits(wrong, ROBOT, MOTION))
 
 
 @pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])
 def test_no_contract_is_tried_twice(contract):
-    edits = single_edits(contract, FACTS, all_pairs=True)
+    edits = single_edits(contract, ROBOT, MOTION, all_pairs=True)
     wirings = [wiring_values(each) for each in (contract, *(edit.contract for edit in edits))]
     assert not any(one == other for one, other in combinations(wirings, 2))
     assert len({edit.name for edit in edits}) == len(edits)
@@ -108,7 +105,7 @@ def test_no_contract_is_tried_twice(contract):
 
 def test_gains_that_break_the_symmetry_of_the_robot_are_not_proposed():
     assert asymmetry(WALKER) == 0
-    gains = [edit for edit in single_edits(WALKER, FACTS) if edit.family == "gains"]
+    gains = [edit for edit in single_edits(WALKER, ROBOT) if edit.family == "gains"]
     assert gains
     assert all(asymmetry(edit.contract) == 0 for edit in gains)
 
@@ -116,5 +113,5 @@ def test_gains_that_break_the_symmetry_of_the_robot_are_not_proposed():
 def test_a_flipped_sign_is_named_as_such_and_not_as_a_set_of_scales():
     plain = replace(WALKER, observation=tuple(replace(item, scale=1.0) for item in WALKER.terms))
     wrong = term("projected_gravity", scale=-1.0)(plain)
-    (answer,) = [edit for edit in single_edits(wrong, FACTS) if alike(edit.contract, plain)]
+    (answer,) = [edit for edit in single_edits(wrong, ROBOT, MOTION) if alike(edit.contract, plain)]
     assert answer.family == "projected_gravity sign"

@@ -90,7 +90,7 @@ def test_json_says_the_same(examination):
     ("words", "message"),
     [
         (("lite_biped_velocity", "--robot", "lite_biped", "--motion", "wave"), "--motion"),
-        (("lite_tracking", "--robot", "lite"), "--motion: is missing"),
+        (("lite_tracking", "--robot", "lite"), "--motion"),
         (("lite_tracking", "--robot", "nobody"), "nobody"),
         (("lite_biped_velocity", "--robot", "lite_biped", "--trace", "none.npz"), "none.npz"),
     ],

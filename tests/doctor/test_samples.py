@@ -91,16 +91,6 @@ def test_a_planted_mistake_is_found_at_once(walker, search, plant):
     assert alike(result.finding.contract, right)
 
 
-def test_gains_follow_from_the_efforts_where_the_base_is_unknown(walker, search):
-    right = walker.contract
-    wrong = multiplied(1.5, "joint_stiffness", "joint_damping")(right)
-    result = search(wrong, left_out=("qpos", "qvel"))
-    assert result.finding.family == "gains"
-    np.testing.assert_allclose(result.finding.contract.joint_stiffness, right.joint_stiffness, rtol=0.01)
-    np.testing.assert_allclose(result.finding.contract.joint_damping, right.joint_damping, rtol=0.01)
-    assert search(right, left_out=("qpos", "qvel")).is_healthy
-
-
 @pytest.mark.parametrize("changed", ["newest_first", "per_step"])
 def test_the_order_and_the_layout_of_a_history_are_found(walker, tmp_path, changed):
     right = replace(walker.contract, observation=tuple(replace(item, history=3) for item in walker.contract.terms))

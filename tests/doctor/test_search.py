@@ -56,14 +56,6 @@ def test_edits_that_do_as_well_are_named_beside_the_first():
     assert [row.edit.name for row in result.rows] == ["a", "b"]
 
 
-def test_commands_that_the_policy_does_not_answer_are_named():
-    responses = [((0.5, 0.0, 0.5), np.array([0.45, 0.0, 0.4])), ((0.0, 0.4, 0.0), np.array([0.0, 0.01, 0.0]))]
-    result = judge(PAIR, up(1.0), replace(UP, responses=responses), [])
-    (dead,) = [note for note in result.notes if "answer" in note]
-    assert "vy 0.4" in dead
-    assert "vx" not in dead
-
-
 @pytest.fixture(scope="module")
 def walker():
     return load_subject(policy_path("lite_biped_velocity"), load_robot("lite_biped"))
