@@ -22,7 +22,6 @@ from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, IndexArray, point_velocity
-from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -338,4 +337,4 @@ def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
     known = tuple(dict.fromkeys([*own, *TASK_OPTIONS]))
     for name in given:
         if name not in known:
-            raise InputError(known_names("option", name, known, listed=not near_miss(name, known)))
+            raise InputError(known_names("option", name, known))

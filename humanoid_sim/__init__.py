@@ -21,11 +21,8 @@ if TYPE_CHECKING:
 
 
 def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    from humanoid_sim.errors import missing_system, was_interrupted  # noqa: PLC0415 - before it nothing is loaded
+    from humanoid_sim.errors import was_interrupted  # noqa: PLC0415 - before it nothing is loaded
 
-    if line := missing_system(error):
-        print(f"error: {line}", file=sys.stderr)
-        sys.exit(2)
     if not was_interrupted(error):
         sys.__excepthook__(kind, error, traceback)
         return
@@ -35,7 +32,7 @@ def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: 
 
 
 if getattr(sys, "argv", [])[:1] == ["-m"]:  # what Python has there while it looks for `-m humanoid_sim.…`
-    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads, and what this system lacks
+    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads
 
 __version__ = "0.1.0"
 

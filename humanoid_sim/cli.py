@@ -16,7 +16,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar, overload
 
-from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
+from humanoid_sim.errors import InputError, RobotError, known_names, was_interrupted
 
 _Options = TypeVar("_Options")
 
@@ -168,13 +168,10 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         if error.errno == errno.ENOSPC:  # standard output, perhaps, which would fail again at the end
             mute_output()
     except (KeyboardInterrupt, ImportError) as error:
-        if line := missing_system(error):
-            complain(f"error: {line}")
-        elif was_interrupted(error):
-            complain("interrupted")
-            return ExitStatus.INTERRUPTED
-        else:
+        if not was_interrupted(error):
             raise
+        complain("interrupted")
+        return ExitStatus.INTERRUPTED
     else:
         return status
     return ExitStatus.BAD_INPUT

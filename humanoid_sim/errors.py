@@ -63,20 +63,14 @@ class RobotError(HumanoidSimError):
     """A robot cannot be activated; the message lists everything that is wrong with it."""
 
 
-def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
-
-    Not `listed`, it names only one that is near.
-    """
+def known_names(what: str, name: str, known: Iterable[str]) -> str:
+    """Return `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`."""
     names = list(known)
-    near = meant(name, names)
-    if not listed:
-        return f"unknown {what} '{name}'{near}"
-    return f"unknown {what} '{name}'{near}; known: {', '.join(names) or 'none'}"
+    return f"unknown {what} '{name}'{meant(name, names)}; known: {', '.join(names) or 'none'}"
 
 
 def require_known(what: str, names: Iterable[str], known: Collection[str], where: str = "") -> None:
-    """Raise an `InputError` for the first name that does not exist, with those that do; `where` begins its line."""
+    """Raise an `InputError`, which `where` begins, for the first name that does not exist."""
     for name in names:
         if name not in known:
             raise InputError(f"{where}{known_names(what, str(name), known)}")
@@ -107,20 +101,6 @@ def one_line(text: str) -> str:
 def reason_of(error: BaseException) -> str:
     """Return what another package's exception says, as part of a line; its type where it says nothing."""
     return one_line(str(error)) or type(error).__name__
-
-
-_OF_UNIX = ("fcntl", "grp", "pwd", "resource", "termios", "tty")
-"""Modules of Python's that Windows lacks."""
-
-
-def missing_system(error: BaseException | None) -> str:
-    """One line, where a module is missing that only some systems have: what runs here all the same; else empty."""
-    if not isinstance(error, ModuleNotFoundError) or error.name not in _OF_UNIX:
-        return ""
-    return (
-        f"sessions, front ends and hardware need Python's module '{error.name}', which this system lacks: use Linux; "
-        "environments, regress and the tools for policies run here"
-    )
 
 
 def was_interrupted(error: BaseException | None) -> bool:

@@ -13,13 +13,7 @@ from typing import IO, Any
 
 from humanoid_sim.errors import InputError, blaming
 
-try:
-    import fcntl
-except ImportError:  # not every system has these locks: there, a file that another session writes is not noticed
-    fcntl = None  # type: ignore[assignment]
-
 LARGEST = 1 << 30  # bytes of a file that is read whole: more than any robot, policy or motion needs
-_IN_USE = "is being written by another session; choose another name"
 _SHOWN = 40  # characters of a file's name that its temporary one begins with: 255 bytes are the most
 _COUNT = count()
 
@@ -75,8 +69,6 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
             raise InputError(f"{what}: '{path}' is {kind}, expected a file name")
         if exists and not overwrite:
             raise InputError(f"{what}: '{path}' exists; choose another name, or add --overwrite")
-        if exists and _is_in_use(path):
-            raise InputError(f"{what}: '{path}' {_IN_USE}")
         if not path.parent.is_dir():
             raise InputError(f"{what}: the folder '{path.parent}' does not exist")
         tempfile.TemporaryFile(dir=path.absolute().parent).close()
@@ -89,38 +81,25 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     Raises `InputError` if another session writes it, which is then left alone; if it exists, without `overwrite`; or if
     it cannot be written.
     """
-    path = Path(path)
+    import fcntl  # noqa: PLC0415 - Unix alone has it
+
     flags = os.O_WRONLY | os.O_CREAT | (0 if overwrite else os.O_EXCL)
     try:
         file = io.FileIO(os.open(path, flags, 0o666), "wb")  # not truncated yet: it may be somebody's
     except FileExistsError:
-        raise InputError(f"{path}: {_IN_USE if _is_in_use(path) else 'exists; choose another name'}") from None
+        raise InputError(f"{path}: exists; choose another name") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     try:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if path.is_file():
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if Path(path).is_file():
             file.truncate(0)
     except OSError as error:
         file.close()
-        reason = _IN_USE if isinstance(error, BlockingIOError) else f"cannot be written: {error.strerror}"
-        raise InputError(f"{path}: {reason}") from None
+        is_locked = isinstance(error, BlockingIOError)
+        reason = "is being written by another session" if is_locked else f"cannot be written: {error.strerror}"
+        raise InputError(f"{path}: {reason}; choose another name") from None
     return file
-
-
-def _is_in_use(path: Path) -> bool:
-    """Return True if a session has the file from `exclusive_file`."""
-    if fcntl is None or not path.is_file():
-        return False
-    try:
-        with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
 
 
 @contextmanager
@@ -136,8 +115,6 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             raise IsADirectoryError(None, "is a directory")
         with temporary.open("wb") as file:
             yield file
-        if _is_in_use(path):
-            raise InputError(f"{path}: {_IN_USE}")
         temporary.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

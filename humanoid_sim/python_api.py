@@ -25,10 +25,10 @@ from rich.console import Console
 from humanoid_sim.assets import policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.errors import InputError, known_names, needing
+from humanoid_sim.errors import InputError, meant, needing
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy_tools.show import checkpoint_document, golden_verdict, print_checkpoint
+from humanoid_sim.policy_tools.show import checkpoint_document, print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.regress.options import RegressConfig, checked
 from humanoid_sim.robots.description import load_robot
@@ -61,12 +61,10 @@ class _Shown(ABC):
     """A result that is shown as its program prints it."""
 
     @abstractmethod
-    def _print(self, console: Console) -> None:
-        """Print it."""
+    def _print(self, console: Console) -> None: ...
 
     def __str__(self) -> str:
-        console = self._printed()
-        return console.export_text()
+        return self._printed().export_text()
 
     def _repr_html_(self) -> str:
         return self._printed().export_html(inline_styles=True, code_format=_PAGE)
@@ -87,10 +85,6 @@ class Policy(_Shown):
     name: str
     """The file, or the name of a policy that ships, as it was given."""
     checkpoint: Checkpoint
-    golden: str
-    """Worth of its golden vectors; empty without any."""
-    problem: str
-    """Fault that its golden vectors show; empty for none."""
 
     @classmethod
     def load(cls, path: str | Path, *, contract: str | Path | None = None, robot: str | None = None) -> Policy:
@@ -105,8 +99,7 @@ class Policy(_Shown):
         """
         joints = None if robot is None else load_robot(robot).joint_names
         file = None if contract is None else Path(contract)
-        checkpoint = load_checkpoint(policy_path(path, "Policy.load"), file, joints, verify=False)
-        return cls(str(path), checkpoint, *golden_verdict(checkpoint))
+        return cls(str(path), load_checkpoint(policy_path(path, "Policy.load"), file, joints, verify=False))
 
     @property
     def path(self) -> Path:
@@ -117,11 +110,6 @@ class Policy(_Shown):
     def contract(self) -> PolicyContract:
         """Joints, observation, action, rates."""
         return self.checkpoint.contract
-
-    @property
-    def source(self) -> Mapping[str, str]:
-        """Source of each field of the contract, by its name."""
-        return self.contract.source
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values, as `policy show --json` prints it."""
@@ -141,7 +129,7 @@ Given: TypeAlias = str | Path | Policy
 
 @dataclass(frozen=True, repr=False)
 class Simulation(_Shown):
-    """A run that has ended, shown as `play` reports it."""
+    """A run that has ended, and its recording, shown as `play` reports it."""
 
     passed: bool
     """It ended as asked: no controller failed, the robot did not fall, every file was written."""
@@ -150,18 +138,6 @@ class Simulation(_Shown):
     problems: tuple[str, ...]
     """Parts of the run that failed while it went on, a line each."""
     recording: Recording
-
-    def arrays(self) -> dict[str, Any]:
-        """Return every tick as arrays by name: see `humanoid_sim.recording.reader.Recording.arrays`."""
-        return self.recording.arrays()
-
-    def frame(self) -> Any:
-        """Return a pandas frame with a row per tick. Raises `MissingPackageError` without pandas."""
-        return self.recording.frame()
-
-    def figure(self, *joints: str) -> Any:
-        """Draw joints' positions and commands. Raises as `humanoid_sim.recording.reader.Recording.figure`."""
-        return self.recording.figure(*joints)
 
     def __repr__(self) -> str:
         verdict = "passed" if self.passed else "failed"
@@ -341,7 +317,7 @@ def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Co
     names = [item.name for item in fields(kind)]
     for name in given:
         if name not in names:
-            raise InputError(f"{function}: {known_names('option', name, names, listed=False)}")
+            raise InputError(f"{function}: unknown option '{name}'{meant(name, names)}")
     plain = {name: _plain(value) for name, value in given.items()}
     try:
         return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))

@@ -43,14 +43,13 @@ from humanoid_sim.robots.urdf import body_documents
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
-    """Settings of the controllers in a header, other than the robot's description and the contract."""
+    """Settings in a header that neither the robot's description nor the contract holds."""
 
     remote: bool
     action_limit: float
     guards: bool | dict[str, Any] | None
-    """True for a run with the guards of the robot's description; older recordings hold their parameters."""
+    """True for the guards of the robot's description; older recordings hold their parameters."""
     needs_producer: bool = False
-    """START_REMOTE required a producer."""
 
 
 def build_supervisor(

@@ -7,7 +7,3 @@ def test_a_message():
     )
     assert known_names("joint", "x", ["elbow"]) == "unknown joint 'x'; known: elbow"
     assert known_names("joint", "x", []) == "unknown joint 'x'; known: none"
-    assert (
-        known_names("option", "elbw", ["elbow", "wrist"], listed=False)
-        == "unknown option 'elbw' (did you mean 'elbow'?)"
-    )

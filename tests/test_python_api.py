@@ -36,7 +36,7 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
     assert run.passed
     assert run.problems == ()
     assert "START_LOCOMOTION requested" in run._repr_html_()
-    arrays = run.arrays()
+    arrays = run.recording.arrays()
     ticks = list(run.recording.ticks())
     assert arrays["position"].shape == (len(ticks), 14)
     stiffness = [tick.output.command.stiffness for tick in ticks]

@@ -32,7 +32,7 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 )
 
 
-_ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null}'
+_ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": false}'
 """Controllers of a robot that is only watched, whose session is elsewhere."""
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
