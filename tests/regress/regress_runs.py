@@ -1,6 +1,6 @@
 """Suites, policies that are worse on purpose, and runs with given figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -61,18 +61,6 @@ def swapped_copy(path: Path, output: Path) -> Path:
     return changed_copy(path, output, "Gather", np.array([1, 0, *range(2, 14)]), axis=1)
 
 
-def noisy_copy(path: Path, output: Path, scale: float) -> Path:
-    """Every weight multiplied by 1 + scale · N(0, 1)."""
-    model, generator = _load(path), np.random.default_rng(0)
-    for tensor in model.graph.initializer:
-        if tensor.name.endswith(".weight"):
-            values = numpy_helper.to_array(tensor)
-            noisy = values * (1.0 + scale * generator.standard_normal(values.shape))
-            tensor.CopyFrom(numpy_helper.from_array(noisy.astype(values.dtype), tensor.name))
-    onnx.save(model, str(output))
-    return output
-
-
 def slowed_copy(output: Path, factor: float) -> Path:
     """The Lite's legs, walking for `factor` times the command, which is observed in columns 6 to 8."""
     model = _load(WALKER)
@@ -105,29 +93,15 @@ def tiny_suite(cases: str = "ab", **tolerances: Tolerance) -> Suite:
     )
 
 
-def episode(case: str, seed: int, metrics: Mapping[str, float | None], failure: str = "") -> Episode:
-    """One that lasted a second."""
-    kind = "fault" if failure else ""
-    return Episode(case=case, seed=seed, steps=50, duration=1.0, failure=failure, kind=kind, metrics=metrics)
-
-
-def run(*episodes: Episode) -> PolicyRun:
-    """Of any policy."""
-    digests = {entry.case: f"digest of {entry.case}" for entry in episodes}
-    return PolicyRun(name="new", source="new.onnx", sha256="0", suite="tiny", case_digests=digests, episodes=episodes)
-
-
 def given(figure: Callable[[str, int], float | None], cases: str = "ab", seeds: int = 12) -> PolicyRun:
     """A run whose joint errors a function of case and seed gives; None: a fault."""
-    found = ((case, seed, figure(case, seed)) for case in cases for seed in range(seeds))
-    return run(
-        *(
-            episode(
-                case,
-                seed,
-                {"joint_error": value, "losses": 0.0, "faults": float(value is None)},
-                "" if value is not None else "action is nan",
+    episodes = []
+    for case in cases:
+        for seed in range(seeds):
+            value = figure(case, seed)
+            metrics = {"joint_error": value, "losses": 0.0, "faults": float(value is None)}
+            failure, kind = ("action is nan", "fault") if value is None else ("", "")
+            episodes.append(
+                Episode(case=case, seed=seed, steps=50, duration=1.0, failure=failure, kind=kind, metrics=metrics)
             )
-            for case, seed, value in found
-        )
-    )
+    return PolicyRun(name="new", source="new.onnx", sha256="0", suite="tiny", case_digests={}, episodes=tuple(episodes))

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from regress_runs import SAMPLE, WALKER, changed_copy, noisy_copy, prepared, yaml_suite
+from regress_runs import SAMPLE, WALKER, changed_copy, prepared, yaml_suite
 
 from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.piano_score import score
@@ -54,7 +54,7 @@ def test_an_episode_is_the_same_in_any_company_and_every_time(short):
 
 def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
-    policy = noisy_copy(SAMPLE, tmp_path / "noisy.onnx", 0.05)
+    policy = changed_copy(SAMPLE, tmp_path / "other.onnx", "Add", np.full(1, 0.05, dtype=np.float32))
     one = replace(suite, cases=suite.cases[1:])
     assert run_seeds((prepare_suite(one, folder), policy, None), [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
 
