@@ -81,9 +81,8 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
 
 
 def rated_speed(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: the motor's without load, as far as it can report it; without a motor the guard's, or inf."""
-    rated = np.minimum(*_motor_speeds(robot))
-    return np.where(np.isfinite(rated), rated, _given_speed(robot) or np.inf)
+    """Shape (n,), rad/s: the motor's without load, as far as it can report it; inf without a motor."""
+    return np.minimum(*_motor_speeds(robot))
 
 
 def _given_speed(robot: RobotDescription) -> tuple[float, ...]:

@@ -47,29 +47,22 @@ def test_joints_are_the_actuated_hinges_in_the_models_order_with_the_actuators_l
     assert (robot.is_floating, robot.simulation.physics_timestep) == (False, 0.0005)
 
 
+BARE = """<mujoco><worldbody>
+<body name="door"><joint name="door_hinge"/><geom size="0.1"/></body>
+<body name="trunk"><freejoint/><geom size="0.1"/>
+  <body><joint name="hip"/><geom size="0.1"/><body><joint name="knee" range="10 90"/><geom size="0.1"/></body></body>
+</body></worldbody></mujoco>"""
+
+
 def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path):
     path = tmp_path / "bare.xml"
-    path.write_text("""
-    <mujoco>
-      <worldbody>
-        <body name="door"><joint name="door_hinge"/><geom size="0.1"/></body>
-        <body name="trunk">
-          <freejoint/><geom size="0.1"/>
-          <body>
-            <joint name="hip"/><geom size="0.1"/>
-            <body><joint name="knee" range="10 90"/><geom size="0.1"/></body>
-          </body>
-        </body>
-      </worldbody>
-    </mujoco>""")
+    path.write_text(BARE)
     robot = load_robot(path)
     assert (robot.name, robot.joint_names, robot.imu) == ("bare", ("hip", "knee"), "trunk")
-    assert robot.effort_limit.tolist() == [INF, INF]
-    assert (robot.joints[0].lower, robot.joints[0].upper) == (-INF, INF)
+    assert (robot.joints[0].lower, robot.joints[0].upper, robot.joints[0].effort_limit) == (-INF, INF, INF)
     assert robot.initial_position == (0.0, pytest.approx(math.radians(10)))
     model = build_model(robot, affine_actuators=True)
-    assert model.jnt_limited[model.joint("hip").id] == 0
-    assert model.actuator_forcelimited.tolist() == [0, 0]
+    assert (model.jnt_limited[model.joint("hip").id], model.actuator_forcelimited.tolist()) == (0, [0, 0])
 
 
 ACTUATORS = """<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size="0.1"/>

@@ -23,7 +23,6 @@ MANY_JOINTS = """\
       <body pos="0 0.1 0"><joint name="last" axis="0 1 0" pos="0 0 0.07"/><geom size="0.01" group="4"/></body></body>
   </body></worldbody></mujoco>
 """
-NAMES = pytest.mark.parametrize("name", ["lite", "lite_piano", "lite_biped", "hopper", "odd"])
 
 
 def robot_of(name, folder):
@@ -32,18 +31,14 @@ def robot_of(name, folder):
     return load_robot(paths.get(name, name))
 
 
-def read(model, description):
-    """The model that MuJoCo's own reader makes of the URDF."""
-    spec = mujoco.MjSpec.from_string(urdf_of(model, description))
-    spec.compiler.fusestatic = False
-    return spec.compile()
-
-
-@NAMES
-def test_a_reader_has_the_links_where_the_model_has_them(name, tmp_path):
+@pytest.mark.parametrize("name", ["lite", "lite_piano", "lite_biped", "hopper", "odd"])
+def test_a_reader_has_the_links_limits_masses_and_shapes_of_the_model(name, tmp_path):
     description = robot_of(name, tmp_path)
     model = bare_model(description)
-    urdf, rng = read(model, description), np.random.default_rng(3)
+    text, rng = urdf_of(model, description), np.random.default_rng(3)
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.fusestatic = False
+    urdf = spec.compile()
     data, read_data = mujoco.MjData(model), mujoco.MjData(urdf)
     for _ in range(5):
         for joint in (model.joint(i) for i in range(model.njnt)):
@@ -57,28 +52,18 @@ def test_a_reader_has_the_links_where_the_model_has_them(name, tmp_path):
             np.testing.assert_allclose(found.xmat, expected.xmat, atol=1e-6)
             if model.body_mass[body]:
                 np.testing.assert_allclose(found.xipos, expected.xipos, atol=1e-6)
-
-
-@NAMES
-def test_a_reader_has_limits_masses_and_shapes(name, tmp_path):
-    description = robot_of(name, tmp_path)
-    model = bare_model(description)
-    urdf, text = read(model, description), urdf_of(model, description)
     root = ElementTree.fromstring(text)
     for joint in description.joints:
         is_bounded = np.isfinite(joint.upper - joint.lower)
-        assert urdf.joint(joint.name).range.tolist() == pytest.approx(
-            [joint.lower, joint.upper] if is_bounded else [0.0, 0.0]
-        )
+        span = [joint.lower, joint.upper] if is_bounded else [0.0, 0.0]
+        assert urdf.joint(joint.name).range.tolist() == pytest.approx(span)
         limit = root.find(f"joint[@name='{joint.name}']/limit").attrib
         assert (float(limit["velocity"]) > 1.0) is (joint.motor is not None)
         assert float(limit["effort"]) == (joint.effort_limit if np.isfinite(joint.effort_limit) else 0.0)
     assert urdf.body_mass.sum() == pytest.approx(model.body_mass.sum(), rel=1e-6)
     shown = model.geom_type[model.geom_group < 3].tolist()
-    capsules = shown.count(mujoco.mjtGeom.mjGEOM_CAPSULE)
-    spheres = 2 * capsules + shown.count(mujoco.mjtGeom.mjGEOM_SPHERE)
+    spheres = 2 * shown.count(mujoco.mjtGeom.mjGEOM_CAPSULE) + shown.count(mujoco.mjtGeom.mjGEOM_SPHERE)
     assert len(root.findall(".//visual/geometry/sphere")) == spheres
-    assert root.find(".//mesh") is None
 
 
 def test_the_imu_and_a_floating_base_are_links(tmp_path):
