@@ -12,14 +12,14 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, first_line, read_header
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, find_contract
 from humanoid_sim.policy.reading import read_checkpoint, required_contract
 from humanoid_sim.robots.description import RobotDescription
@@ -100,7 +100,7 @@ def load_checkpoint(
     try:
         answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
     except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
-        raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
+        raise InputError(f"{path}: the model fails on an observation of zeros: {reason_of(error)}") from None
     if answer.shape != (contract.action_count,):
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
     motion = sweep_motion(policy, contract)

@@ -16,12 +16,11 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.terms import value_names
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, reason_of
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import MUJOCO_VERSION, REFERENCE, STATE_ARRAYS, Trace
 
@@ -133,7 +132,7 @@ def golden_problem(checkpoint: Checkpoint, samples: Trace) -> str:
     try:
         answers = [checkpoint.policy(row, frame) for row, frame in zip(arrays["observation"], frames, strict=True)]
     except Exception as error:  # the policy is foreign code
-        return f"the model fails on a sample: {first_line(error)}"
+        return f"the model fails on a sample: {reason_of(error)}"
     problem = _difference(samples, "action", np.asarray(answers), contract.action_joint_names)
     if problem or "target" not in arrays:
         return problem
@@ -235,16 +234,15 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
         if document["origin"] != "trainer":  # of the program's own wiring, which proves nothing
             return None
         arrays = {name: _decoded(name, value) for name, value in document["arrays"].items()}
-        if document.get("target_origin") == "own":  # likewise
-            arrays.pop("target", None)
         missing = {*STATE_ARRAYS, "observation", "action", "last_action", "frame"} - arrays.keys()
         if missing or len({len(array) for array in arrays.values()}) != 1 or not len(arrays["action"]):
             raise ValueError(f"lack {', '.join(sorted(missing)) or 'samples'}")
         joints, count = tuple(map(str, document["joint_names"])), int(document["frame_count"])
         return Trace(str(document["source"]), joints, arrays, count, str(document.get(MUJOCO_VERSION, "")))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        reason = f"lack {error}" if isinstance(error, KeyError) else first_line(error)
-        raise InputError(f"{checkpoint.source}: golden vectors: {reason}; stamp the checkpoint again") from None
+        raise InputError(
+            f"{checkpoint.source}: golden vectors: malformed ({reason_of(error)}); stamp it again"
+        ) from None
 
 
 def _type(name: str) -> str:

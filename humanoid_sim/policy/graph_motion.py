@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError, blaming, reason_of
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
@@ -56,7 +56,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
             answer = policy.run(list(sizes), observation, index)
         except Exception as error:  # onnxruntime's own types
             if index == 0 or isinstance(error, TimeoutError):
-                raise InputError(f"{path}: the motion in its graph cannot be read: {first_line(error)}") from None
+                raise InputError(f"{path}: the motion in its graph cannot be read: {reason_of(error)}") from None
             return None  # a graph that does not hold its last frame has none beyond it
         values = {name: np.asarray(value, dtype=np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
         for name, size in sizes.items():

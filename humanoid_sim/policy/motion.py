@@ -87,9 +87,6 @@ class Motion:
             raise FieldError(f"Motion.policy_dt: is {self.policy_dt}, expected a positive number of seconds")
         frames.setflags(write=False)
         object.__setattr__(self, "frames", frames)
-        object.__setattr__(self, "body_names", tuple(self.body_names))
-        object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        object.__setattr__(self, "policy_dt", float(self.policy_dt))
 
     @property
     def duration(self) -> float:
@@ -168,19 +165,20 @@ class _Content:
 
     def frames(self, topic: str | None) -> list[Message]:
         """Return the messages of the topic; None: of the only one."""
-        if topic is None and len(self.kinds) > 1:
-            listed = ", ".join(f"'{name}' {kind}" for name, kind in self.kinds.items())
+        if topic is None and len(self.kinds) != 1:
+            listed = ", ".join(f"'{name}' {kind}" for name, kind in self.kinds.items()) or "no topics"
             raise FieldError(
                 f"has {listed}, expected one topic of {_FRAME}; `play --motion-topic` takes one of several"
             )
-        if topic is not None and topic not in self.kinds:
+        if topic is None:
+            (topic,) = self.kinds
+        if topic not in self.kinds:
             raise FieldError(known_names("topic", topic, self.kinds))
-        for name in (topic,) if topic is not None else self.kinds:
-            if self.kinds[name] != _FRAME:
-                raise FieldError(f"topic '{name}' is {self.kinds[name]}, expected one topic of {_FRAME}")
-            if name in self.messages:
-                return self.messages[name]
-        raise FieldError(f"holds no frames, expected one topic of {_FRAME}")
+        if self.kinds[topic] != _FRAME:
+            raise FieldError(f"topic '{topic}' is {self.kinds[topic]}, expected {_FRAME}")
+        if topic not in self.messages:
+            raise FieldError(f"topic '{topic}' holds no frames")
+        return self.messages[topic]
 
 
 def _motion(path: Path, streams: Sequence[McapStream], topic: str | None) -> Motion:

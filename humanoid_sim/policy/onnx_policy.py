@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import re
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
@@ -59,14 +58,11 @@ class OnnxModel:
     competes with the control loop.
     """
 
-    def __init__(self, path: Path, graph: bytes | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         """Load a model.
 
         Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or its graph is of a
         kind that no policy here can have: a LEAPP bundle's, or a recurrent network's.
-
-        Args:
-            graph: a model that was made from the file's and is to run in its place; None: the file's own.
         """
         check_file(path)
         onnxruntime = onnx_runtime()
@@ -76,37 +72,31 @@ class OnnxModel:
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
         try:
-            source = str(path) if graph is None else graph
-            session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+            session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
-            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
+            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {reason_of(error)}") from None
         self.path = path
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
         self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
         self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
-        self._session = session
         self.time_limit = ONNX_SECONDS
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
-        self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
-        """True if the graph has an operator that repeats others, as often as its inputs say."""
+        self._session = session
+        content = path.read_bytes()
+        self._can_loop = any(name in content for name in _LOOPS)
         self._refuse_other_kinds()
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
-        if self.can_loop:
-            return self._run_in_time(outputs, inputs)
-        values: list[Float32Array] = self._session.run(list(outputs), inputs)
-        return values
-
-    def _run_in_time(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
-        """ONNX Runtime looks at the flag between two operators, also those within a loop."""
+        if not self._can_loop:
+            return self._session.run(list(outputs), inputs)  # type: ignore[no-any-return]
         options = onnx_runtime().RunOptions()
         options.log_severity_level = _SILENT
-        watch = Timer(self.time_limit, setattr, (options, "terminate", True))
+        watch = Timer(self.time_limit, setattr, (options, "terminate", True))  # looked at between two operators
         watch.daemon = True
         watch.start()
         try:
-            values: list[Float32Array] = self._session.run(list(outputs), inputs, options)
+            return self._session.run(list(outputs), inputs, options)  # type: ignore[no-any-return]
         except Exception:
             if options.terminate:
                 raise TimeoutError(f"its graph loops: not done after {self.time_limit:g} s") from None
@@ -114,7 +104,6 @@ class OnnxModel:
         finally:
             watch.cancel()
             watch.join()
-        return values
 
     def _refuse_other_kinds(self) -> None:
         """Refuse graphs that would need more than one observation."""
@@ -132,11 +121,6 @@ class OnnxModel:
         state = fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]
         if state:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
-
-
-def _can_loop(path: Path) -> bool:
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        return any(content.find(name) >= 0 for name in _LOOPS)
 
 
 def onnx_runtime() -> Any:
@@ -169,7 +153,7 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     try:
         model = onnx.load(str(path), load_external_data=False)
     except Exception as error:  # protobuf's exception type is not part of onnx's interface
-        raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
+        raise InputError(f"{path}: is not an ONNX model: {reason_of(error)}") from None
     metadata = {entry.key: entry.value for entry in model.metadata_props}
     return metadata, tuple(output.name for output in model.graph.output)
 
@@ -182,11 +166,6 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: {what}, expected an ONNX file: {instead}")
     if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
-
-
-def first_line(error: Exception) -> str:
-    """Return what an exception says, cut to its first line."""
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 
 def external_file(path: Path) -> Path:
@@ -209,9 +188,9 @@ class OnnxPolicy:
         self.model = OnnxModel(model) if isinstance(model, Path) else model
         tensors = TensorNames() if tensors is None else tensors
         path, inputs, outputs = self.model.path, self.model.inputs, self.model.outputs
-        time_step = _named(path, "input", inputs, tensors.time_step) if tensors.time_step else None
-        if time_step is None and len(inputs) > 1:
-            time_step = next((tensor for tensor in inputs if tensor.name == _TIME_STEP), None)
+        time_step = next((tensor for tensor in inputs if tensor.name == _TIME_STEP and len(inputs) > 1), None)
+        if tensors.time_step:
+            time_step = _named(path, "input", inputs, tensors.time_step)
         others = [tensor for tensor in inputs if tensor is not time_step]
         if tensors.observation:
             _named(path, "input", inputs, tensors.observation)
@@ -228,28 +207,22 @@ class OnnxPolicy:
         self.observation_width = _vector_width(path, "input", others[0])
         self.action_width = _vector_width(path, "output", action)
         self.has_time_step = time_step is not None
-        self.action_name = action.name
-        self._observation = others[0].name
-        self._time_step = "" if time_step is None else time_step.name
-        self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
+        self._action, self._observation, self._time_step = action.name, others[0].name, time_step
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
-        if observation.shape != (width := (self.observation_width,)):
-            raise InputError(f"observation: has shape {observation.shape}, expected {width}, of one robot")
-        action: Float32Array = self.run([self.action_name], observation, frame)[0][0]
+        if observation.shape != (self.observation_width,):
+            expected = f"({self.observation_width},), of one robot"
+            raise InputError(f"observation: has shape {observation.shape}, expected {expected}")
+        action: Float32Array = self.run([self._action], observation, frame)[0][0]
         return action
 
     def run(self, outputs: list[str], observation: Float32Array, frame: int) -> list[Float32Array]:
         """Any outputs of one inference, each as the model gives it, shape (1, …)."""
-        return self.model.run(outputs, self.inputs(observation[None], np.array([frame])))
-
-    def inputs(self, observation: Float32Array, frame: npt.NDArray[np.integer]) -> dict[str, npt.NDArray[Any]]:
-        """Return what goes into the model, by the names of its tensors, for observations (B, N) and frames (B,)."""
-        inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation}
-        if self.has_time_step:
-            inputs[self._time_step] = frame.astype(self._frame_type)[:, None]
-        return inputs
+        inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation[None]}
+        if self._time_step is not None:
+            inputs[self._time_step.name] = np.array([[frame]], dtype=_NUMBERS[self._time_step.type])
+        return self.model.run(outputs, inputs)
 
 
 def _named(path: Path, kind: str, tensors: tuple[Tensor, ...], name: str) -> Tensor:

@@ -24,8 +24,8 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
 
-LEAD_IN = 1.0
-"""s before the first note, in which a robot's hands come over the keys."""
+_LEAD_IN = 1.0  # s before the first note, in which a robot's hands come over the keys
+_GAP = 0.06  # s for which a key is released before it is struck again
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 _SUSTAIN, _PEDAL_DOWN = 64, 64
 """Number of the sustain pedal's controller, and the least value at which it is down."""
@@ -148,29 +148,25 @@ def transpose(song: Song, semitones: int) -> Song:
     return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
 
 
-def with_lead_in(song: Song, seconds: float = LEAD_IN) -> Song:
-    """Return the same song, as much later as it takes for no note to begin within the first `seconds`."""
-    wait = seconds - min((note.start for note in song.notes), default=seconds)
+def _with_lead_in(song: Song) -> Song:
+    """Return the same song, as much later as it takes for the hands to come over the keys before the first note."""
+    wait = _LEAD_IN - min((note.start for note in song.notes), default=_LEAD_IN)
     if wait <= 0.0:
         return song
-    later = (replace(note, start=note.start + wait, end=note.end + wait) for note in song.notes)
-    return replace(song, notes=tuple(later))
+    return replace(
+        song, notes=tuple(replace(note, start=note.start + wait, end=note.end + wait) for note in song.notes)
+    )
 
 
-def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tuple[Song, tuple[Note, ...]]:
-    """Return what can be played of a song, and the notes that are left out.
+def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[Note, ...]]:
+    """Return what can be played of a song on some keys, and the notes that are left out.
 
     Of more notes at a time than there are voices the highest is kept, then the lowest, then the hardest struck. A note
     that must make room while it sounds ends there.
-
-    Args:
-        voices: most notes that sound at a time; None for any number.
     """
     reachable = frozenset(keys)
     dropped = [note for note in song.notes if note.key not in reachable]
     left = [note for note in song.notes if note.key in reachable]
-    if voices is None:
-        return replace(song, notes=tuple(left)), tuple(dropped)
     kept: list[Note] = []
     sounding: list[Note] = []
     for start, group in groupby(sorted(left, key=lambda note: note.start), key=lambda note: note.start):
@@ -200,9 +196,9 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
     It begins late enough for the hands to come over the keys. A robot without a piano leaves nothing out.
     """
     if robot.piano is None:
-        return with_lead_in(song), ()
+        return _with_lead_in(song), ()
     played, dropped = thin_out(song, robot.piano.keys, len(robot.piano.fingers))
-    return with_lead_in(played), dropped
+    return _with_lead_in(played), dropped
 
 
 def named_song(
@@ -239,20 +235,15 @@ def left_out(notes: Iterable[Note]) -> str:
     return ", ".join(f"{key_name(key)} ({count})" if count > 1 else key_name(key) for key, count in counts)
 
 
-def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> Float32Array:
-    """Return the keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
+def goals(song: Song, policy_dt: float) -> Float32Array:
+    """Return the keys to be held down, shape (F, 88), 0 or 1, a row every `policy_dt` s; the last row is all released.
 
     A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is
-    released for `gap`, as long as the note before keeps one step: a key that stays down cannot sound again.
-
-    Args:
-        song: within the piano's keys.
-        policy_dt: s between two rows.
-        gap: s.
+    released, as long as the note before keeps one step: a key that stays down cannot sound again.
     """
     last = max((round(note.end / policy_dt) for note in song.notes), default=0)
     table = np.zeros((last + 2, KEY_COUNT), dtype=np.float32)
-    released = max(round(gap / policy_dt), 1)
+    released = max(round(_GAP / policy_dt), 1)
     following: dict[int, int] = {}
     for note in sorted(song.notes, key=lambda note: note.start, reverse=True):
         first = round(note.start / policy_dt)

@@ -11,13 +11,12 @@ import numpy as np
 from rich.markup import escape
 
 from humanoid_sim.controllers.contract import HeightScan
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, reason_of
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden import encode_samples, samples_label, stored_samples, trainer_samples
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY, encode, write_metadata
 from humanoid_sim.policy.traces import BodyReader, Trace, read_trace
 from humanoid_sim.policy_tools import Stamp
@@ -99,7 +98,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
         onnx.helper.set_model_props(model, {**present, **metadata})
         data: bytes = model.SerializeToString()
     except Exception as error:  # protobuf's types, also for more than the 2 GiB that it can hold
-        raise InputError(f"{path}: cannot be read, or written as one ONNX file: {first_line(error)}") from None
+        raise InputError(f"{path}: cannot be read, or written as one ONNX file: {reason_of(error)}") from None
     return data
 
 

@@ -100,7 +100,7 @@ ROWS = np.zeros((4, 18))
 BAD_FILES = {
     "text": (b"frames: 3\n", "not an MCAP file"),
     "truncated": (foreign(ROWS)[:-9], "cut at byte"),
-    "no frames": (foreign([]), "holds no frames"),
+    "no frames": (foreign([]), "has no topics, expected one topic of std_msgs"),
     "wrong schema": (foreign(ROWS, schema="sensor_msgs/msg/Imu"), "topic '/reference' is sensor_msgs/msg/Imu"),
     "ragged": (foreign([[1.0, 2.0], [1.0]]), "frame 1 has 1 values, the frames before 2"),
     "not finite": (foreign([[0.0, 1.0], [0.0, np.nan]]), "value 1 of frame 1 is nan"),

@@ -96,5 +96,5 @@ def test_voices_and_reach():
     assert [note.key for note in dropped] == [60, 36, 30]
     one, _ = thin_out(song, range(20, 50), voices=1)
     assert spans(one) == [(20, 0.0, 1.0), (40, 1.0, 2.0)]
-    everything, nothing = thin_out(transpose(song, 2), range(22, 63))
+    everything, nothing = thin_out(transpose(song, 2), range(22, 63), voices=10)
     assert ([note.key for note in everything.notes][:2], nothing) == ([22, 62], ())
