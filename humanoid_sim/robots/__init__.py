@@ -1,1 +1,1 @@
-"""Robots: what one is (the description), and the ways to have one (simulated, looped back, replayed)."""
+"""Robots: descriptions, MJCF and URDF files, motor models, and the interface to the control loop."""

@@ -265,13 +265,10 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         """
         with blaming("robot description (JSON)", (msgspec.DecodeError, msgspec.ValidationError)):
             document = msgspec.json.decode(text, type=dict[str, Any])
-            _restore_infinite(document)
+            for joint in document.get("joints", ()):
+                if isinstance(joint, dict):
+                    joint.update({name: value for name, value in _NO_LIMIT.items() if joint.get(name, value) is None})
             return msgspec.structs.replace(msgspec.convert(document, cls), folder=folder)
 
 
-def _restore_infinite(document: dict[str, Any]) -> None:
-    """Replace null by infinity, which JSON does not have, where a joint has no limit."""
-    for joint in document.get("joints", ()):
-        for name, value in (("lower", -math.inf), ("upper", math.inf), ("effort_limit", math.inf)):
-            if isinstance(joint, dict) and joint.get(name, value) is None:
-                joint[name] = value
+_NO_LIMIT = {"lower": -math.inf, "upper": math.inf, "effort_limit": math.inf}  # null in JSON, which has no infinity

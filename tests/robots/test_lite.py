@@ -128,6 +128,9 @@ def test_poses_and_the_ways_to_them_touch_nothing(robot):
         way = [np.array(robot.initial_position), *(np.array(pose) for pose in standby.pose_segments)]
         for start, end in (*pairwise(way), (way[-1], 0.0 * way[-1])):  # after DAMP the next begins from anywhere
             assert not any(touches(model, data, start + share * (end - start)) for share in shares)
+    across_the_chest = np.zeros(robot.joint_count)
+    across_the_chest[[0, 1, 3]] = -1.5, -1.2, -2.3
+    assert touches(model, data, across_the_chest), "the check can fail"
 
 
 @ARMS
