@@ -22,9 +22,7 @@ def joint_tuple(
     owner: str, joints: Iterable[str], name: str = "joints", *, may_be_empty: bool = False
 ) -> tuple[str, ...]:
     """Names of joints (or of terms, bodies) as a tuple; at least one unless `may_be_empty`, none twice."""
-    if isinstance(joints, str):
-        raise FieldError(f"{owner}.{name}: is the string {joints!r}, expected a sequence of names")
-    if not isinstance(joints, Iterable):
+    if isinstance(joints, str) or not isinstance(joints, Iterable):
         raise FieldError(f"{owner}.{name}: is {joints!r}, expected a sequence of names")
     result = tuple(joints)
     if not result and not may_be_empty:
@@ -57,10 +55,7 @@ def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: 
     accepted = f"a finite number {'>' if above else '>='} {minimum:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
         raise FieldError(f"{owner}.{name}: is {value!r}, expected {accepted}")
-    try:
-        result = float(value)
-    except OverflowError:  # an integer of more than 308 digits
-        result = np.inf
+    result = float(value)
     if not np.isfinite(result) or result < minimum or (above and result == minimum):
         raise FieldError(f"{owner}.{name}: is {value}, expected {accepted}")
     return result

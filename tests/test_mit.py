@@ -126,32 +126,14 @@ def test_a_position_is_moved_so_that_the_spring_keeps_within_the_limit():
     assert bounded(one_joint(1.0, stiffness=0.0), 0.0) == 1.0, "nor without a spring"
 
 
-small = st.floats(-20.0, 20.0)
-
-
-@given(small, small, small, st.floats(0.0, 500.0), st.floats(0.0, 5.0), small, small, st.floats(0.5, 20.0))
-def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
-    position, velocity, effort, stiffness, damping, joint, joint_velocity, limit
-):
-    effort = float(np.clip(effort, -limit, limit))
-    moved = bounded(one_joint(position, velocity, effort, stiffness, damping), joint, joint_velocity, limit)
-    rest = damping * (velocity - joint_velocity) + effort
-    before, after = stiffness * (position - joint), stiffness * (moved - joint)
-    assert abs(after) <= abs(before) + 1e-6
-    assert before * after >= -1e-6
-    assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
-
-
 @pytest.mark.parametrize(
     ("time", "arrival", "timeout", "alive"),
     [
         (10.5, 10.0, 0.5, True),
         (10.501, 10.0, 0.5, False),
         (9.99, 10.0, 0.5, True),  # it arrived after the state was read
-        (1e9, 10.0, np.inf, True),
         (np.nan, 10.0, 0.5, False),
         (10.0, np.nan, 0.5, False),
-        (10.0, 10.0, np.nan, False),
         (np.inf, np.inf, np.inf, False),
     ],
 )
@@ -159,8 +141,3 @@ def test_a_live_input_is_zero_when_too_old(time, arrival, timeout, alive):
     extern = mit.Extern([1.0, -2.0], arrival, timeout)
     assert extern.at(time).tolist() == ([1.0, -2.0] if alive else [0.0, 0.0])
     assert extern.at(np.array([time, time])).tolist() == ([[1.0, -2.0]] * 2 if alive else [[0.0, 0.0]] * 2)
-
-
-def test_velocities_of_points_are_called_what_recordings_call_them():
-    names = [mit.point_velocity(point) for point in (mit.BASE, mit.IMU, "head")]
-    assert names == ["base_linear_velocity", "base_linear_velocity_at_imu", "base_linear_velocity_at_head"]

@@ -62,7 +62,6 @@ def trip(watching, positions, sent, **measured):
     [
         (0.3, 0.5, "something in the way of elbow"),
         (0.95, 0.0, "direction of elbow"),
-        (-1.0, 0.0, "direction of elbow"),
         (0.98, 1.3, "the command is beyond the limits of elbow"),
     ],
 )
@@ -76,10 +75,8 @@ def test_a_joint_that_comes_no_nearer_trips_the_following_guard_with_the_likely_
 @pytest.mark.parametrize(
     ("name", "positions", "wanted", "after"),
     [
-        ("less than 8 N·m", [0.0] * 30, 0.159, INF),
         ("it comes nearer by 0.02 rad in 0.1 s", np.linspace(0.0, 0.15, 30), 0.5, INF),
         ("pulled the other way every 0.08 s", [0.3, 0.3, 0.3, 0.3, -0.3, -0.3, -0.3, -0.3] * 4, 0.0, INF),
-        ("pushed back, and comes nearer again", [0.0, -0.1, -0.2, -0.17, -0.14, -0.11, -0.08, -0.05, -0.02], 0.5, INF),
         ("a pause begins the time again", [0.0] * 5 + [0.45] + [0.0] * 5 + [0.45], 0.5, INF),
         ("pushed back all the time", np.linspace(0.0, -0.2, 30), 0.5, 0.1),
     ],

@@ -54,7 +54,6 @@ def test_remapping():
         ({"load_combo_a": ()}, "load_combo_a"),
         ({"start_combo_locomotion": (5, 5)}, "start_combo_locomotion"),
         ({"quit_button": 2}, r"damp_button: \(2,\) is pressed whenever quit_button"),
-        ({"load_combo_a": (2, 0)}, r"damp_button: \(2,\) is pressed whenever load_combo_a"),
         ({"start_combo_remote": (5,)}, r"start_combo_remote: \(5,\) is pressed whenever start_combo_locomotion"),
     ],
 )

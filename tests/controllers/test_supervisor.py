@@ -15,13 +15,6 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 
 
-def test_the_latest_message_stays_until_there_is_another():
-    run = Run(supervisor())
-    words = [run.step(*intents).control_mode.status_message for intents in ((Intent.LOAD_A,), (), (Intent.DAMP,), ())]
-    refusal = "LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE"
-    assert words == [refusal, refusal, "DAMP requested", "DAMP requested"]
-
-
 @pytest.mark.parametrize(
     ("intents", "granted", "refused"),
     [
@@ -125,16 +118,6 @@ def test_a_bug_in_damping_leads_to_zero_torque_and_one_in_that_leaves_zeros():
         assert output.control_mode.controller_name == ZERO_TORQUE
         assert fingerprint(output.command) == fingerprint(MITCommand.zeros(3))
         assert output.faults[0].is_bug
-
-
-def test_keyboard_interrupts_are_not_swallowed():
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    run = Run(supervisor(interrupt))
-    run.walk(*PATHS[STANDBY_A])
-    with pytest.raises(KeyboardInterrupt):
-        run.step(Intent.START_LOCOMOTION)
 
 
 @pytest.mark.parametrize(
