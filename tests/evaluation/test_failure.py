@@ -4,9 +4,7 @@ import pytest
 from humanoid_sim.evaluation import failure
 from humanoid_sim.evaluation.errors import PoseError
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
-from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.stance import clearance
@@ -115,26 +113,6 @@ def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure, floor):
     lying = posed(robot, np.zeros(2), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))
     assert lying.tilt == pytest.approx(np.pi / 2)
     assert failure.has_fallen(lying, standing)
-
-
-def test_one_robot_and_a_batch_fall_at_the_same_height(figure):
-    """Under the same commands, falling over as it likes, with the floor below the world's origin."""
-    description = load_robot(figure(-0.3))
-    robot = MujocoRobot(description, support=False, actuation="affine")
-    batch = BatchSimulation(description, 2, threads=1)
-    command = MITCommand(np.array([-0.4, 0.9]), np.zeros(2), np.zeros(2), np.full(2, 200.0), np.full(2, 4.0))
-    both = MITCommand(*(np.tile(getattr(command, name), (2, 1)) for name in COMMAND_FIELDS))
-    seen = []
-    for _ in range(300):
-        robot.write(command)
-        batch.step(both)
-        one, many = robot.base_state, batch.base
-        np.testing.assert_allclose(many.mass_height, one.mass_height, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(many.tilt, one.tilt, rtol=0, atol=1e-9)
-        seen.append(bool(failure.has_fallen(one, MASS)))
-        assert failure.has_fallen(many, MASS).tolist() == [seen[-1]] * 2
-    batch.close()
-    assert (seen[0], seen[-1]) == (False, True)
 
 
 def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
