@@ -9,7 +9,7 @@ from trainer import JOINTS, contract, terms
 from humanoid_sim.controllers.contract import Term
 from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import joint_list, sorted_findings
+from humanoid_sim.policy.findings import joint_list
 from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
@@ -167,12 +167,9 @@ def test_gains_that_the_motors_cannot_encode():
 
 
 ARMATURE = {
-    "left_hip": 0.01,
-    "right_hip": 0.01,
-    "left_knee": 0.02,
-    "right_knee": 0.02,
-    "left_foot": 0.005,
-    "right_foot": 0.005,
+    f"{side}_{part}": value
+    for part, value in {"hip": 0.01, "knee": 0.02, "foot": 0.005}.items()
+    for side in ("left", "right")
 }
 LINK = '<body><joint name="{0}" armature="{1}" actuatorfrcrange="-{2} {2}"/><geom size="0.1"/>'
 SERVO = '<position joint="{0}" kp="{1}" kv="{2}" ACT/>'
@@ -212,15 +209,10 @@ def test_gains_of_the_models_own_actuators(motorized):
     backwards = [4e3 * value for value in reversed(ARMATURE.values())]
     order = found(motorized(joint_stiffness=backwards), "warning", "joint_stiffness", "own actuators")
     assert order.message.endswith("they stand in the order of its actuators")
-    shuffled = [40.0, 20.0, 80.0, 40.0, 80.0, 20.0]
-    assert (
-        "in another order"
-        in found(motorized(joint_stiffness=shuffled), "warning", "joint_stiffness", "own act").message
-    )
-    double = found(
-        motorized(joint_damping=[5.0, 5.0, 10.0, 10.0, 2.5, 2.5]), "warning", "joint_damping", "own actuators"
-    )
-    assert "right_knee (10, actuator 5)" in double.message
+    shuffled = motorized(joint_stiffness=[40.0, 20.0, 80.0, 40.0, 80.0, 20.0])
+    assert "in another order" in found(shuffled, "warning", "joint_stiffness", "own act").message
+    double = motorized(joint_damping=[5.0, 5.0, 10.0, 10.0, 2.5, 2.5])
+    assert "right_knee (10, actuator 5)" in found(double, "warning", "joint_damping", "own actuators").message
     clipped = MOTORIZED.replace("ACT", 'ctrlrange="-1 1"')
     assert "clip the targets of all 6 joints" in found(motorized(clipped), "warning", "position_clip").message
     assert not any(finding.field == "position_clip" for finding in motorized(clipped, position_clip="joint_limits"))
@@ -228,12 +220,11 @@ def test_gains_of_the_models_own_actuators(motorized):
 
 def test_a_joint_that_leaves_the_exporters_formula(motorized):
     """mjlab derives K_p and K_d from the armature, the scale from torque limit and K_p; rounded values fit."""
-    wrong = found(
-        motorized(joint_stiffness=[40.0, 40.0, 80.0, 80.0, 20.0, 30.0]), "warning", "joint_stiffness", "armature"
-    )
-    assert (wrong.joints, "30, expected 20" in wrong.message) == (("right_foot",), True)
-    damping = found(motorized(joint_damping=[2.5, 2.5, 4.0, 5.0, 1.2, 1.3]), "warning", "joint_damping", "armature")
-    assert damping.joints == ("left_knee",)
+    for field, values, joint in (
+        ("joint_stiffness", [40.0, 40.0, 80.0, 80.0, 20.0, 30.0], "right_foot"),
+        ("joint_damping", [2.5, 2.5, 4.0, 5.0, 1.2, 1.3], "left_knee"),
+    ):
+        assert found(motorized(**{field: values}), "warning", field, "armature").joints == (joint,)
     varied = {"joint_stiffness": [40.0, 40.0, 50.0, 50.0, 25.0, 25.0]}
     scales = [0.25 * 1e4 * a / k for a, k in zip(ARMATURE.values(), varied["joint_stiffness"], strict=True)]
     assert not any("effort limit / K_p" in f.message for f in motorized(**varied, action_scale=scales))
@@ -254,11 +245,6 @@ def test_assumptions_of_a_dialect_are_one_line(robot):
     assumed = dict.fromkeys(("policy_dt", "reference_quaternion"), "assumed (mjlab)")
     message = found(findings_of(robot, source=assumed), "warning", "assumed (mjlab)").message
     assert "policy_dt 0.02 s (50 Hz); reference_quaternion wxyz" in message
-
-
-def test_the_worst_stands_first(robot):
-    found = sorted_findings(findings_of(robot, policy_dt=1.0, joint_damping=0.0))
-    assert [finding.severity for finding in found] == ["error", "warning", "info"]
 
 
 def test_many_joints_are_counted():
