@@ -41,11 +41,8 @@ class LiveInputs:
         """Name and width of those that are fed."""
         return {name: width for name, width in self.contract.sent_inputs.items() if name in self.sources}
 
-    def heard(self, state: MITState) -> MITState:
-        """Return the state with the values that belong to it.
-
-        A value of the wrong shape, or one that is not finite, is refused where it is observed: there it is a fault.
-        """
+    def extend(self, state: MITState) -> MITState:
+        """Return the state with the sources' values; where one is unfit, observing it is a fault."""
         if not self.sources:
             return state
         batch = state.joint_position.shape[:-1]

@@ -156,7 +156,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         intent, refusals = self._take(action)
         state, safety = self._read()
         if self._live is not None:
-            state = self._live.heard(state)
+            state = self._live.extend(state)
         tick = TickInput(state, safety, () if intent is None else (intent,), self._inbox.latest())
         self._memory, output = self.supervisor.step(self._memory, tick)
         mode = output.control_mode.mode

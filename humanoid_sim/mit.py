@@ -211,22 +211,16 @@ def mit_torque(
     scratch: FloatArray | None = None,
     lower: FloatArray | None = None,
 ) -> FloatArray:
-    """Torque of the MIT law, saturated: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
+    """Torque (..., n), N·m, of the MIT law: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
 
-    The same law runs in the motors' firmware (MIT Cheetah; Katz 2018, "A low cost modular actuator for dynamic
-    robots"). With both buffers given it allocates nothing.
+    The same law runs in the motors' firmware (Katz 2018, "A low cost modular actuator for dynamic robots").
 
     Args:
-        command: shape (..., n).
         position: shape (..., n), rad, joint frame, where the joints are; the command is broadcast against it.
         velocity: shape (..., n), rad/s.
         effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
-        out: shape (..., n), which gets the torque; None for a new array.
-        scratch: shape (..., n), overwritten; None for a new array.
+        out, scratch: shape (..., n), overwritten, the first with the result; with both, nothing is allocated.
         lower: shape (n,), `-effort_limit`, of a caller that keeps it.
-
-    Returns:
-        Shape (..., n), N·m, joint frame: `out` if it was given.
     """
     torque = np.subtract(command.position, position, out=out)
     np.multiply(command.stiffness, torque, out=torque)
@@ -241,9 +235,6 @@ def mit_torque(
 
 def affine_law(command: MITCommand) -> tuple[FloatArray, FloatArray]:
     """Return the MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
-
-    Args:
-        command: shape (..., n).
 
     Returns:
         bias: shape (..., n, 2), what multiplies position and velocity: -K_p, N·m/rad, and -K_d, N·m·s/rad.

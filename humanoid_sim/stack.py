@@ -165,12 +165,12 @@ def run_header(
         start_time_ns: Unix nanoseconds at the robot clock's zero.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
-    told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
+    shown = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
     limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
     controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards, needs_producer)
     documents = body_documents(description) | {
         "robot": description.to_json(),
-        "settings": json.dumps(told, indent=1),
+        "settings": json.dumps(shown, indent=1),
         "controllers": msgspec.json.encode(controllers).decode(),
     }
     attachments = {} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)}

@@ -195,7 +195,7 @@ class ClosedLoop:
         state = self.robots.state()
         if self.wiring.takes_velocity_command:
             state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
-        return self.live.heard(state)
+        return self.live.extend(state)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

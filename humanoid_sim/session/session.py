@@ -311,7 +311,7 @@ class Session:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             state = replace(state, extern={**state.extern, **live})
         if self._live is not None:
-            state = self._live.heard(state)
+            state = self._live.extend(state)
         self.state = state
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote, self._selection.take())

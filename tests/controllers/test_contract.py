@@ -127,9 +127,9 @@ def test_python_feeds_declared_inputs_one_value_for_all_robots_or_one_each():
     made = wired(FOOT, extern={"foot_contact": 2}).contract
     zeros = np.zeros((3, 3))
     batch = MITState(0.0, zeros, zeros, zeros, zeros, np.zeros((3, 4)), zeros, zeros)
-    fed = LiveInputs(made, {"foot_contact": lambda _: [1.0, 0.0]}).heard(batch)
+    fed = LiveInputs(made, {"foot_contact": lambda _: [1.0, 0.0]}).extend(batch)
     assert fed.extern["foot_contact"].value.tolist() == [[1.0, 0.0]] * 3
-    fed = LiveInputs(made, {"foot_contact": lambda given: given.joint_position[..., :2]}).heard(state(time=3.0))
+    fed = LiveInputs(made, {"foot_contact": lambda given: given.joint_position[..., :2]}).extend(state(time=3.0))
     assert fed.extern["foot_contact"].arrival_time == 3.0
     with pytest.raises(FieldError, match="unknown live input 'foot'"):
         LiveInputs(made, {"foot": lambda _: [1.0, 0.0]})
