@@ -20,6 +20,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
 from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
+from humanoid_sim.policy.words import shown
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import with_joint_limits
 from humanoid_sim.simulation.floating_base import base_addresses
@@ -115,11 +116,10 @@ class Samples:
         layout, trace, found = self.wiring(contract).layout, self.trace(contract), []
         for item in layout.terms if layout.history == 1 else ():
             columns, term = trace.arrays["observation"][:, item.start : item.stop].astype(np.float64), item.term
-            kind, name = contract.kind(term), f"{item.name} scale"
-            joints = value_names(term, contract)
+            kind, joints = contract.kind(term), value_names(term, contract)
             if kind.reads == "joint_position" and kind.is_relative(term) and np.all(term.scale):
-                shown = trace.arrays["joint_position"][:, [trace.joint_names.index(joint) for joint in joints]]
-                poses = shown - columns / term.scale
+                position = trace.arrays["joint_position"][:, [trace.joint_names.index(joint) for joint in joints]]
+                poses = position - columns / term.scale
                 if np.ptp(poses, axis=0).max() < _CONSTANT:
                     pose = contract.default_joint_pos.copy()
                     pose[[contract.joint_names.index(joint) for joint in joints]] = np.median(poses, axis=0).round(4)
@@ -131,9 +131,7 @@ class Samples:
             if np.abs(raw * scale - columns).max() < _CONSTANT and raw.any(axis=0).all():
                 value: Any = scale.mean().round(4) if np.ptp(scale) < _CONSTANT else scale.round(4)
                 edited = replace(contract, observation=with_term(contract, term, scale=value))
-                found.append(
-                    Edit(f"{item.name} is multiplied by {np.array2string(scale[:3], precision=3)}", name, edited)
-                )
+                found.append(Edit(f"{item.name} is multiplied by {shown(value)}", f"{item.name} scale", edited))
         return tuple(found)
 
     def period(self) -> float:

@@ -90,12 +90,12 @@ class Subject:
 
     def motion_under(self, contract: PolicyContract) -> Motion | None:
         """Return the motion as a contract would have it read; None for a policy that follows none."""
-        motion = self.motion
-        if motion is None:
+        if self.motion is None:
             return None
+        motion = replace(self.motion, policy_dt=contract.policy_dt)
         if not self.in_policy_order:
-            return replace(motion, policy_dt=contract.policy_dt)
-        motion = replace(motion, policy_dt=contract.policy_dt, joint_names=contract.joint_names)
+            return motion
+        motion = replace(motion, joint_names=contract.joint_names)
         if contract.reference_quaternion == self.contract.reference_quaternion or motion.layout != "joints_bodies_w":
             return motion
         start = 2 * len(motion.joint_names) + 3 * len(motion.body_names)
@@ -180,10 +180,11 @@ class Simulations:
                 lost = one.safety.message
             elif has_run_away(loop.state.joint_velocity):
                 lost = "the joints run away"
-            inferred = infer(wiring, loaded.policy, loop.observation, int(loop.memory.frame))
-            if lost or isinstance(inferred, Fault):
-                lost = lost or inferred.message  # type: ignore[union-attr]
+            if lost:
                 return Outcome(step * period, seconds, score.parts(period), lost)
+            inferred = infer(wiring, loaded.policy, loop.observation, int(loop.memory.frame))
+            if isinstance(inferred, Fault):
+                return Outcome(step * period, seconds, score.parts(period), inferred.message)
             sent = loop.act(inferred.action, velocity=np.array(command))
             is_settled = step * period % (seconds / len(commands)) >= _SETTLED
             score.add(loop.state, robot.base_state, sent.position, command if is_settled else None)
