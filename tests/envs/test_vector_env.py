@@ -270,7 +270,7 @@ def test_a_wrench_pushes_as_long_as_it_is_set():
         ({"randomisation": {"command_delay": (0.0, 60.0)}}, "command_delay is .*, expected at most 1 s"),
         ({"threads": 0}, "threads: is 0"),
         ({"command_delay": 0.01}, "^unknown option 'command_delay'; known: num_envs, contract, .* threads, .* rewards"),
-        ({"autoreset": "SameStep"}, r"^unknown option 'autoreset' \(did you mean 'autoreset_mode'\?\)$"),
+        ({"autoreset": "SameStep"}, r"^unknown option 'autoreset' \(did you mean 'autoreset_mode'\?\)"),
         ({"width": 0}, "width: is 0"),
         ({"count": 0}, "num_envs: is 0, expected a whole number >= 1"),
         ({"physics_timestep": 0.005}, "unstable above 2"),

@@ -29,11 +29,11 @@ def test_help_and_a_mistyped_option(monkeypatch, capsys):
     assert refused.startswith("error: Unrecognized options: --frm; Perhaps you meant: --form ")
 
 
-def test_the_recorder_of_mjlab_needs_nothing_but_mjlab_and_numpy():
+def test_the_recorder_of_mjlab_needs_nothing_but_what_mjlab_has():
     """It is copied to where mjlab is, and this package is not."""
     needed = set()
     for node in ast.walk(ast.parse((EXAMPLES / "mjlab_trace.py").read_text(encoding="utf-8"))):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
         needed |= {name.partition(".")[0] for name in names}
-    assert needed - sys.stdlib_module_names == {"mjlab", "numpy"}
+    assert needed - sys.stdlib_module_names == {"mjlab", "mujoco", "numpy"}
