@@ -305,7 +305,7 @@ def _term_option(name: str) -> tuple[str, str]:
 def _last(layers: Sequence[Layer], name: str) -> Any:
     found = [layer.values[name] for layer in layers if name in layer.values]
     is_list = bool(found) and isinstance(found[-1], list | tuple) and all(isinstance(item, str) for item in found[-1])
-    return tuple(found[-1]) if is_list else None  # what is no list of names is refused where it is added
+    return tuple(found[-1]) if is_list else None  # anything else is refused where it is added
 
 
 @dataclass(frozen=True, slots=True)

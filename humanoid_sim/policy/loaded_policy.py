@@ -35,7 +35,7 @@ class LoadedPolicy:
     def taken(self, reported: Container[str]) -> Mapping[str, int]:
         """Name and width of the live inputs that a session takes from outside: those sent to it, and a piano's keys.
 
-        The keys also where the policy does not observe them: whoever scores the run needs them.
+        The keys also where the policy does not observe them: the score of a run needs them.
 
         Args:
             reported: names of those that the robot reports itself.

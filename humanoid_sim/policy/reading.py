@@ -119,7 +119,7 @@ def is_leapp(path: Path) -> bool:
 
 
 def _width(reading: Reading) -> int | None:
-    """Return how wide the terms are that a reading has; None if that cannot be told."""
+    """Return the width of the observation; None where the terms are not known."""
     contract = outline(reading)
     try:
         return None if contract is None else contract_layout(contract).width
