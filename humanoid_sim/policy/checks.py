@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
@@ -21,6 +21,7 @@ from humanoid_sim.policy.plausibility import (
     rounding_findings,
     suspicious_findings,
     symmetry_findings,
+    term_findings,
 )
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import own_actuators, own_joint_damping
@@ -42,13 +43,15 @@ def contract_findings(
         hardware: the real robot, which has no estimator, and needs motors.
     """
     own_damping, actuators = own_joint_damping(model, description), own_actuators(model)
+    own = [joint.stiffness for joint in description.joints] + [servo.stiffness for servo in actuators.values()]
     return [
         *joint_findings(contract, description),
         *frame_findings(contract, description.name, model),
         *motor_findings(contract, description, hardware=hardware),
         *range_findings(contract, description),
         *effort_findings(contract, description),
-        *suspicious_findings(contract, description, own_damping, actuators),
+        *suspicious_findings(contract, own_damping, max(own)),
+        *term_findings(contract),
         *symmetry_findings(contract),
         *actuator_findings(contract, actuators, own_damping),
         *formula_findings(contract, description, model),
@@ -62,12 +65,13 @@ def contract_findings(
 
 def joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints that only the policy or only the robot has, and names that only the robot gives."""
-    field, robot, policy = "joint_names", f"'{description.name}'", contract.joint_names
-    surplus = [name for name in description.joint_names if name not in policy]
-    meant = {name: near_miss(name, surplus, _ALIKE) for name in policy if name not in description.joint_names}
+    field, robot = "joint_names", f"'{description.name}'"
+    surplus = [name for name in description.joint_names if name not in contract.joint_names]
+    foreign = [name for name in contract.joint_names if name not in description.joint_names]
+    meant = {name: near_miss(name, surplus, _ALIKE) for name in foreign}
     slips = {name: f"robot has {other}" for name, other in meant.items() if other}
     yield from on_joints("error", field, f"not of {robot}, rename in x.contract.yaml:", slips)
-    yield from on_joints("error", field, f"not of {robot}:", [name for name in meant if name not in slips])
+    yield from on_joints("error", field, f"not of {robot}:", [name for name in foreign if name not in slips])
     missing = [name for name in surplus if name not in meant.values()]
     yield from on_joints("error", field, f"have to be the robot's, the policy lacks {robot}'s", missing)
     source = contract.source.get(field, "")
@@ -79,27 +83,23 @@ def joint_findings(contract: PolicyContract, description: RobotDescription) -> I
 def frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel) -> Iterator[Finding]:
     """Bodies of the motion, and points whose velocity or ground is observed, that the robot's model lacks."""
     bodies = [model.body(i).name for i in range(1, model.nbody)]
-    sites = [name for name in (model.site(i).name for i in range(model.nsite)) if name]
-
-    def missing(field: str, name: str, known: Sequence[str], what: str) -> Iterator[Finding]:
-        if name not in known:
-            near = near_miss(name, known, _ALIKE)
-            listed = f"'{near}'" if near else ", ".join(known) or "none"
-            yield Finding("error", field, f"'{name}' is no {what} of '{robot}', which has {listed}")
-
-    for name in contract.body_names:
-        yield from missing("body_names", name, bodies, "body")
+    sites = [BASE, IMU, *(model.site(i).name for i in range(model.nsite) if model.site(i).name)]
+    needed = [("body_names", name, "body", bodies) for name in contract.body_names]
     if contract.anchor_body:
-        yield from missing("anchor_body", contract.anchor_body, bodies, "body")
+        needed.append(("anchor_body", contract.anchor_body, "body", bodies))
         if contract.body_names and contract.anchor_body not in contract.body_names:
             message = f"'{contract.anchor_body}' is not among body_names; a motion of those does not say where it is"
             yield Finding("warning", "anchor_body", message)
     for term in contract.terms:
-        kind, field = contract.kind(term), f"observation term {term.name}"
         if term.scan is not None:
-            yield from missing(field, term.scan.at, [BASE, IMU, *sites, *bodies], "site or body")
-        elif "at" in kind.conventions:
-            yield from missing(field, term.at, [BASE, IMU, *sites], "site")
+            needed.append((f"observation term {term.name}", term.scan.at, "site or body", [*sites, *bodies]))
+        elif "at" in contract.kind(term).conventions:
+            needed.append((f"observation term {term.name}", term.at, "site", sites))
+    for field, name, kind, known in needed:
+        if name not in known:
+            near = near_miss(name, known, _ALIKE)
+            listed = f"'{near}'" if near else ", ".join(known)
+            yield Finding("error", field, f"'{name}' is no {kind} of '{robot}', which has {listed}")
 
 
 def motor_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
@@ -114,18 +114,16 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
         yield from on_joints("error", "robot", "the description names no motor of", without)
     for model in sorted({*models.values()} - MOTORS.keys()):
         yield Finding("warning", "robot", known_names("motor model", model, MOTORS))
+    motors = {name: MOTORS[model] for name, model in models.items() if model in MOTORS}
     for gain in ("stiffness", "damping"):
         over, coarse = {}, {}
         for name, value in zip(contract.joint_names, getattr(contract, f"joint_{gain}").tolist(), strict=True):
-            motor = MOTORS.get(models.get(name, ""))
-            if motor is None:
-                continue
-            most = getattr(motor, gain)
+            most = getattr(motors[name], gain) if name in motors else np.inf
             step = most / 65535  # gains are 16 bits on the wire
             if value > most:
-                over[name] = f"{value:g}, {motor.name} at most {most:g}"
-            elif 0.0 < value < step / _COARSE:
-                coarse[name] = f"{value:g}, {motor.name} in steps of {step:.2g}"
+                over[name] = f"{value:g}, {motors[name].name} at most {most:g}"
+            elif 0.0 < value < step / _COARSE < np.inf:
+                coarse[name] = f"{value:g}, {motors[name].name} in steps of {step:.2g}"
         yield from on_joints("error", f"joint_{gain}", "is more than the motor can encode for", over)
         yield from on_joints("warning", f"joint_{gain}", "is encoded coarsely by the motor of", coarse)
 
@@ -143,11 +141,9 @@ def range_findings(contract: PolicyContract, description: RobotDescription) -> I
         ("action_offset", moved, ""),
         ("action_joint_names", held, "at 0, where it is held, "),
     ):
-        beyond = {name: value for name, value in values.items() if name in ranges and not _is_in(value, *ranges[name])}
-        in_degrees = all(
-            abs(value) > np.pi and _is_in(np.deg2rad(value), *ranges[name]) for name, value in beyond.items()
-        )
-        shown = {name: f"{value:g}, range {_span(*ranges[name])}" for name, value in beyond.items()}
+        far = {name: value for name, value in values.items() if name in ranges and not _is_in(value, ranges[name])}
+        in_degrees = all(abs(value) > np.pi and _is_in(np.deg2rad(value), ranges[name]) for name, value in far.items())
+        shown = {name: f"{value:g}, range {_span(ranges[name])}" for name, value in far.items()}
         remark = "; is it in degrees?" if in_degrees else ""
         yield from on_joints("error", field, f"is {what}beyond the range, rad, of", shown, remark)
     scales = dict(zip(contract.action_joint_names, np.abs(contract.action_scale).tolist(), strict=True))
@@ -156,13 +152,12 @@ def range_findings(contract: PolicyContract, description: RobotDescription) -> I
     clip = contract.position_clip
     if isinstance(clip, str):  # the joints' own ranges
         return
-    spans = {name: (offsets[name] - scale, offsets[name] + scale) for name, scale in scales.items()}
-    if clip is not None:
-        spans = {name: (low, high) for name, (low, high) in zip(spans, clip.tolist(), strict=True)}
+    ends = [(offsets[name] - scale, offsets[name] + scale) for name, scale in scales.items()]
+    spans = zip(scales, ends if clip is None else clip.tolist(), strict=True)
     wide = {
-        name: f"{_span(*span)}, range {_span(*ranges[name])}"
-        for name, span in spans.items()
-        if name in ranges and not all(_is_in(end, *ranges[name]) for end in span)
+        name: f"{_span(span)}, range {_span(ranges[name])}"
+        for name, span in spans
+        if name in ranges and not all(_is_in(end, ranges[name]) for end in span)
     }
     if clip is None:
         yield from on_joints("info", "action_scale", "actions of -1 to 1 leave the range of", wide)
@@ -170,34 +165,32 @@ def range_findings(contract: PolicyContract, description: RobotDescription) -> I
         yield from on_joints("warning", "position_clip", "is wider than the range of", wide)
 
 
-def _is_in(value: float, lower: float, upper: float) -> bool:
-    return bool(lower - _ANGLE <= value <= upper + _ANGLE)
+def _is_in(value: float, span: tuple[float, float]) -> bool:
+    return bool(span[0] - _ANGLE <= value <= span[1] + _ANGLE)
 
 
-def _span(low: float, high: float) -> str:
-    return f"{low:.4g} to {high:.4g}"
+def _span(span: tuple[float, float]) -> str:
+    return f"{span[0]:.4g} to {span[1]:.4g}"
 
 
 def effort_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints whose torque nothing limits, and those whose robot has other limits than the policy was trained with."""
-    own = {joint.name: joint.effort_limit for joint in description.joints}
-    limits = np.full(len(contract.joint_names), np.inf) if contract.effort_limit is None else contract.effort_limit
-    both = {
-        name: (limit, own[name])
-        for name, limit in zip(contract.joint_names, limits.tolist(), strict=True)
-        if name in own
-    }
-    free = [name for name, pair in both.items() if np.isinf(pair).all()]
-    message = f"no torque limit, in the contract or in '{description.name}', for"
+    robot = {joint.name: joint.effort_limit for joint in description.joints}
+    trained = np.full(len(contract.joint_names), np.inf) if contract.effort_limit is None else contract.effort_limit
+    free, weaker, stronger = list[str](), dict[str, str](), dict[str, str]()
+    for name, limit in zip(contract.joint_names, trained.tolist(), strict=True):
+        own = robot.get(name, limit)
+        if name in robot and own == limit == np.inf:
+            free.append(name)
+        elif own < limit < np.inf:
+            weaker[name] = f"{limit:g}, robot {own:g}"
+        elif limit < own < np.inf:
+            stronger[name] = f"{limit:g}, robot {own:g}"
+    field, where = "effort_limit", f"in the contract or in '{description.name}'"
     remark = ": a simulation applies any torque, a real motor does not; x.contract.yaml can state it"
-    yield from on_joints("warning", "effort_limit", message, free, remark, len(own))
-    shown = {name: f"{limit:g}, robot {most:g}" for name, (limit, most) in both.items() if limit < np.inf}
-    weaker = {name: text for name, text in shown.items() if both[name][1] < both[name][0]}
-    lower = {name: text for name, text in shown.items() if both[name][0] < both[name][1] < np.inf}
-    yield from on_joints("warning", "effort_limit", "the robot allows less, N·m, which counts, for", weaker)
-    yield from on_joints(
-        "info", "effort_limit", "the robot allows more, N·m; simulations keep the contract's for", lower
-    )
+    yield from on_joints("warning", field, f"no torque limit, {where}, for", free, remark, len(robot))
+    yield from on_joints("warning", field, "the robot allows less, N·m, which counts, for", weaker)
+    yield from on_joints("info", field, "the robot allows more, N·m; simulations keep the contract's for", stronger)
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
@@ -213,14 +206,15 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
     if not pairs:
         return
     listed = "; ".join(f"{kd:g} + {model:g} for {joint_list(names)}" for (kd, model), names in pairs.items())
-    decision = contract.model_joint_damping
-    field, what = "model_joint_damping", f"the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
+    decision, what = contract.model_joint_damping, f"the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
+    severity: Severity = "info"
     if decision == "undecided":
-        severity: Severity = "warning" if any(kd > 0.0 for kd, _ in pairs) else "info"
-        yield Finding(severity, field, f"nobody decides, so both act: {what}; x.contract.yaml decides: keep or drop")
+        severity = "warning" if any(kd > 0.0 for kd, _ in pairs) else "info"
+        message = f"nobody decides, so both act: {what}; x.contract.yaml decides: keep or drop"
     else:
         act = "both act:" if decision == "keep" else "simulations leave out the second number of"
-        yield Finding("info", field, f"{decision}: {act} {what}")
+        message = f"{decision}: {act} {what}"
+    yield Finding(severity, "model_joint_damping", message)
 
 
 def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
@@ -232,9 +226,8 @@ def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
                 yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
         elif kind.estimate:
             message = f"needs {kind.estimate}, which a simulation knows and a robot has to estimate"
-            yield Finding(
-                "error" if hardware else "info", field, message + ("; there is no estimator" if hardware else "")
-            )
+            remark = "; there is no estimator" if hardware else ""
+            yield Finding("error" if hardware else "info", field, f"{message}{remark}")
         if term.width is not None:
             source = f"programs send it by {term.topic or kind.topic}, or `live` feeds it"
             yield Finding("info", field, f"is a live input of width {term.width}: {source}; doctor and regress cannot")

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
-
-
-_LISTED = 3
-"""Joints that a message names before it counts them."""
+_LISTED = 3  # joints that a message names before it counts them
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +26,6 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"
-
-
-def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return the worst first, otherwise in the order in which they were found."""
-    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
 def joint_list(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> str:
