@@ -16,7 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import imu_line, own_actuators, prefix_line
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.own_actuators import own_actuators
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -76,45 +77,10 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> Iterator[tuple[str,
     unlimited = [joint.name for joint in robot.joints if math.isinf(joint.effort_limit)]
     if unlimited:
         yield "without effort limit", ", ".join(unlimited)
-    clip = _position_clip(robot, model)
-    if clip:
-        yield "position clip", f"a policy trained with the model's own actuators has seen {clip} (x.contract.yaml)"
     names = [model.joint(i).name or "unnamed" for i in range(model.njnt) if int(model.jnt_type[i]) in _SCALAR]
     passive = [name for name in names if name not in robot.joint_names]
     if passive:
         yield "passive joints", ", ".join(passive)
-    coupled = list(_equalities(model))
-    if coupled:
-        yield "equalities", ", ".join(coupled)
-    prefix = prefix_line(robot.mjcf_path)
-    if prefix:
-        yield "names", prefix
-
-
-def _position_clip(robot: RobotDescription, model: mujoco.MjModel) -> str:
-    """Return the `position_clip` that the model's own actuators amount to; '' for none."""
-    targets = {name: own.target_range for name, own in own_actuators(model).items()}
-    clipped = {joint.name for joint in robot.joints if math.isfinite(targets.get(joint.name, (math.inf,))[0])}
-    if not clipped:
-        return ""
-    is_limit = all(math.dist(targets[j.name], (j.lower, j.upper)) < 1e-6 for j in robot.joints if j.name in clipped)
-    which = "" if len(clipped) == robot.joint_count else f" for {len(clipped)} of {robot.joint_count} joints"
-    return f"position_clip: {'joint_limits' if is_limit else 'the ranges above'}{which}"
-
-
-def _equalities(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield what couples joints, such as the mimic `finger = 0.1 -2 · thumb`, and the number of other equalities."""
-    others: Counter[str] = Counter()
-    for i in range(model.neq):
-        kind = mujoco.mjtEq(int(model.eq_type[i]))
-        if kind != mujoco.mjtEq.mjEQ_JOINT:
-            others[kind.name.removeprefix("mjEQ_").lower()] += 1
-            continue
-        follower, leader = model.joint(int(model.eq_obj1id[i])).name, int(model.eq_obj2id[i])
-        offset, ratio, *powers = (float(value) for value in model.eq_data[i, :5])
-        text = f"{follower} = {offset:g}" + (f" {ratio:+g} · {model.joint(leader).name}" if leader >= 0 else "")
-        yield f"{text} + higher powers" if any(powers) else text
-    yield from (f"{count} {kind}" for kind, count in others.items())
 
 
 def robot_yaml(robot: RobotDescription, model: mujoco.MjModel, folder: Path) -> str:

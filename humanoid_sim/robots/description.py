@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,8 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.files import is_file, regular_file
-from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.public import PREFIX, near_public, public_mjcf
+from humanoid_sim.robots.public import PREFIX, public_mjcf
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
@@ -72,17 +71,17 @@ def _robot_file(name_or_path: str) -> tuple[Path, str]:
     if name_or_path.startswith(PREFIX):
         return public_mjcf(name_or_path), name_or_path
     if not os.path.exists(name_or_path):
-        unknown = f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists"
-        public = "" if near_miss(name_or_path, known) else near_public(name_or_path)
-        raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
+        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
     return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
 
 
 def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescription:
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
-    for place in _not_finite(document):
-        raise InputError(f"{label}: {place}, expected a finite number")
+    try:
+        json.dumps(document, allow_nan=False, default=str, skipkeys=True)
+    except ValueError as error:
+        raise InputError(f"{label}: expected finite numbers: {error}") from None
     if isinstance(document.get("mjcf"), str):
         if not is_file(folder / document["mjcf"]):
             raise InputError(f"{label}: mjcf: '{document['mjcf']}' is not a file beside the description")
@@ -96,18 +95,6 @@ def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescr
     if problems := list(description_problems(robot)):
         raise InputError(f"{label}: {'; '.join(problems)}")
     return robot
-
-
-def _not_finite(value: Any, place: str = "") -> Iterator[str]:
-    """Yield `joints[3].upper: is nan` for each number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        yield f"{place}: is {value}"
-    elif isinstance(value, dict):
-        for name, item in value.items():
-            yield from _not_finite(item, f"{place}.{name}" if place else str(name))
-    elif isinstance(value, list):
-        for i, item in enumerate(value):
-            yield from _not_finite(item, f"{place}[{i}]")
 
 
 _POSE = "initial_position"

@@ -65,7 +65,7 @@ BAD_VALUES = [
     ("topic_prefix", "a/b", "topic_prefix: is 'a/b'"),
     ("folder", "/", "folder: is not a field of the file"),
     ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
-    ("joints[3].lower", math.nan, "joints[3].lower: is nan, expected a finite number"),
+    ("joints[3].lower", math.nan, "expected finite numbers"),
     ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: is 0.0, expected a number > 0"),
     ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
