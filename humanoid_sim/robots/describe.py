@@ -7,7 +7,6 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import mujoco
@@ -83,29 +82,21 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> Iterator[tuple[str,
         yield "passive joints", ", ".join(passive)
 
 
-def robot_yaml(robot: RobotDescription, model: mujoco.MjModel, folder: Path) -> str:
-    """Return a robot file for `folder` that is the robot of an MJCF, with what was read in comments, to be changed."""
-    document = msgspec.to_builtins(robot)
-    given = {"name": robot.name, "mjcf": os.path.relpath(robot.mjcf_path, folder), "imu": robot.imu}
-    pose = {"initial_position": dict(zip(robot.joint_names, robot.initial_position, strict=True))}
+def robot_yaml(robot: RobotDescription, folder: Path) -> str:
+    """Return a robot file for `folder` that is the robot of an MJCF, to be changed; lines may be left out again."""
     numbers = ("lower", "upper", "effort_limit", "stiffness", "damping")
-    read = {
+    joints: dict[str, dict[str, float]] = {}
+    for joint in robot.joints:
+        values = {name: getattr(joint, name) for name in numbers}
+        joints[joint.name] = {name: value for name, value in values.items() if math.isfinite(value)}
+    document = {
+        "name": robot.name,
+        "mjcf": os.path.relpath(robot.mjcf_path, folder),
+        "imu": robot.imu,
         "base": {"height": robot.base.height},
-        "simulation": document["simulation"],
-        "joints": {
-            joint["name"]: {name: joint[name] for name in numbers if math.isfinite(joint[name])}
-            for joint in document["joints"]
-        },
+        "simulation": msgspec.to_builtins(robot.simulation),
+        "initial_position": dict(zip(robot.joint_names, robot.initial_position, strict=True)),
+        "joints": joints,
     }
-    shown = _yaml(pose, flow=False) + _yaml(read)
-    return f"""\
-# What is not given here is read from the MJCF. Lines that begin with # show what was read: to change a value, remove
-# the mark from its line and from the heading above it. humanoid_sim/robots/schema.py has every field.
-# A height of null: the robot's lowest part touches the floor. A K_p or K_d of 0 is the policy's.
-# IMU: {imu_line(model, robot)}
-{_yaml(given, flow=False)}""" + "".join(f"# {line}\n" for line in shown.splitlines())
-
-
-def _yaml(document: dict[str, Any], flow: bool | None = None) -> str:
-    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=math.inf, default_flow_style=flow)
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=math.inf, default_flow_style=None)
     return text
