@@ -5,8 +5,10 @@ import sys
 import types
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from motion_samples import BODIES, joint_frames, joint_path, lite, prepare, refusal, state_of
+from pyarrow import parquet
 
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare.lerobot_dataset import hub_dataset
@@ -28,8 +30,6 @@ IN_BASE = {"motion_body_pos_b": FRAMES[:, :12], "motion_body_ori_b": FRAMES[:, 1
 
 def write(root, *episodes, fps=50, version="v3.0"):
     """Files as `lerobot` 0.4 writes them: one of all episodes' frames, one of the episodes, and what they hold."""
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
     rows, listed = {}, []
     for index, columns in enumerate(episodes):
         length = len(next(iter(columns.values())))
