@@ -6,17 +6,16 @@ import base64
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.terms import value_names
-from humanoid_sim.errors import FieldError, InputError, reason_of
+from humanoid_sim.errors import FieldError, InputError, blaming, reason_of
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -31,7 +30,7 @@ does not; networks amplify the rounding of other hardware."""
 _ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _NO_LIMIT = 1e9  # a recorded action is what it is
 _VERSION = 1
-_TYPES = dict.fromkeys(("last_action", "observation", "action", "history"), "<f4") | {"frame": "<i8"}
+_FLOAT32 = ("last_action", "observation", "action", "history")
 
 
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
@@ -43,49 +42,10 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
     Args:
         motion: what the run followed, where the model does not carry it.
     """
-    whole = with_memory(checkpoint, trace, motion)
-    problem = golden_problem(checkpoint, whole)
-    if problem:
-        raise InputError(f"{checkpoint.source}: {problem}")
+    whole = _with_memory(checkpoint, trace, motion)
+    with blaming(checkpoint.source):
+        _verify(checkpoint, whole)
     return whole.rows(np.unique(np.linspace(0, len(whole) - 1, SAMPLE_COUNT).round().astype(np.intp)))
-
-
-def with_memory(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
-    """Return a run with what the policy remembered in each step, from activation on, and with the motion's rows."""
-    loaded = checkpoint.following(motion)
-    entered: list[PolicyMemory] = []
-    where = ""
-    try:
-        wiring = _recorded_wiring(loaded, trace.joint_names)
-        memory = wiring.activate(trace.state(0))
-        for i in range(len(trace)):
-            where = f"step {i}: "
-            memory = trace.memory(i, memory)
-            entered.append(memory)
-            _, observed = wiring.observe(memory, trace.state(i))
-            memory, _ = wiring.act(observed, trace.arrays["action"][i])
-    except (FieldError, ValueError) as error:
-        raise InputError(f"{checkpoint.source}: on {trace.name}: {where}{error}") from None
-    frame = np.array([memory.frame for memory in entered], dtype=np.int64)
-    nowhere = np.full(7, np.nan)
-    laid = [memory.alignment for memory in entered]
-    arrays = {
-        **trace.arrays,
-        "last_action": np.stack([memory.last_action for memory in entered]),
-        "frame": frame,
-        "walked": np.array([memory.walked for memory in entered], dtype=np.float64),
-        "alignment": np.stack([nowhere if one is None else np.concatenate([one.offset, one.yaw]) for one in laid]),
-    }
-    histories = [memory.history for memory in entered]
-    known = next((history for history in histories if history is not None), None)
-    if known is not None:
-        missing = np.full_like(known, np.nan)
-        arrays["history"] = np.stack([missing if history is None else history for history in histories])
-    reference = loaded.reference
-    if checkpoint.motion is None:
-        rows = reference.clamp(frame)
-        arrays |= {REFERENCE + name: np.asarray(table[rows]) for name, table in reference.terms.items()}
-    return replace(trace, arrays=arrays, frame_count=reference.frame_count)
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
@@ -96,9 +56,8 @@ def verify_golden(checkpoint: Checkpoint) -> str:
     samples = stored_samples(checkpoint)
     if samples is None:
         return ""
-    problem = golden_problem(checkpoint, samples)
-    if problem:
-        raise InputError(f"{checkpoint.source}: golden vectors: {problem}")
+    with blaming(f"{checkpoint.source}: golden vectors"):
+        _verify(checkpoint, samples)
     return samples_label(samples)
 
 
@@ -108,95 +67,109 @@ def samples_label(samples: Trace) -> str:
     return f"{len(samples)} samples of the trainer's run ({samples.name}){unproved}"
 
 
-def golden_problem(checkpoint: Checkpoint, samples: Trace) -> str:
-    """Return what differs between samples and what the checkpoint makes of their states, '' if nothing does.
+def _with_memory(checkpoint: Checkpoint, trace: Trace, motion: Motion | None) -> Trace:
+    """Return a run with what the policy remembered in each step, from activation on, and with the motion's rows."""
+    loaded = checkpoint.following(motion)
+    entered: list[PolicyMemory] = []
+    with blaming(f"{checkpoint.source}: on {trace.name}", (FieldError, ValueError)):
+        wiring = _wiring(loaded, trace.joint_names)
+        memory = wiring.activate(trace.state(0))
+        for i in range(len(trace)):
+            entered.append(trace.memory(i, memory))
+            _, observed = wiring.observe(entered[i], trace.state(i))
+            memory, _ = wiring.act(observed, trace.arrays["action"][i])
+    alignments = [memory.alignment for memory in entered]
+    nowhere = np.full(7, np.nan)
+    arrays = {
+        **trace.arrays,
+        "last_action": np.stack([memory.last_action for memory in entered]),
+        "frame": np.array([memory.frame for memory in entered], dtype=np.int64),
+        "walked": np.array([memory.walked for memory in entered], dtype=np.float64),
+        "alignment": np.stack([nowhere if a is None else np.concatenate([a.offset, a.yaw]) for a in alignments]),
+    }
+    histories = [memory.history for memory in entered]
+    known = [history for history in histories if history is not None]
+    if known:
+        missing = np.full_like(known[0], np.nan)
+        arrays["history"] = np.stack([missing if history is None else history for history in histories])
+    reference = loaded.reference
+    if checkpoint.motion is None:
+        rows = reference.clamp(arrays["frame"])
+        arrays |= {REFERENCE + name: np.asarray(table[rows]) for name, table in reference.terms.items()}
+    return replace(trace, arrays=arrays, frame_count=reference.frame_count)
+
+
+def _verify(checkpoint: Checkpoint, samples: Trace) -> None:
+    """Raise `FieldError` with what differs between samples and what the checkpoint makes of their states.
 
     The observation and the targets are computed by the functions that run on the robot, the action by the model from
     the sample's observation.
     """
-    contract, arrays = checkpoint.contract, samples.arrays
+    contract, arrays, frames = checkpoint.contract, samples.arrays, samples.arrays["frame"].tolist()
     start = PolicyMemory(0, np.zeros(contract.action_count, dtype=np.float32))
     try:
-        wiring = _samples_wiring(checkpoint, samples)
+        wiring = _wiring(_followed(checkpoint, samples), samples.joint_names)
         seen = [wiring.observe(samples.memory(i, start), samples.state(i))[0] for i in range(len(samples))]
         position = action_command(wiring.action_map, arrays["action"]).position
     except (FieldError, InputError, ValueError) as error:
-        return f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}"
-    layout = wiring.layout
-    names = [_value_name(layout, checkpoint, i) for i in range(layout.width)]
-    problem = _difference(samples, "observation", np.stack(seen), names)
-    if problem:
-        return problem
-    frames = arrays["frame"].tolist()
+        raise FieldError(f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}") from None
+    names = []
+    for i in range(wiring.layout.width):
+        located = wiring.layout.locate(i)
+        joints = value_names(wiring.layout.term_at(i).term, contract)
+        place = int(located.partition("[")[2].partition("]")[0])
+        names.append(f"{located} ({joints[place]})" if place < len(joints) else located)
+    _compare(samples, "observation", np.stack(seen), names)
     try:
         answers = [checkpoint.policy(row, frame) for row, frame in zip(arrays["observation"], frames, strict=True)]
     except Exception as error:  # the policy is foreign code
-        return f"the model fails on a sample: {reason_of(error)}"
-    problem = _difference(samples, "action", np.asarray(answers), contract.action_joint_names)
-    if problem or "target" not in arrays:
-        return problem
-    problem = _difference(samples, "target", position, samples.joint_names)
-    rounding = _ROUNDING * (1.0 + np.abs(arrays["action"]).max())
-    if problem and np.abs(position - arrays["target"]).max() <= rounding:
-        problem += ", or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
-    return problem
+        raise FieldError(f"the model fails on a sample: {reason_of(error)}") from None
+    _compare(samples, "action", np.asarray(answers), [f"of {name}" for name in contract.action_joint_names])
+    if "target" in arrays:
+        _compare(samples, "target", position, [f"of {name}" for name in samples.joint_names])
 
 
-def _samples_wiring(checkpoint: Checkpoint, samples: Trace) -> PolicyWiring:
-    """Return the wiring that computes samples again, with their own rows of the motion if they hold any."""
+def _followed(checkpoint: Checkpoint, samples: Trace) -> LoadedPolicy:
+    """Return the policy with the samples' own rows of the motion, if they hold any."""
     tables: dict[str, Float32Array] = {}
     for name, rows in samples.under(REFERENCE).items():
         tables[name] = np.zeros((samples.frame_count, rows.shape[1]), dtype=np.float32)
         tables[name][samples.arrays["frame"]] = rows
     if not tables:
-        return _recorded_wiring(checkpoint.following(), samples.joint_names)
-    reference = MotionReference(samples.frame_count, tables)
-    return _recorded_wiring(LoadedPolicy(checkpoint.contract, reference, checkpoint.policy), samples.joint_names)
+        return checkpoint.following()
+    return LoadedPolicy(checkpoint.contract, MotionReference(samples.frame_count, tables), checkpoint.policy)
 
 
-def _recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
+def _wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
     return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
 
 
-def _value_name(layout: ObservationLayout, checkpoint: Checkpoint, index: int) -> str:
-    """Return the value at `index` of the whole observation, and its joint: `joint_pos[3] (left_knee_joint)`."""
-    located = layout.locate(index)
-    name, _, rest = located.partition("[")
-    place = int(rest.partition("]")[0])
-    term = next(term.term for term in layout.terms if term.name == name)
-    joints = value_names(term, checkpoint.contract)
-    return f"{located} ({joints[place]})" if place < len(joints) else located
-
-
-def _difference(
-    samples: Trace,
-    kind: Literal["observation", "action", "target"],
-    values: npt.NDArray[np.floating],
-    names: Sequence[str],
-) -> str:
-    """Return what is too far off the samples' own, '' if nothing is.
+def _compare(samples: Trace, kind: str, values: npt.NDArray[np.floating], names: Sequence[str]) -> None:
+    """Raise `FieldError` with the first value that is too far off the samples' own.
 
     Args:
-        samples: with the array `kind`, (S, width), that is expected.
         values: shape (S, width).
         names: of the columns: term and place, or joint.
     """
     expected = samples.arrays[kind]
     if values.shape != expected.shape:
-        return f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}"
+        raise FieldError(f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}")
     with np.errstate(invalid="ignore"):  # infinity - infinity
-        far = ~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
+        off = np.abs(values - expected)
+    far = ~(off <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
     if not far.any():
-        return ""
-    i = int(np.argmax(far.any(axis=1)))
-    index = int(np.argmax(far[i]))
-    theirs = samples.mujoco_version
-    versions = f" (recorded with MuJoCo {theirs}; here it is {mujoco.__version__})" if theirs else ""
-    return (
-        f"sample {i} of {samples.name}: {kind} {'' if kind == 'observation' else 'of '}{names[index]} is "
-        f"{values[i, index]:.6g}, the trainer's is {expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values "
-        f"differ): the policy is wired differently here than where it was trained{versions}"
+        return
+    i, index = np.argwhere(far)[0].tolist()
+    message = (
+        f"sample {i} of {samples.name}: {kind} {names[index]} is {values[i, index]:.6g}, the trainer's is "
+        f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
+        "here than where it was trained"
     )
+    if samples.mujoco_version:
+        message += f" (recorded with MuJoCo {samples.mujoco_version}; here it is {mujoco.__version__})"
+    if kind == "target" and off.max() <= _ROUNDING * (1.0 + np.abs(samples.arrays["action"]).max()):
+        message += ", or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
+    raise FieldError(message)
 
 
 def encode_samples(samples: Trace) -> str:
@@ -243,7 +216,9 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
 
 
 def _type(name: str) -> str:
-    return "<f4" if name.startswith(REFERENCE) else _TYPES.get(name, "<f8")
+    if name == "frame":
+        return "<i8"
+    return "<f4" if name in _FLOAT32 or name.startswith(REFERENCE) else "<f8"
 
 
 def _decoded(name: str, value: Any) -> npt.NDArray[Any]:

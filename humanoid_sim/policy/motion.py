@@ -13,16 +13,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from humanoid_sim.controllers.parameters import one_of
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import regular_file
@@ -71,18 +72,15 @@ class Motion:
         if len(bad):
             frame, index = (int(value) for value in bad[0])
             raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
-        if self.layout not in get_args(MotionLayout):
-            accepted = ", ".join(get_args(MotionLayout))
-            raise FieldError(f"Motion.layout: is {self.layout!r}, expected one of {accepted}")
+        one_of("Motion", "layout", self.layout, MotionLayout)
         width, bodies, joints = frames.shape[1], len(self.body_names), len(self.joint_names)
-        expected, parts = width, ""
         if self.layout == "joints_bodies_w":
             expected = 2 * joints + 7 * bodies
-            parts = f"2 for each of {joints} joints and 7 for each of {bodies} bodies"
-        elif bodies and self.task_type == "tracking":
-            expected, parts = 9 * bodies, f"9 for each of {bodies} bodies"
+        else:
+            expected = 9 * bodies if bodies and self.task_type == "tracking" else width
         if width != expected:
-            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}, that is {parts}")
+            what = f"layout {self.layout} of {joints} joints and {bodies} bodies"
+            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}: {what}")
         if not (np.isfinite(self.policy_dt) and self.policy_dt > 0.0):
             raise FieldError(f"Motion.policy_dt: is {self.policy_dt}, expected a positive number of seconds")
         frames.setflags(write=False)
@@ -134,19 +132,12 @@ def parse_motion(data: bytes, name: str) -> Motion:
     return _motion(Path(name), [McapStream(BytesIO(data))], None)
 
 
-@dataclass
-class _Content:
-    """What files hold that may be a motion."""
-
-    kinds: dict[str, str] = field(default_factory=dict)
-    """Type of each topic."""
-    messages: dict[str, list[Message]] = field(default_factory=dict)
-    """Frames by topic, of those topics that hold frames."""
-    metadata: Mapping[str, str] = field(default_factory=dict)
-    attached: bytes = b""
-    """The motion that a recording was made with: the last one, of the policy that was loaded last."""
-
-    def read(self, stream: McapStream) -> None:
+def _motion(path: Path, streams: Sequence[McapStream], topic: str | None) -> Motion:
+    kinds: dict[str, str] = {}
+    frames: dict[str, list[Message]] = {}
+    metadata: Mapping[str, str] = {}
+    attached = b""  # a recording has the motion that it was made with: the last one, of the policy loaded last
+    for stream in streams:
         schemas: dict[int, str] = {}
         channels: dict[int, str] = {}
         for record in stream:
@@ -154,62 +145,56 @@ class _Content:
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 channels[record.id] = record.topic
-                kind = f"{schemas.get(record.schema_id, 'no schema')} ({record.message_encoding})"
-                self.kinds[record.topic] = kind
-            elif isinstance(record, Message) and self.kinds.get(channels.get(record.channel_id, "")) == _FRAME:
-                self.messages.setdefault(channels[record.channel_id], []).append(record)
+                kinds[record.topic] = f"{schemas.get(record.schema_id, 'no schema')} ({record.message_encoding})"
+            elif isinstance(record, Message) and kinds.get(channels.get(record.channel_id, "")) == _FRAME:
+                frames.setdefault(channels[record.channel_id], []).append(record)
             elif isinstance(record, Metadata) and record.name == "motion":
-                self.metadata = record.metadata
+                metadata = record.metadata
             elif isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT:
-                self.attached = record.data
-
-    def frames(self, topic: str | None) -> list[Message]:
-        """Return the messages of the topic; None: of the only one."""
-        if topic is None and len(self.kinds) != 1:
-            listed = ", ".join(f"'{name}' {kind}" for name, kind in self.kinds.items()) or "no topics"
-            raise FieldError(
-                f"has {listed}, expected one topic of {_FRAME}; `play --motion-topic` takes one of several"
-            )
-        if topic is None:
-            (topic,) = self.kinds
-        if topic not in self.kinds:
-            raise FieldError(known_names("topic", topic, self.kinds))
-        if self.kinds[topic] != _FRAME:
-            raise FieldError(f"topic '{topic}' is {self.kinds[topic]}, expected {_FRAME}")
-        if topic not in self.messages:
-            raise FieldError(f"topic '{topic}' holds no frames")
-        return self.messages[topic]
-
-
-def _motion(path: Path, streams: Sequence[McapStream], topic: str | None) -> Motion:
-    content = _Content()
-    for stream in streams:
-        content.read(stream)
-    if content.attached and topic is None:
-        return parse_motion(content.attached, str(path))
+                attached = record.data
+    if attached and topic is None:
+        return parse_motion(attached, str(path))
     for stream in streams:
         if stream.damage:
             raise InputError(f"{path}: {stream.damage}")
     with blaming(path):
-        chosen, metadata = content.frames(topic), content.metadata
-        times = [message.log_time for message in chosen]
-        rows: list[Float32Array] = []
-        for i, message in enumerate(chosen):
-            with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
-                rows.append(decode_float32_array(message.data))
-            if len(rows[i]) != len(rows[0]):
-                raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
-            if i and times[i] < times[i - 1]:
-                raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
-        return Motion(
-            frames=np.stack(rows),
-            body_names=tuple(csv(metadata.get("body_names", ""))),
-            policy_dt=_policy_dt(metadata, times),
-            task_type=metadata.get("task_type", ""),
-            robot=metadata.get("robot", ""),
-            layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
-            joint_names=tuple(csv(metadata.get("joint_names", ""))),
-        )
+        return _episode(frames.get(_frame_topic(kinds, topic), []), metadata)
+
+
+def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion:
+    if not messages:
+        raise FieldError("the topic holds no frames")
+    times = [message.log_time for message in messages]
+    rows: list[Float32Array] = []
+    for i, message in enumerate(messages):
+        with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
+            rows.append(decode_float32_array(message.data))
+        if len(rows[i]) != len(rows[0]):
+            raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
+        if i and times[i] < times[i - 1]:
+            raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
+    return Motion(
+        frames=np.stack(rows),
+        body_names=tuple(csv(metadata.get("body_names", ""))),
+        policy_dt=_policy_dt(metadata, times),
+        task_type=metadata.get("task_type", ""),
+        robot=metadata.get("robot", ""),
+        layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
+        joint_names=tuple(csv(metadata.get("joint_names", ""))),
+    )
+
+
+def _frame_topic(kinds: Mapping[str, str], topic: str | None) -> str:
+    """Return the topic of the frames; None: the only one."""
+    if topic is None and len(kinds) != 1:
+        listed = ", ".join(f"'{name}' {kind}" for name, kind in kinds.items()) or "no topics"
+        raise FieldError(f"has {listed}, expected one topic of {_FRAME}; `play --motion-topic` takes one of several")
+    name = next(iter(kinds)) if topic is None else topic
+    if name not in kinds:
+        raise FieldError(known_names("topic", name, kinds))
+    if kinds[name] != _FRAME:
+        raise FieldError(f"topic '{name}' is {kinds[name]}, expected {_FRAME}")
+    return name
 
 
 def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:

@@ -7,7 +7,7 @@ holds for all tracks. Key 0 is A0, MIDI note 21, and key 87 is C8, MIDI note 108
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -107,55 +107,44 @@ def _tempo_alone(message: Any) -> Any:
 def _notes(messages: Iterable[Any], sustain: bool) -> list[Note]:
     """Return the notes of messages whose `time` is in s, since the one before."""
     notes: list[Note] = []
-    held: dict[tuple[int, int], tuple[float, int]] = {}
-    released: dict[tuple[int, int], tuple[float, int]] = {}
-    pedal: dict[int, bool] = {}
+    sounding: dict[tuple[int, int], tuple[float, int]] = {}  # start and velocity, by channel and MIDI note
+    released: set[tuple[int, int]] = set()  # keys of notes that the pedal alone holds
+    pedals: set[int] = set()  # channels whose pedal is down
+    now = 0.0
 
-    def end(sounding: dict[tuple[int, int], tuple[float, int]], at: tuple[int, int], now: float) -> None:
+    def end(at: tuple[int, int]) -> None:
         start, velocity = sounding.pop(at)
+        released.discard(at)
         if now > start:
             notes.append(Note(at[1] - FIRST_NOTE, start, now, velocity))
 
-    now = 0.0
     for message in messages:
         now += message.time
-        if message.type == "control_change" and message.control == _SUSTAIN and sustain:
-            pedal[message.channel] = message.value >= _PEDAL_DOWN
-            if not pedal[message.channel]:
+        if sustain and message.type == "control_change" and message.control == _SUSTAIN:
+            if message.value >= _PEDAL_DOWN:
+                pedals.add(message.channel)
+            else:
+                pedals.discard(message.channel)
                 for at in [at for at in released if at[0] == message.channel]:
-                    end(released, at, now)
+                    end(at)
         if message.type not in ("note_on", "note_off") or message.channel == PERCUSSION:
             continue
         at = (message.channel, message.note)
         strikes = message.type == "note_on" and message.velocity > 0
-        if strikes and at in released:
-            end(released, at, now)
-        if at in held:
-            if strikes or not pedal.get(message.channel, False):
-                end(held, at, now)
-            else:
-                released[at] = held.pop(at)
+        if at in sounding and (strikes or message.channel not in pedals):
+            end(at)
+        elif at in sounding:
+            released.add(at)
         if strikes:
-            held[at] = (now, message.velocity)
-    for sounding in (held, released):
-        for at in list(sounding):
-            end(sounding, at, now)
+            sounding[at] = (now, message.velocity)
+    for at in list(sounding):
+        end(at)
     return notes
 
 
 def transpose(song: Song, semitones: int) -> Song:
     """Return the same song, so many keys higher."""
     return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
-
-
-def _with_lead_in(song: Song) -> Song:
-    """Return the same song, as much later as it takes for the hands to come over the keys before the first note."""
-    wait = _LEAD_IN - min((note.start for note in song.notes), default=_LEAD_IN)
-    if wait <= 0.0:
-        return song
-    return replace(
-        song, notes=tuple(replace(note, start=note.start + wait, end=note.end + wait) for note in song.notes)
-    )
 
 
 def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[Note, ...]]:
@@ -171,7 +160,8 @@ def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[
     sounding: list[Note] = []
     for start, group in groupby(sorted(left, key=lambda note: note.start), key=lambda note: note.start):
         kept += [note for note in sounding if note.end <= start]
-        ranked = _ranked([note for note in sounding if note.end > start] + list(group))
+        wanted = sorted([*(note for note in sounding if note.end > start), *group], key=lambda note: note.key)
+        ranked = wanted[-1:] + wanted[:-1][:1] + sorted(wanted[1:-1], key=lambda note: -note.velocity)
         for note in ranked[voices:]:
             if note.start < start:
                 kept.append(replace(note, end=start))
@@ -182,23 +172,20 @@ def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[
     return replace(song, notes=tuple(sorted(kept, key=lambda note: (note.start, note.key)))), tuple(dropped)
 
 
-def _ranked(sounding: list[Note]) -> list[Note]:
-    by_key = sorted(sounding, key=lambda note: note.key)
-    if len(by_key) < 2:
-        return by_key
-    outer = [by_key[-1], by_key[0]]
-    return [*outer, *sorted(by_key[1:-1], key=lambda note: -note.velocity)]
-
-
 def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...]]:
     """Return what a robot can play of a song: in its reach, a note a finger at a time; and the notes left out.
 
-    It begins late enough for the hands to come over the keys. A robot without a piano leaves nothing out.
+    It begins late enough for the hands to come over the keys. Of a robot without a piano the whole keyboard counts.
     """
-    if robot.piano is None:
-        return _with_lead_in(song), ()
-    played, dropped = thin_out(song, robot.piano.keys, len(robot.piano.fingers))
-    return _with_lead_in(played), dropped
+    voices = KEY_COUNT if robot.piano is None else len(robot.piano.fingers)
+    played, dropped = thin_out(song, _reach(robot), voices)
+    wait = max(_LEAD_IN - min((note.start for note in played.notes), default=_LEAD_IN), 0.0)
+    later = tuple(replace(note, start=note.start + wait, end=note.end + wait) for note in played.notes)
+    return replace(song, notes=later), dropped
+
+
+def _reach(robot: RobotDescription) -> Collection[int]:
+    return range(KEY_COUNT) if robot.piano is None else robot.piano.keys
 
 
 def named_song(
@@ -215,8 +202,7 @@ def named_song(
     is_beside = name not in sample_songs() and is_file(folder / name)
     song, dropped = playable(read_song(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
-        assert robot.piano is not None  # nothing else leaves notes out
-        reach = f"{key_name(min(robot.piano.keys))} to {key_name(max(robot.piano.keys))}"
+        reach = f"{key_name(min(_reach(robot)))} to {key_name(max(_reach(robot)))}"
         raise InputError(
             f"{what}: none of the notes of '{name}' is within the reach of '{robot.name}', {reach}; "
             "prepare --transpose moves them"

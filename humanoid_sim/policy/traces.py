@@ -194,8 +194,8 @@ def _states(
     """Return what a run says of the robot: as arrays, or as far as it follows from `qpos` and `qvel`."""
     joints = len(hinges)
     if "qpos" not in file.arrays:
-        widths = dict(zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False))
-        return {name: file.table(name, width) for name, width in widths.items()}
+        widths = zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False)
+        return {name: file.table(name, width) for name, width in widths}
     qpos, qvel = file.table("qpos", free + joints), file.table("qvel", max(free - 1, 0) + joints)
     found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
     if bodies is not None:

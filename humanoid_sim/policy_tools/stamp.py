@@ -11,7 +11,7 @@ import numpy as np
 from rich.markup import escape
 
 from humanoid_sim.controllers.contract import HeightScan
-from humanoid_sim.errors import FieldError, InputError, reason_of
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import load_checkpoint
@@ -68,10 +68,8 @@ def stamp(
             bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
         followed = None if motion is None else read_motion(motion)
         samples = trainer_samples(checkpoint, read_trace(trace, contract, bodies), followed)
-    try:
+    with blaming(path):
         metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
-    except FieldError as error:
-        raise InputError(f"{path}: {str(error).removeprefix('PolicyContract.')}") from None
     if samples is not None:
         metadata[GOLDEN_KEY] = encode_samples(samples)
     data = add_metadata(path, metadata)
@@ -92,13 +90,12 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
-    try:
+    # protobuf's own exceptions, also for more than the 2 GiB that it can hold
+    with blaming(f"{path}: cannot be read, or written as one ONNX file", Exception):
         model = onnx.load(str(path), load_external_data=True)
         present = {entry.key: entry.value for entry in model.metadata_props}
         onnx.helper.set_model_props(model, {**present, **metadata})
         data: bytes = model.SerializeToString()
-    except Exception as error:  # protobuf's types, also for more than the 2 GiB that it can hold
-        raise InputError(f"{path}: cannot be read, or written as one ONNX file: {reason_of(error)}") from None
     return data
 
 
@@ -138,11 +135,10 @@ def body_reader(
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)
         free = 7 if description.is_floating else 0
-        if qpos.shape[1] != free + len(joint_names):
+        width = free + len(joint_names)
+        if qpos.shape[1] != width:
             whose = "a free joint" if free else "no free joint"
-            raise InputError(
-                f"trace: qpos is {qpos.shape[1]} wide, expected {free + len(joint_names)}: robot has {whose}"
-            )
+            raise InputError(f"trace: qpos is {qpos.shape[1]} wide, expected {width}: robot has {whose}")
         rows: list[dict[str, FloatArray]] = []
         for position, velocity in zip(qpos, qvel, strict=True):
             if description.is_floating:

@@ -4,7 +4,8 @@ import mido
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.song import Note, Song, goals, read_song, thin_out, transpose
+from humanoid_sim.policy.song import Note, Song, goals, playable, read_song, thin_out, transpose
+from humanoid_sim.robots.description import load_robot
 
 Message, MetaMessage = mido.Message, mido.MetaMessage
 BEAT = 480
@@ -98,3 +99,9 @@ def test_voices_and_reach():
     assert spans(one) == [(20, 0.0, 1.0), (40, 1.0, 2.0)]
     everything, nothing = thin_out(transpose(song, 2), range(22, 63), voices=10)
     assert ([note.key for note in everything.notes][:2], nothing) == ([22, 62], ())
+
+
+def test_without_a_piano_the_whole_keyboard_counts():
+    song = Song((Note(-1, 0.0, 1.0), Note(87, 2.0, 3.0), Note(88, 2.0, 3.0)), ())
+    played, dropped = playable(song, load_robot("lite"))
+    assert (spans(played), [note.key for note in dropped]) == ([(87, 2.0, 3.0)], [-1, 88])
