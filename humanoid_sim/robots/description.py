@@ -145,20 +145,15 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     replace, limited = msgspec.structs.replace, with_contract_physics(description, contract)
 
     def standby(own: StandbySettings) -> StandbySettings:
+        durations = (sum(own.segment_durations),)
         return StandbySettings(
-            target_stiffness=stiffness,
-            target_damping=damping,
-            segment_durations=(sum(own.segment_durations),),
-            pose_segments=(pose,),
+            target_stiffness=stiffness, target_damping=damping, segment_durations=durations, pose_segments=(pose,)
         )
 
-    joints = (
-        replace(joint, stiffness=k_p, damping=k_d)
-        for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
-    )
+    rows = zip(limited.joints, stiffness, damping, strict=True)
     return replace(
         limited,
-        joints=tuple(joints),
+        joints=tuple(replace(joint, stiffness=k_p, damping=k_d) for joint, k_p, k_d in rows),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
         standby_controller_a=standby(description.standby_controller_a),

@@ -126,12 +126,9 @@ def describe_mjcf(path: Path) -> RobotDescription:
     described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
     starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
     pose = tuple(min(max(value, joint.lower), joint.upper) for value, joint in starts)
-    zeros = (0.0,) * len(joints)
+    zeros, durations = (0.0,) * len(joints), (_STANDBY_SECONDS,)
     standby = StandbySettings(
-        target_stiffness=zeros,
-        target_damping=zeros,
-        segment_durations=(_STANDBY_SECONDS,),
-        pose_segments=(pose,),
+        target_stiffness=zeros, target_damping=zeros, segment_durations=durations, pose_segments=(pose,)
     )
     return RobotDescription(
         name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,

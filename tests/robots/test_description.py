@@ -69,14 +69,12 @@ BAD_VALUES = [
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: is 0.0, expected a number > 0"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11 again"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
-    ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
     ("joints[6].motor", SITO | {"torque_limit": 4.0}, "joints[6].motor.torque_limit: is 4, but no such limit of sito"),
     ("initial_position", [0.0] * 13, f"initial_position: has 13 values, {PER_JOINT}"),
     ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, expected -2.35619 to 0 (left_elbow"),
     ("simulation.physics_timestep", 0.0006, "simulation.physics_timestep: 0.0006 s does not divide"),
     ("base", {"type": "floating"}, "base.body: is empty"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
-    ("guards.following.effort", [1, None], f"guards.following.effort: has 2 values, {PER_JOINT}"),
     ("stifness", 1.0, "unknown field 'stifness'; known: name, topic_prefix, mjcf, joints, "),
 ]
 
@@ -93,7 +91,7 @@ def test_all_that_is_wrong_is_reported_at_once(tmp_path, document):
     document["joints"][6]["motor"] = SITO
     text = refusal(write(tmp_path, document))
     assert "initial_position: has 1 values" in text
-    assert "joints[3].motor.can_id: is 9, which frames to sito motors" in text
+    assert "joints[3].motor.can_id: is 9, which frames of the robot's sito motors use" in text
 
 
 def test_what_is_no_description_or_robot(tmp_path):
@@ -165,11 +163,9 @@ def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     ("text", "problem"),
     [
         ("joints: {ankle: {effort_limit: 3}}", "joints: unknown joint 'ankle'; known: hip, knee"),
-        ("initial_position: {ankle: 3}", "initial_position: unknown joint 'ankle'; known: hip, knee"),
         ("joints: {hip: 3}", "joints.hip: is 3, expected fields to change"),
         ("joints: {knee: {limit: 3}}", "joints[1]: unknown field 'limit'; known: name, lower, "),
         ("initial_position: {knee: 3}", "initial_position[1]: is 3, expected 0.2 to 2 (knee)"),
-        ("joints: all", "joints: is 'all', expected a list"),
     ],
 )
 def test_what_is_wrong_with_a_change_is_named(hopper, text, problem):

@@ -148,6 +148,7 @@ def test_a_package_path_is_in_a_folder_of_that_name_above_the_file_or_beside_one
     assert bare_model(load_robot(path.rename(tmp_path / "x.xml"))).nmesh == 1
 
 
+# As mjlab's `export_scene` names things.
 PREFIXED = """
 <mujoco model="scene">
   <compiler meshdir="meshes"/>
@@ -166,26 +167,17 @@ PREFIXED = """
 </mujoco>"""
 
 
-@pytest.fixture
-def prefixed(tmp_path):
-    """As mjlab's `export_scene` names things."""
+def test_a_prefix_of_all_names_is_left_out_unless_one_lacks_it_or_the_file_is_included(tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "box.obj").write_text(BOX)
-    path = tmp_path / "scene.xml"
-    path.write_text(PREFIXED)
-    return path
-
-
-def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
+    prefixed = tmp_path / "scene.xml"
+    prefixed.write_text(PREFIXED)
     robot, model = load_robot(prefixed), build_model(load_robot(prefixed))
     assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
     assert robot.effort_limit.tolist() == [4.0]
     own = mujoco.MjModel.from_xml_path(str(prefixed))
     assert [model.body(name).mass[0] for name in ("trunk", "thigh")] == own.body_mass[2:].tolist()
     assert model.nexclude == own.nexclude == 1
-
-
-def test_a_prefix_that_one_name_lacks_or_that_is_in_an_included_file_stays(prefixed):
     outer = prefixed.with_name("outer.xml")
     outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
     for name in ("trunk", "root", "none"):
@@ -220,18 +212,11 @@ IMUS = [
 
 
 @pytest.mark.parametrize(("sites", "line"), IMUS)
-def test_the_frame_that_is_the_imu(tmp_path, sites, line):
+def test_the_frame_that_is_the_imu_and_another_that_is_chosen(tmp_path, sites, line):
     robot = robot_with(tmp_path, **sites)
     assert imu_line(bare_model(robot), robot).startswith(line)
-
-
-def test_another_imu_may_be_chosen(tmp_path):
-    robot_with(tmp_path, pelvis="imu", torso="b")
-    for name, line in {"b": "site 'b' on 'torso'", "torso": "the frame of 'torso'"}.items():
-        chosen = load_robot(tmp_path / "robot.xml", name)
-        assert imu_line(bare_model(chosen), chosen).startswith(f"{line}, not the base 'pelvis'")
-    with pytest.raises(InputError, match=r"robot.xml: imu of 'robot': unknown site or body 'head'; known: "):
-        bare_model(load_robot(tmp_path / "robot.xml", "head"))
+    chosen = load_robot(tmp_path / "robot.xml", "torso")
+    assert imu_line(bare_model(chosen), chosen).startswith("the frame of 'torso', not the base 'pelvis'")
 
 
 def test_warnings_of_a_simulation_are_not_written(hopper, monkeypatch, capfd):
