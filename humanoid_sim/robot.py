@@ -92,7 +92,7 @@ def _describe(options: Describe) -> int:
         console.print(f"[bold]{name}[/bold]  {escape(text)}", soft_wrap=True)
     if options.output is not None:
         with whole_file(options.output) as file:
-            file.write(describe.robot_yaml(robot, options.output.resolve().parent).encode())
+            file.write(describe.robot_yaml(robot, model, options.output.resolve().parent).encode())
         print(f"wrote {options.output}")
     return 0
 

@@ -25,6 +25,7 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     for old, new in (
         ('name="knee" axis', 'name="knee" damping="0.25" frictionloss="0.1" axis'),
         ('kp="100" forcerange="-30 40"', 'kp="100" kv="3" inheritrange="1"'),
+        ("<sensor>", '<equality><joint joint1="spring" joint2="hip" polycoef="0.1 -2 0 0 0"/></equality><sensor>'),
     ):
         assert old in text
         text = text.replace(old, new)
@@ -34,11 +35,13 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     assert joints["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.02", "0.1", "0.25", "0.2"]
     assert actuators["knee"] == ["servo", "100", "3", "any", "0.2 to 2"]
     assert actuators["hip"] == ["motor", "0", "0", "-20 to 20", "any"]
+    assert "position_clip: joint_limits for 1 of 2 joints" in texts["position clip"]
     assert texts["base"] == "floating, body 'trunk', starts with its lowest part on the floor"
     assert texts["IMU"] == "site 'my_imu' on the base 'trunk' (the site of a gyro)"
     assert texts["CAN motors"].startswith("none")
     assert texts["passive joints"] == "spring"
     assert texts["without effort limit"] == "knee"
+    assert texts["equalities"] == "spring = 0.1 -2 · hip"
 
 
 def test_motors_of_a_shipped_robot_are_shown(capsys):
@@ -47,10 +50,13 @@ def test_motors_of_a_shipped_robot_are_shown(capsys):
     assert texts["CAN motors"] == "6 rs-06, 2 rs-02, 4 rs-00, 2 rs-05"
 
 
-def test_the_written_file_is_the_same_robot(hopper, capsys):
+def test_the_written_file_is_the_same_robot_and_each_line_can_be_used(hopper, capsys):
     output = hopper.parent / "mine.yaml"
     described(capsys, hopper, "-o", output)
     assert load_robot(output) == load_robot(hopper)
+    lines = output.read_text().splitlines()[4:]  # after the head
+    output.write_text("\n".join(line.removeprefix("# ") for line in lines))
+    assert load_robot(output).joints == load_robot(hopper).joints
 
 
 @pytest.mark.parametrize(
@@ -109,26 +115,34 @@ def test_a_converted_urdf_floats_and_keeps_every_link(urdf, tmp_path, capsys):
     assert (robot.is_floating, robot.base.body, robot.imu) == (True, "pelvis", "imu")
     assert robot.joints[0].effort_limit == 40.0
     printed = capsys.readouterr().out
-    assert "armature of 1 joints" in printed
+    assert "armature: 1 joints have none" in printed
+    assert "contacts: 3 geoms collide with everything" in printed
     assert "IMU" not in printed
 
 
-def test_a_fixed_base_stays_where_it_is(urdf):
+def test_a_fixed_base_stays_where_it_is(urdf, capsys):
     assert main(["convert", str(urdf), "--base", "fixed"]) == 0
     assert load_robot(urdf.with_suffix(".xml")).is_floating is False
     assert mujoco.MjModel.from_xml_path(str(urdf.with_suffix(".xml"))).nv == 1
+    assert "IMU: no site; --imu LINK adds one" in capsys.readouterr().out
 
 
-def test_a_urdf_that_cannot_be_used_is_one_line(urdf, capsys):
-    convert = ["convert", str(urdf), "--base", "floating"]
-    for words, change, error in (
-        (convert, ("leg.obj", "knee.obj"), "does not find package:"),
-        ([*convert, "--imu", "skull"], ("", ""), "--imu: unknown link 'skull'; known: pelvis, head, leg"),
-        (convert, ("<robot", "<robot><"), "not a valid URDF"),
-        (["describe", str(urdf)], ("", ""), "humanoid_sim.robot convert"),
-    ):
-        urdf.write_text(URDF.replace(*change, 1))
-        assert run_program(main, words) == 2
-        captured = capsys.readouterr()
-        assert error in captured.err
-        assert captured.err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("change", "options", "error"),
+    [
+        (("leg.obj", "knee.obj"), [], "does not find package:"),
+        (("", ""), ["--imu", "skull"], "--imu: unknown link 'skull'; known: pelvis, head, leg"),
+        (("<robot", "<robot><"), [], "not a valid URDF"),
+    ],
+)
+def test_a_urdf_that_cannot_be_converted_is_one_line(urdf, change, options, error, capsys):
+    urdf.write_text(URDF.replace(*change, 1))
+    assert run_program(main, ["convert", str(urdf), "--base", "floating", *options]) == 2
+    captured = capsys.readouterr()
+    assert error in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_a_urdf_given_as_a_robot_names_the_command(urdf, capsys):
+    assert run_program(main, ["describe", str(urdf)]) == 2
+    assert "humanoid_sim.robot convert" in capsys.readouterr().err

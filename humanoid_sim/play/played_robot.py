@@ -19,8 +19,7 @@ from humanoid_sim.policy.checks import effort_findings, model_damping_findings
 from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
 from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
@@ -184,6 +183,7 @@ def simulated_robot(
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
         notices=(
+            *((note,) if (note := prefix_line(description.mjcf_path)) else ()),
             *imu,
             *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),
             *robot.warnings,

@@ -24,9 +24,8 @@ from humanoid_sim.policy.plausibility import (
     term_findings,
 )
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.mjcf import own_actuators, own_joint_damping
 from humanoid_sim.robots.motors import MOTORS
-from humanoid_sim.robots.own_actuators import own_actuators
 
 _ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is taken for a slip of the other
 _ANGLE = 1e-3  # rad; exporters round poses to three decimals

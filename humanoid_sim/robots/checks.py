@@ -15,21 +15,16 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     """Yield everything that is wrong, as `joints[3].upper: what is wrong`."""
     if not re.fullmatch("([A-Za-z][A-Za-z0-9_]*)?", robot.topic_prefix):
         yield f"topic_prefix: is '{robot.topic_prefix}', expected letters, digits and _, a letter first"
-    if robot.is_floating and not robot.base.body:
+    if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected the body with the free joint"
-    names, ids = set[str](), set[int]()  # one id is one motor: several buses may be wired to one channel
-    families = {joint.motor.family for joint in robot.joints if joint.motor is not None} & set(FAMILIES)
     for i, joint in enumerate(robot.joints):
-        if joint.name in names:
-            yield f"joints[{i}].name: is '{joint.name}' again"
+        first = robot.joint_names.index(joint.name)
+        if first != i:
+            yield f"joints[{i}]: has the same name '{joint.name}' as joints[{first}]"
         if joint.lower >= joint.upper:
-            yield f"joints[{i}].upper: is {joint.upper:g}, expected more than lower, {joint.lower:g} ({joint.name})"
-        if joint.motor is not None:
-            yield from (f"joints[{i}].motor{problem}" for problem in _motor_problems(joint.motor, families))
-            if joint.motor.can_id in ids:
-                yield f"joints[{i}].motor.can_id: is {joint.motor.can_id} again"
-            ids.add(joint.motor.can_id)
-        names.add(joint.name)
+            expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
+            yield f"joints[{i}].upper: is {joint.upper:g}, expected {expected}"
+    yield from _motor_problems(robot)
     try:
         steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
     except InputError as error:
@@ -37,7 +32,49 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     yield from _list_problems(robot)
 
 
-def _motor_problems(motor: MotorDescription, families: set[str]) -> Iterator[str]:
+def _list_problems(robot: RobotDescription) -> Iterator[str]:
+    """Yield lists that are not as long as the joints, and poses beyond limits."""
+    following, speed = robot.guards.following, robot.guards.speed
+    optional: dict[str, Sequence[object]] = {
+        "damping_controller.damping": robot.damping_controller.damping,
+        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
+        "guards.following.effort": following.effort if following else (),
+        "guards.speed.limit": speed.limit if speed else (),
+    }
+    lists = {place: values for place, values in optional.items() if values}
+    poses = {"initial_position": robot.initial_position}
+    for name in ("standby_controller_a", "standby_controller_b"):
+        standby = getattr(robot, name)
+        lists[f"{name}.target_stiffness"] = standby.target_stiffness
+        lists[f"{name}.target_damping"] = standby.target_damping
+        poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
+        count, expected = len(standby.pose_segments), len(standby.segment_durations)
+        if count != expected:
+            yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
+    for place, values in {**lists, **poses}.items():
+        if len(values) != robot.joint_count:
+            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
+    for place, pose in poses.items():
+        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
+            if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
+                limits = f"{joint.lower:g} to {joint.upper:g}"
+                yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {limits}"
+
+
+def _motor_problems(robot: RobotDescription) -> Iterator[str]:
+    motors = {i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None}
+    families = {motor.family for motor in motors.values()} & set(FAMILIES)
+    owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
+    for i, motor in motors.items():
+        for problem in _family_problems(motor, families):
+            yield f"joints[{i}].motor{problem}"
+        first = owner.setdefault(motor.can_id, i)
+        if first != i:
+            name = robot.joints[first].name
+            yield f"joints[{i}].motor.can_id: is {motor.can_id}, which is the id of joints[{first}] ({name})"
+
+
+def _family_problems(motor: MotorDescription, families: set[str]) -> Iterator[str]:
     """Yield what does not fit the motor's family, or the others of the robot."""
     family, model = FAMILIES.get(motor.family), MOTORS.get(motor.model)
     if family is None:
@@ -54,31 +91,3 @@ def _motor_problems(motor: MotorDescription, families: set[str]) -> Iterator[str
             yield f": misses '{name}'"
         elif not family.has_torque_limit and value:
             yield f".{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"
-
-
-def _list_problems(robot: RobotDescription) -> Iterator[str]:
-    """Yield lists that are not as long as the joints, and poses beyond limits."""
-    following, speed = robot.guards.following, robot.guards.speed
-    lists: dict[str, Sequence[object]] = {  # empty: a default
-        "damping_controller.damping": robot.damping_controller.damping,
-        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
-        "guards.following.effort": following.effort if following else (),
-        "guards.speed.limit": speed.limit if speed else (),
-    }
-    lists = {place: values for place, values in lists.items() if values}
-    poses = {"initial_position": robot.initial_position}
-    standbys = {"standby_controller_a": robot.standby_controller_a, "standby_controller_b": robot.standby_controller_b}
-    for name, standby in standbys.items():
-        lists[f"{name}.target_stiffness"] = standby.target_stiffness
-        lists[f"{name}.target_damping"] = standby.target_damping
-        poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
-        count, expected = len(standby.pose_segments), len(standby.segment_durations)
-        if count != expected:
-            yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
-    for place, values in {**lists, **poses}.items():
-        if len(values) != robot.joint_count:
-            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
-    for place, pose in poses.items():
-        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
-            if not joint.lower <= value <= joint.upper:
-                yield f"{place}[{i}]: is {value:g}, expected {joint.lower:g} to {joint.upper:g} ({joint.name})"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.public import PREFIX, public_mjcf
+from humanoid_sim.robots.public import PREFIX, near_public, public_mjcf
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
@@ -71,17 +72,17 @@ def _robot_file(name_or_path: str) -> tuple[Path, str]:
     if name_or_path.startswith(PREFIX):
         return public_mjcf(name_or_path), name_or_path
     if not os.path.exists(name_or_path):
-        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
+        unknown = f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists"
+        public = "" if near_miss(name_or_path, known) else near_public(name_or_path)
+        raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
     return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
 
 
 def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescription:
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
-    try:
-        json.dumps(document, allow_nan=False, default=str, skipkeys=True)
-    except ValueError as error:
-        raise InputError(f"{label}: expected finite numbers: {error}") from None
+    for place in _not_finite(document):
+        raise InputError(f"{label}: {place}, expected a finite number")
     if isinstance(document.get("mjcf"), str):
         if not is_file(folder / document["mjcf"]):
             raise InputError(f"{label}: mjcf: '{document['mjcf']}' is not a file beside the description")
@@ -95,6 +96,18 @@ def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescr
     if problems := list(description_problems(robot)):
         raise InputError(f"{label}: {'; '.join(problems)}")
     return robot
+
+
+def _not_finite(value: Any, place: str = "") -> Iterator[str]:
+    """Yield `joints[3].upper: is nan` for each number that is not finite."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield f"{place}: is {value}"
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            yield from _not_finite(item, f"{place}.{name}" if place else str(name))
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            yield from _not_finite(item, f"{place}[{i}]")
 
 
 _POSE = "initial_position"
@@ -145,15 +158,20 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     replace, limited = msgspec.structs.replace, with_contract_physics(description, contract)
 
     def standby(own: StandbySettings) -> StandbySettings:
-        durations = (sum(own.segment_durations),)
         return StandbySettings(
-            target_stiffness=stiffness, target_damping=damping, segment_durations=durations, pose_segments=(pose,)
+            target_stiffness=stiffness,
+            target_damping=damping,
+            segment_durations=(sum(own.segment_durations),),
+            pose_segments=(pose,),
         )
 
-    rows = zip(limited.joints, stiffness, damping, strict=True)
+    joints = (
+        replace(joint, stiffness=k_p, damping=k_d)
+        for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
+    )
     return replace(
         limited,
-        joints=tuple(replace(joint, stiffness=k_p, damping=k_d) for joint, k_p, k_d in rows),
+        joints=tuple(joints),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
         standby_controller_a=standby(description.standby_controller_a),

@@ -53,25 +53,29 @@ def guards_of(robot: RobotDescription) -> Guards | None:
 
 
 def describe_unwatched(robot: RobotDescription) -> str:
-    """Return in one line which guards watch fewer joints than there are; '' if each watches all."""
+    """Return in one line which guards watch fewer joints than there are, and why; '' if each watches all."""
     guards, n = guards_of(robot), robot.joint_count
     if guards is None:
         return "guards: all are off in the robot's description"
     has_limits = np.isfinite(robot.lower) | np.isfinite(robot.upper)
-    watched = {
-        "following (of joints with an effort limit)": np.isfinite(guards.following_effort),
-        "limit (with position limits)": np.isfinite(guards.limit_margin) & has_limits,
-        "speed (with position limits, or a known motor)": np.isfinite(guards.speed_limit),
+    needs = {
+        "following": (np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
+        "limit": (has_limits, "position limits"),
+        "speed": (np.isfinite(guards.speed_limit), "position limits or a known motor"),
     }
-    texts = [f"{name} watches {int(on.sum())} of {n} joints" for name, on in watched.items() if not on.all()]
+    texts = []
+    for name, (watched, needed) in needs.items():
+        if getattr(robot.guards, name) is None:
+            texts.append(f"{name} is off in the robot's description")
+        elif not watched.all():
+            texts.append(f"{name} is off for {n - int(watched.sum())} of {n} joints, which lack {needed}")
     return f"guards: {'; '.join(texts)}" if texts else ""
 
 
 def speed_limit(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the description's, else the whole range in the crossing time, within the motor's speeds."""
     reported, unloaded = _motor_speeds(robot)
-    speed = robot.guards.speed
-    chosen = np.array(speed.limit) if speed and speed.limit else np.minimum(_crossing_speed(robot), unloaded)
+    chosen = _given_speed(robot) or np.minimum(_crossing_speed(robot), unloaded)
     limit: FloatArray = np.minimum(chosen, _OF_SCALE * reported)
     return limit
 
@@ -79,6 +83,10 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
 def rated_speed(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the motor's without load, as far as it can report it; inf without a motor."""
     return np.minimum(*_motor_speeds(robot))
+
+
+def _given_speed(robot: RobotDescription) -> tuple[float, ...]:
+    return robot.guards.speed.limit if robot.guards.speed else ()
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:

@@ -116,9 +116,12 @@ def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) ->
     """Return why a motor must not have this id on a robot with motors of these families; '' if it may."""
     if motor_id not in family.ids:
         return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
-    for name in families:
-        if name != family.name and (motor_id in FAMILIES[name].last_bytes or motor_id in _HOST_IDS):
-            return f"is {motor_id}, which frames of the robot's {name} motors use; expected another"
+    others = [FAMILIES[name] for name in families if name != family.name]
+    for other in others:
+        if motor_id in other.last_bytes:
+            return f"is {motor_id}, which frames to {other.name} motors of this robot could address; expected another"
+    if others and motor_id in _HOST_IDS:
+        return f"is {motor_id}, expected 1 to 127 beside motors of another family, whose frames have hosts' ids there"
     return ""
 
 

@@ -232,15 +232,17 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     def mode_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of DAMPING."""
         settings = self.damping_controller
-        return _array(settings.damping or [settings.damping_scalar] * self.joint_count)
+        return _array(settings.damping or (settings.damping_scalar,) * self.joint_count)
 
     @property
     def passive_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
         settings = self.remote_policy_controller
-        if not settings.damping and settings.damping_scalar is None:
+        if settings.damping:
+            return _array(settings.damping)
+        if settings.damping_scalar is None:
             return self.mode_damping
-        return _array(settings.damping or [settings.damping_scalar or 0.0] * self.joint_count)
+        return _array((settings.damping_scalar,) * self.joint_count)
 
     def to_json(self) -> str:
         """Return the description as JSON on one line, without folder: what a recording keeps."""

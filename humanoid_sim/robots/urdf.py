@@ -16,6 +16,7 @@ import numpy as np
 
 from humanoid_sim.controllers.rotation import conjugate, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.files import regular_file
 from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
@@ -123,16 +124,18 @@ def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
 
 def _limits(model: mujoco.MjModel, description: RobotDescription) -> dict[str, dict[str, str]]:
     """Return the limits of all joints by name; effort and velocity are 0 where they are not known."""
-    known = {_joint_name(model, i): [*model.jnt_range[i].tolist(), math.inf, math.inf] for i in range(model.njnt)}
+    known = {}
+    for i in range(model.njnt):
+        lower, upper = model.jnt_range[i].tolist()
+        known[_joint_name(model, i)] = {"lower": lower, "upper": upper}
     for joint, speed in zip(description.joints, rated_speed(description).tolist(), strict=True):
-        known[joint.name] = [joint.lower, joint.upper, joint.effort_limit, speed]
-    limits = {}
-    for name, values in known.items():
-        limits[name] = {"effort": "0.0", "velocity": "0.0"}
-        for key, value in zip(("lower", "upper", "effort", "velocity"), values, strict=True):
-            if math.isfinite(value):
-                limits[name][key] = _number(value)
-    return limits
+        bounds = {"lower": joint.lower, "upper": joint.upper}
+        known[joint.name] = {**bounds, "effort": joint.effort_limit, "velocity": speed}
+    unknown = {"effort": "0.0", "velocity": "0.0"}
+    return {
+        name: unknown | {key: _number(value) for key, value in values.items() if math.isfinite(value)}
+        for name, values in known.items()
+    }
 
 
 def _add_inertia(element: Element, mass: float, inertia: FloatArray) -> Element:
@@ -204,6 +207,7 @@ def convert_urdf(
     Each link stays a body of its own; `base` gives the root link a free joint, or none; `imu` is the link with the IMU.
     Raises `InputError` if it is not a URDF, a mesh is missing, there is no such link, or it does not compile.
     """
+    regular_file(path, "a URDF")
     if path.suffix != ".urdf":
         raise InputError(f"{path}: is not a .urdf")
     spec = read_spec(path)
@@ -214,12 +218,11 @@ def convert_urdf(
     roots = spec.worldbody.bodies
     if len(roots) != 1:
         raise InputError(f"{path}: has {len(roots)} root links, expected one")
-    root = roots[0]
-    has_free_joint = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in root.joints)
+    has_free_joint = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
     if base == "floating" and not has_free_joint:
-        root.add_freejoint(name="floating_base")
+        roots[0].add_freejoint(name="floating_base")
     if base == "fixed" and has_free_joint:
-        raise InputError(f"{path}: its root link '{root.name}' has a floating joint, expected --base floating")
+        raise InputError(f"{path}: its root link '{roots[0].name}' has a floating joint, expected --base floating")
     if imu is not None:
         require_known("link", [imu], [body.name for body in spec.bodies if body.name != "world"], f"{path}: --imu: ")
         spec.body(imu).add_site(name="imu")
@@ -233,10 +236,19 @@ def convert_urdf(
 def _gaps(model: mujoco.MjModel, imu: str | None) -> list[str]:
     """Return what a URDF cannot say, or this one does not."""
     hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-    lines = [
-        f"armature of {len(hinges)} joints: each motor's rotor inertia times its gear ratio squared (kg m²); "
-        "without it damping chatters",
-        f"contacts: all {int((model.geom_contype > 0).sum())} geoms collide with everything, the robot's own among "
-        "them; leave the feet, or add <exclude> for bodies that touch",
-    ]
-    return lines if imu else [*lines, "IMU: no site; --imu LINK adds one"]
+    without = int((model.dof_armature[model.jnt_dofadr[hinges]] == 0.0).sum())
+    colliding = int((model.geom_contype > 0).sum())
+    unlimited, weak = (
+        ", ".join(model.joint(int(i)).name for i in hinges if not limited[i])
+        for limited in (model.jnt_limited, model.jnt_actfrclimited)
+    )
+    lines = {
+        f"armature: {without} joints have none; add each motor's rotor inertia times its gear ratio squared (kg m²): "
+        "without it damping chatters": without,
+        f"range: none for {unlimited}": unlimited,
+        f"effort limit: none for {weak}": weak,
+        "IMU: no site; --imu LINK adds one": imu is None,
+        f"contacts: {colliding} geoms collide with everything, the robot's own among them; leave the feet, or add "
+        "<exclude> for bodies that touch": colliding,
+    }
+    return [line for line, is_missing in lines.items() if is_missing]

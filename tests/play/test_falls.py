@@ -74,7 +74,7 @@ def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run, folder):
     assert base["height"][1] == pytest.approx(0.0, abs=0.02)
     assert base["tilt_max"] < 0.05
     assert "the robot fell" not in result.out
-    off = "guards: following (of joints with an effort limit) watches 0 of 2 joints"
+    off = "guards: following is off for 2 of 2 joints, which lack an effort limit of the robot's own"
     assert " ".join(result.out.split()).count(off) == 1
 
 

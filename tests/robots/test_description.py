@@ -60,21 +60,28 @@ PER_JOINT = "expected 14, one per joint"
 STANDBY = "standby_controller_a"
 SITO = {"family": "sito", "bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 BAD_VALUES = [
+    ("imu", "", "imu: is '', expected a text that is not empty"),
     ("mjcf", "nowhere.xml", "mjcf: 'nowhere.xml' is not a file"),
     ("topic_prefix", "a/b", "topic_prefix: is 'a/b'"),
     ("folder", "/", "folder: is not a field of the file"),
-    ("joints[5].name", "left_shoulder_pitch", "joints[5].name: is 'left_shoulder_pitch' again"),
-    ("joints[3].lower", math.nan, "expected finite numbers"),
-    ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, -2.35619"),
+    ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
+    ("joints[3].lower", math.nan, "joints[3].lower: is nan, expected a finite number"),
+    ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: is 0.0, expected a number > 0"),
-    ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11 again"),
+    ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
+    ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
+    ("joints[6].motor.family", "etob", "joints[6].motor.family: unknown family 'etob'"),
+    ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
     ("joints[6].motor", SITO | {"torque_limit": 4.0}, "joints[6].motor.torque_limit: is 4, but no such limit of sito"),
+    ("joints[6].motor", SITO | {"can_id": 200}, "joints[6].motor.can_id: is 200, expected 1 to 127 beside motors of"),
     ("initial_position", [0.0] * 13, f"initial_position: has 13 values, {PER_JOINT}"),
-    ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, expected -2.35619 to 0 (left_elbow"),
+    ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, outside the limits of left_elbow_pitch, -2.35619 to 0"),
     ("simulation.physics_timestep", 0.0006, "simulation.physics_timestep: 0.0006 s does not divide"),
     ("base", {"type": "floating"}, "base.body: is empty"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
+    (f"{STANDBY}.pose_segments[1][3]", 1.0, f"{STANDBY}.pose_segments[1][3]: is 1, outside the limits of left_elbow"),
+    ("guards.following.effort", [1, None], f"guards.following.effort: has 2 values, {PER_JOINT}"),
     ("stifness", 1.0, "unknown field 'stifness'; known: name, topic_prefix, mjcf, joints, "),
 ]
 
@@ -91,7 +98,7 @@ def test_all_that_is_wrong_is_reported_at_once(tmp_path, document):
     document["joints"][6]["motor"] = SITO
     text = refusal(write(tmp_path, document))
     assert "initial_position: has 1 values" in text
-    assert "joints[3].motor.can_id: is 9, which frames of the robot's sito motors use" in text
+    assert "joints[3].motor.can_id: is 9, which frames to sito motors" in text
 
 
 def test_what_is_no_description_or_robot(tmp_path):
@@ -163,9 +170,11 @@ def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     ("text", "problem"),
     [
         ("joints: {ankle: {effort_limit: 3}}", "joints: unknown joint 'ankle'; known: hip, knee"),
+        ("initial_position: {ankle: 3}", "initial_position: unknown joint 'ankle'; known: hip, knee"),
         ("joints: {hip: 3}", "joints.hip: is 3, expected fields to change"),
         ("joints: {knee: {limit: 3}}", "joints[1]: unknown field 'limit'; known: name, lower, "),
-        ("initial_position: {knee: 3}", "initial_position[1]: is 3, expected 0.2 to 2 (knee)"),
+        ("initial_position: {knee: 3}", "initial_position[1]: is 3, outside the limits of knee, 0.2 to 2"),
+        ("joints: all", "joints: is 'all', expected a list"),
     ],
 )
 def test_what_is_wrong_with_a_change_is_named(hopper, text, problem):

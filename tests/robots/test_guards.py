@@ -57,14 +57,15 @@ def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy():
     assert RobotDescription.from_json(limited.to_json(), limited.folder) == limited
 
 
-def test_guards_that_do_not_watch_every_joint_are_named():
+def test_guards_that_do_not_watch_a_joint_are_named_with_the_reason():
     assert describe_unwatched(LITE) == describe_unwatched(BIPED) == ""
     bare = replace(BIPED.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf)
     robot = replace(BIPED, joints=(bare, *BIPED.joints[1:]), guards=GuardSettings(speed=None))
     assert np.isinf(of(robot).following_effort).tolist() == [True] + [False] * 13
     text = describe_unwatched(robot)
-    assert text.count("watches 13 of 14 joints") == 2
-    assert "speed (with position limits, or a known motor) watches 0 of 14 joints" in text
+    assert "following is off for 1 of 14 joints" in text
+    assert "limit is off for 1 of 14 joints" in text
+    assert "speed is off in the robot's description" in text
 
 
 def test_the_description_decides():

@@ -8,9 +8,15 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
-from humanoid_sim.robots.own_actuators import NO_RANGE, OwnActuator, own_actuators
+from humanoid_sim.robots.mjcf import (
+    NO_RANGE,
+    OwnActuator,
+    bare_model,
+    imu_line,
+    own_actuators,
+    own_joint_damping,
+    prefix_line,
+)
 from humanoid_sim.simulation.model import build_model
 
 INF = math.inf
@@ -85,12 +91,10 @@ def test_a_models_own_actuators_at_their_joints():
     }
 
 
-def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(hopper):
-    assert load_robot(hopper).simulation.physics_timestep == 0.001
-    edit(hopper, ('timestep="0.004"', 'timestep="0.0005"'))
-    assert load_robot(hopper).simulation.physics_timestep == 0.0005
-    edit(hopper, ('timestep="0.0005"', 'timestep="0.0003"'))
-    assert load_robot(hopper).simulation.physics_timestep == 0.001
+@pytest.mark.parametrize(("own", "used"), [(0.004, 0.001), (0.0005, 0.0005), (0.0003, 0.001)])
+def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(hopper, own, used):
+    edit(hopper, ('timestep="0.004"', f'timestep="{own}"'))
+    assert load_robot(hopper).simulation.physics_timestep == used
 
 
 def test_contacts_and_solver_stay_those_of_the_mjcf(hopper):
@@ -138,17 +142,21 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path, text, problem):
     assert "\n" not in str(caught.value)
 
 
-def test_a_package_path_is_in_a_folder_of_that_name_above_the_file_or_beside_one(tmp_path):
-    package = tmp_path / "my_robot"
+@pytest.mark.parametrize("is_named", [True, False])
+def test_a_package_path_is_in_the_folder_above_that_is_the_package(tmp_path, is_named):
+    package = tmp_path / ("my_robot" if is_named else "checkout")
     (package / "meshes").mkdir(parents=True)
+    (package / "mjcf").mkdir()
     (package / "meshes" / "leg.obj").write_text(BOX)
-    path = package / "meshes" / "x.xml"
+    if not is_named:
+        (package / "package.xml").write_text("<package><name>my_robot</name></package>")
+    path = package / "mjcf" / "x.xml"
     path.write_text(MESHES.format(LEG.format("package://my_robot/meshes/leg.obj")))
     assert bare_model(load_robot(path)).nmesh == 1
-    assert bare_model(load_robot(path.rename(tmp_path / "x.xml"))).nmesh == 1
+    if is_named:  # from a folder beside it
+        assert bare_model(load_robot(path.rename(tmp_path / "x.xml"))).nmesh == 1
 
 
-# As mjlab's `export_scene` names things.
 PREFIXED = """
 <mujoco model="scene">
   <compiler meshdir="meshes"/>
@@ -167,23 +175,33 @@ PREFIXED = """
 </mujoco>"""
 
 
-def test_a_prefix_of_all_names_is_left_out_unless_one_lacks_it_or_the_file_is_included(tmp_path):
+@pytest.fixture
+def prefixed(tmp_path):
+    """As mjlab's `export_scene` names things."""
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "box.obj").write_text(BOX)
-    prefixed = tmp_path / "scene.xml"
-    prefixed.write_text(PREFIXED)
+    path = tmp_path / "scene.xml"
+    path.write_text(PREFIXED)
+    return path
+
+
+def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
     robot, model = load_robot(prefixed), build_model(load_robot(prefixed))
     assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
     assert robot.effort_limit.tolist() == [4.0]
+    assert "'r2/'" in prefix_line(prefixed)
     own = mujoco.MjModel.from_xml_path(str(prefixed))
     assert [model.body(name).mass[0] for name in ("trunk", "thigh")] == own.body_mass[2:].tolist()
     assert model.nexclude == own.nexclude == 1
+
+
+def test_a_prefix_that_one_name_lacks_or_that_is_in_an_included_file_stays(prefixed):
     outer = prefixed.with_name("outer.xml")
     outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
     for name in ("trunk", "root", "none"):
         prefixed.write_text(PREFIXED.replace(f'"r2/{name}"', f'"{name}"'))
         path = outer if name == "none" else prefixed
-        assert (load_robot(path).joint_names, load_robot(path).imu) == (("r2/hip",), "r2/imu")
+        assert (load_robot(path).joint_names, load_robot(path).imu, prefix_line(path)) == (("r2/hip",), "r2/imu", "")
 
 
 def robot_with(folder, *, pelvis="", torso="", mount="", sensors=""):
@@ -201,22 +219,32 @@ def robot_with(folder, *, pelvis="", torso="", mount="", sensors=""):
 
 
 GYROS = '<gyro site="{}"/><gyro site="{}"/>'
+QUAT = '<framequat objtype="site" objname="b"/>'
+FOOT = '<framepos objtype="site" objname="foot"/>'
 IMUS = [
     ({"pelvis": "a imu", "sensors": '<gyro site="a"/>'}, "site 'a' on the base 'pelvis'"),
     ({"pelvis": "a", "torso": "b", "sensors": GYROS.format("b", "a")}, "site 'a' on the base 'pelvis'"),
     ({"pelvis": "imu", "torso": "b", "sensors": GYROS.format("b", "camera")}, "site 'b' on 'torso', not the base"),
-    ({"pelvis": "a imu", "torso": "imu_2"}, "site 'imu' on the base 'pelvis'"),
-    ({"mount": "b", "torso": "c the_imu", "sensors": GYROS.format("b", "c")}, "the frame of the base 'pelvis'"),
-    ({}, "the frame of the base 'pelvis'"),
+    ({"pelvis": "imu", "torso": "b", "sensors": QUAT}, "site 'imu' on the base 'pelvis'"),
+    ({"mount": "b", "torso": "foot", "sensors": QUAT + FOOT}, "site 'b' on 'mount', not the base 'pelvis'"),
+    ({"mount": "b", "torso": "c the_imu", "sensors": GYROS.format("b", "c")}, "the base 'pelvis' itself"),
+    ({}, "the base 'pelvis' itself"),
 ]
 
 
 @pytest.mark.parametrize(("sites", "line"), IMUS)
-def test_the_frame_that_is_the_imu_and_another_that_is_chosen(tmp_path, sites, line):
+def test_the_frame_that_is_the_imu(tmp_path, sites, line):
     robot = robot_with(tmp_path, **sites)
     assert imu_line(bare_model(robot), robot).startswith(line)
-    chosen = load_robot(tmp_path / "robot.xml", "torso")
-    assert imu_line(bare_model(chosen), chosen).startswith("the frame of 'torso', not the base 'pelvis'")
+
+
+def test_another_imu_may_be_chosen(tmp_path):
+    robot_with(tmp_path, pelvis="imu", torso="b")
+    for name, line in {"b": "site 'b' on 'torso'", "torso": "body 'torso'"}.items():
+        chosen = load_robot(tmp_path / "robot.xml", name)
+        assert imu_line(bare_model(chosen), chosen).startswith(f"{line}, not the base 'pelvis'")
+    with pytest.raises(InputError, match=r"robot.xml: imu of 'robot': unknown site or body 'head'; known: "):
+        bare_model(load_robot(tmp_path / "robot.xml", "head"))
 
 
 def test_warnings_of_a_simulation_are_not_written(hopper, monkeypatch, capfd):

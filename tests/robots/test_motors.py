@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from humanoid_sim.robots.description import load_robot, shipped_robots
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 
 TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
@@ -27,6 +28,8 @@ def test_ranges_without_the_table():
     assert small.velocity == large.velocity == pytest.approx(3.1415, abs=1e-4)
     assert (small.effort, large.effort) == pytest.approx((150.40, 297.85), abs=0.01)
     assert small.position == pytest.approx(205887.4, abs=0.1)
+    joints = [joint for name in shipped_robots() for joint in load_robot(name).joints]
+    assert {joint.motor.model for joint in joints} <= set(MOTORS)
 
 
 def test_ids_of_one_family_that_the_others_frames_could_address():

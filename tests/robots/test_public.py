@@ -65,6 +65,19 @@ def test_a_robot_is_fetched_once_and_one_that_cannot_be_is_one_line(tmp_path):
     assert "robot_descriptions:g1: could not be fetched: " in line
 
 
-def test_a_wrong_name_gives_the_near_ones():
-    with pytest.raises(InputError, match=r"did you mean 'talos'\?"):
-        load_robot("robot_descriptions:talso")
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("robot_descriptions:unitree_g1", "robot_descriptions:unitree_g1: unknown public robot; near: g1"),
+        ("robot_descriptions:talso", "unknown public robot; near: talos"),
+        ("robot_descriptions:zzzz", "unknown public robot; known: a1, "),
+        ("robot_descriptions:atlas_drc", "has this robot as a URDF only"),
+        ("Unitree-G1", "did you mean robot_descriptions:g1?"),
+        ("mine", "or a file that exists"),
+    ],
+)
+def test_a_wrong_name_gives_the_near_ones_in_one_line(name, message):
+    with pytest.raises(InputError) as caught:
+        load_robot(name)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -19,9 +19,11 @@ def test_counts_the_steps_of_a_period(period, step, count):
 @pytest.mark.parametrize(
     ("step", "problem"),
     [
-        (0.0006, "the nearest is 0.000625 s"),
-        (math.inf, "the nearest is 0.005 s"),
-        *((step, "expected at least 5e-07 s") for step in (-0.001, 0.0, 1e-9, math.nan)),
+        (0.0006, "the nearest that does is 0.000625 s (8"),
+        (0.003, "the nearest that does is 0.0025 s (2"),
+        (0.1, "the nearest that does is 0.005 s (1"),
+        (math.inf, "the nearest that does is 0.005 s (1"),
+        *((step, "expected at least 5e-07 s") for step in (-0.001, 0.0, 5e-324, 1e-9, math.nan)),
     ],
 )
 def test_refuses_a_step_that_does_not_divide_the_period(step, problem):
