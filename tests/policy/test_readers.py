@@ -310,8 +310,17 @@ def test_the_published_berkeley_checkpoint_needs_nothing_else():
 def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
     (tmp_path / "params").mkdir()
     term = {"scale": 0.5, "history_length": 3}
-    env = {"observations": {"actor": {"terms": {"joint_pos": term, "actions": {}}, "concatenate_terms": True}}}
+    terms = {"joint_pos": term, "height_scan": {}, "actions": {}}
+    env = {"observations": {"actor": {"terms": terms, "concatenate_terms": True}}}
     (tmp_path / "params" / "env.yaml").write_text(yaml.safe_dump(env, sort_keys=False))
     reading = read(tmp_path)
-    assert reading.values["observation"] == ("joint_pos", "actions")
+    assert reading.values["observation"] == ("joint_pos", "height_scan", "actions")
+    assert "observation.height_scan.scan" not in reading.values  # mjlab's own, not Isaac Lab's
     assert (reading.values["observation.joint_pos.history"], reading.unused) == (3, ())
+
+
+def test_a_height_scan_of_a_deploy_yaml_is_isaac_labs_and_assumed(tmp_path):
+    term = {"params": {"offset": 0.3}, "clip": [-1.0, 1.0], "scale": None}
+    reading = deployed(tmp_path, observations={**DEPLOY["observations"], "height_scanner": term})
+    assert reading.contract.height_scan == HeightScan("torso_link", offset=0.3, range=1e6, miss=-1e6, above=20.0)
+    assert reading.source["observation.height_scanner.scan"] == "assumed (Unitree)"

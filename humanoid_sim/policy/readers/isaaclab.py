@@ -12,7 +12,7 @@ from typing import Any
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer
-from humanoid_sim.policy.readers.trainer_files import is_group, mapping, number, observation_fields
+from humanoid_sim.policy.readers.trainer_files import is_group, isaac_scans, mapping, number, observation_fields
 from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
 
 ENV_FILE = "env.yaml"
@@ -43,19 +43,21 @@ def read_env(path: Path) -> list[Layer]:
         if found:
             values[name] = found
     values |= _action(mapping(document, where, "actions"), where)
-    groups = mapping(document, where, "observations")
+    groups, scans = mapping(document, where, "observations"), dict[str, Any]()
     for name in ("policy", "actor"):  # Isaac Lab's name of the policy's group, and mjlab's, whose terms lie one deeper
         group = mapping(groups, f"{where}: observations", name)
         if is_group(group):
-            terms = mapping(group, f"{where}: observations.{name}", "terms")
-            values |= dict(observation_fields({**group, **terms, "terms": None}, f"{where}: observations.{name}"))
+            terms, place = mapping(group, f"{where}: observations.{name}", "terms"), f"{where}: observations.{name}"
+            values |= dict(observation_fields({**group, **terms, "terms": None}, place))
+            scans |= {} if terms else dict(isaac_scans(group, place))  # mjlab's are its own
     ranges = mapping(document, where, "commands", "base_velocity", "ranges")
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = {axis: ranges[axis] for axis in COMMAND_AXES}
     if not values:
         return []
     order = f"{path.name} does not state the order of the joints (Isaac Lab's is breadth first)"
-    return [Layer(path.name, values, unused=(order,) if "joint_stiffness" in values else ())]
+    assumed = [Layer("assumed (Isaac Lab)", scans, is_assumed=True)] if scans else []
+    return [*assumed, Layer(path.name, values, unused=(order,) if "joint_stiffness" in values else ())]
 
 
 def _by_pattern(group: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:

@@ -86,9 +86,6 @@ def observation_fields(group: Mapping[str, Any], where: str) -> Iterator[tuple[s
         asset = mapping(params, place, "asset_cfg")
         if kind.reads.startswith("joint_") and asset.get("joint_ids") not in (None, slice(None)):
             yield f"observation.{name}.joints", asset["joint_ids"]
-        if kind.name == HEIGHT_SCAN:
-            offset = params.get("offset")
-            yield f"observation.{name}.scan", _scan(offset, f"{place}.params.offset")
         if kind.requires == "phase" and params.get("period") is not None:
             yield "phase.period", number(params["period"], f"{place}.params.period")
     if terms:
@@ -121,10 +118,13 @@ def _clip(clip: Sequence[float], scale: Any, scale_first: bool, where: str) -> l
     return [bound / min(factors) for bound in clip]
 
 
-def _scan(offset: Any, where: str) -> HeightScan:
-    """Return Isaac Lab's scanner in unitree_rl_lab's scenes (`RayCasterCfg`, `GridPatternCfg`).
+def isaac_scans(group: Mapping[str, Any], where: str) -> Iterator[tuple[str, HeightScan]]:
+    """Yield what a group's height scans are with Isaac Lab's scanner in unitree_rl_lab's scenes, which no file says.
 
-    There a ray that hits nothing counts as endlessly high ground, and the term's clip bounds it.
+    A ray (`RayCasterCfg`, `GridPatternCfg`) that hits nothing counts as endlessly high ground; the clip bounds it.
     """
-    meters = 0.5 if offset is None else number(offset, where)
-    return HeightScan("torso_link", offset=meters, range=1e6, miss=-1e6, above=20.0)
+    for name, term in group.items():
+        if term_kind(str(name)).name == HEIGHT_SCAN and isinstance(term, dict):
+            offset = mapping(term, f"{where}.{name}", "params").get("offset", 0.5)
+            meters = number(offset, f"{where}.{name}.params.offset")
+            yield f"observation.{name}.scan", HeightScan("torso_link", offset=meters, range=1e6, miss=-1e6, above=20.0)

@@ -12,7 +12,7 @@ from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked, matches
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
-from humanoid_sim.policy.readers.trainer_files import is_group, joint_patterns, mapping, observation_fields
+from humanoid_sim.policy.readers.trainer_files import is_group, isaac_scans, joint_patterns, mapping, observation_fields
 from humanoid_sim.policy.words import shown
 from humanoid_sim.strict_yaml import read_yaml
 
@@ -54,7 +54,7 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
             f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: gains are read as the policy's own, but "
             f"Unitree's program puts them on motors 0 to {len(places) - 1}, and leaves those to {max(places)} without"
         )
-    assumed: dict[str, Any] = {"reference_quaternion": "wxyz"}
+    assumed = {"reference_quaternion": "wxyz", **dict(isaac_scans(group, f"{path}: {where}"))}
     if any(term_kind(name).requires == "phase" for name in observed.get("observation", ())):
         assumed |= {**GAIT_CLOCK, "phase.advance_first": True}
     layers = [Layer("assumed (Unitree)", assumed, is_assumed=True)]
