@@ -20,7 +20,7 @@ import numpy as np
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
 
 _FOLLOWING, _LIMIT, _SPEED = range(3)  # rows of `GuardMemory.held`
-_LONGEST_STEP = 0.05  # s that one tick may add: a clock that jumps is no time in which a joint was pressed
+_LONGEST_STEP = 0.05  # s that one tick may add: a jump of the clock is not time that a joint was pressed
 _STALE = 0.1  # s after which a joint that is silent is not judged any more
 _ROUNDING = 1e-9  # s: times are decimal fractions that binary numbers round
 

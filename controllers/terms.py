@@ -151,7 +151,7 @@ def _command(part: slice) -> Value:
 
 
 def _phase(*functions: Callable[[FloatArray], FloatArray]) -> Value:
-    """Return functions of the phase of each foot, one after the other; 0 where there is no phase."""
+    """Return functions of the phase of each foot, one after the other; 0 without a phase."""
 
     def value(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
         values = np.concatenate([function(context.phase) for function in functions], axis=-1)

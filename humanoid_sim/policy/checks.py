@@ -237,7 +237,7 @@ def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
 
 
 def rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Find a policy's period that is no whole number of the real robot's control periods."""
+    """Find a policy's period that is not a multiple of the real robot's control period."""
     period = 1.0 / description.hardware.control_frequency
     if not ticks_per_step(contract.policy_dt, period)[1]:
         message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"

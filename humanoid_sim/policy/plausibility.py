@@ -150,7 +150,7 @@ def actuator_findings(
         if len(servos) == len(values) and np.allclose(np.sort(values), np.sort(gains), rtol=_CLOSE):
             in_order = np.allclose(values, gains, rtol=_CLOSE)
             remark = ": they stand in the order of its actuators" if in_order else ": the same ones in another order"
-        # One gain for all is a placeholder of whoever made the model.
+        # One gain for all is a placeholder in the model.
         severity: Severity = "warning" if len(set(gains.tolist())) > 1 else "info"
         message = f"is not that of the model's own actuators for {len(found)} joints:"
         yield from on_joints(severity, field, message, found, remark)

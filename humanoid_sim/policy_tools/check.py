@@ -32,7 +32,7 @@ from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
 _PROBES = 4
-_STEPS = (0.00025, 0.0005, 0.001, 0.0025, 0.005)  # s; a shorter one is no remedy for a damping that is unstable
+_STEPS = (0.00025, 0.0005, 0.001, 0.0025, 0.005)  # s; a damping that needs a shorter one is unstable
 _SHOWN = {"error": ("bold red", "error(s)"), "warning": ("yellow", "warning(s)"), "info": ("cyan", "remark(s)")}
 
 
