@@ -24,7 +24,7 @@ from PIL import Image
 PATIENCE = 120_000
 """ms."""
 PICTURES = Path(__file__).resolve().parent / "pictures"
-SCREEN, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+SCREEN = {"width": 1280, "height": 800}
 ELBOW = "position and command: left_elbow_pitch"
 CHARTS = (ELBOW, "tracking error: positions of bodies")
 MODES = {
@@ -71,7 +71,7 @@ class Desk:
 
 
 @contextmanager
-def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN) -> Iterator[Desk]:
+def desk(driver: Any, folder: Path, *options: str) -> Iterator[Desk]:
     """Run a session with a console; give its page once it shows the robot."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
     results = ["--viewer", "none", "--html", "none", "--record", "run.mcap", "--overwrite"]
@@ -96,7 +96,7 @@ def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN
                 line = play.stdout.readline()
                 assert line, said
                 said += line
-            page = chromium.new_page(viewport=size)
+            page = chromium.new_page(viewport=SCREEN)
             page.set_default_timeout(PATIENCE)
             page.goto(found[1])
             page.wait_for_selector("#cover", state="hidden")
@@ -114,13 +114,11 @@ def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN
 
 
 def simulated(driver: Any, folder: Path) -> None:
-    """Show STANDBY, and LOCOMOTION with plots."""
+    """Show LOCOMOTION with plots."""
     with desk(driver, folder) as at:
         at.stay(3.0)
         at.ask("damp")
         at.ask("load_a")
-        at.stay(1.5)
-        at.take("standby")
         at.ask("start_locomotion")
         for name in CHARTS:
             at.page.select_option("#add-plot", name)
@@ -133,16 +131,8 @@ def simulated(driver: Any, folder: Path) -> None:
         at.take("locomotion")
 
 
-def on_motors(driver: Any, folder: Path) -> None:
-    """Show REMOTE on emulated motors, and sliders."""
-    given = ("--hardware", f"virtual:{folder.name}", "--policy", "lite_tracking", "--yes", "--no-gamepad")
-    with desk(driver, folder, *given, "--remote", "gravity") as at:
-        at.ask("damp")
-        at.ask("load_b")
-        at.ask("start_remote")
-        at.stay(3.0)
-        at.page.locator("#motors").scroll_into_view_if_needed()
-        at.take("remote")
+def in_remote(driver: Any, folder: Path) -> None:
+    """Show the sliders."""
     with desk(driver, folder) as at:
         at.ask("damp")
         at.ask("load_b")
@@ -181,42 +171,12 @@ def damped(driver: Any, folder: Path) -> None:
             motors.kill()
 
 
-def on_a_phone(driver: Any, folder: Path) -> None:
-    """Open a narrow page."""
-    with desk(driver, folder, size=PHONE) as at:
-        at.ask("damp")
-        at.ask("load_a")
-        at.ask("start_locomotion")
-        at.stay(3.0)
-        at.take("phone")
-
-
-def with_a_piano(driver: Any, folder: Path) -> None:
-    """Play a song, with a key that is missed and one that is wrong now and then."""
-    with desk(driver, folder, "--robot", "lite_piano", "--song", "ode_to_joy") as at:
-        at.ask("damp")
-        at.ask("load_a")
-        at.ask("start_locomotion")
-        at.page.wait_for_selector('#keys [data-state="hit"]')
-        at.take("keys", "#keys")
-
-
-def without_connection(driver: Any, folder: Path) -> None:
-    """Lose the console."""
-    with desk(driver, folder) as at:
-        at.ask("damp")
-        at.page.context.set_offline(True)
-        at.page.evaluate("socket.close()")
-        at.page.wait_for_selector("#cover", state="visible")
-        at.take("no-connection")
-
-
 def main() -> None:
     """Take all of them."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - not installed everywhere
 
     with sync_playwright() as driver:
-        for scene in (simulated, on_motors, damped, on_a_phone, with_a_piano, without_connection):
+        for scene in (simulated, in_remote, damped):
             with tempfile.TemporaryDirectory() as folder:
                 scene(driver, Path(folder))
 
