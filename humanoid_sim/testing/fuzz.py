@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -37,23 +36,18 @@ DEFAULT_SETTINGS = settings(
 """Runs of up to 40 steps. More of them: `settings(DEFAULT_SETTINGS, max_examples=1000)`."""
 _HEALTHY_TICKS = 2000  # in each mode, before anything is attacked: 40 s at 50 Hz
 _WAYS = (
-    (),
-    (Intent.DAMP,),
-    (Intent.LOAD_A,),
-    (Intent.LOAD_B,),
-    (Intent.LOAD_A, Intent.START_LOCOMOTION),
-    (Intent.LOAD_A, Intent.START_REMOTE),
+    *((), (Intent.DAMP,), (Intent.LOAD_A,), (Intent.LOAD_B,)),
+    *((Intent.LOAD_A, Intent.START_LOCOMOTION), (Intent.LOAD_A, Intent.START_REMOTE)),
 )
-"""Intents by which an operator comes into each mode."""
+"""Intents that lead into each mode."""
 _SOURCES = ("can0", "can1", "simulator")
-_INTENTS_AT_ONCE = 3
 
 
 def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervisor]:
     """For `fuzz_stack`: all controllers of a shipped robot, a YAML description or an MJCF, with its settings.
 
     LOCOMOTION runs the fuzzed policy on all joints, or a second one with half its stiffness, around the final pose of
-    standby A and within the limits: one that presses a joint against its stop is ended by a guard.
+    standby A and within the limits: a policy that presses a joint against its stop is ended by a guard.
     """
     description = load_robot(name_or_path)
     period = 1.0 / description.hardware.control_frequency
@@ -73,88 +67,59 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
 def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:
     """Drive a control stack with anything, and check `SafetyProperties` on every tick.
 
-    `build` gives the stack under test, new for every run; the policy that it is given behaves or misbehaves as the run
-    has it. First, with nothing random, every mode lasts for 40 s on a healthy robot, and is given every safety report
-    and every combination of intents. Raises `SafetyViolationError` with the shortest run that was found to break a
-    property.
+    First, with nothing random, every mode lasts for 40 s on a healthy robot, and is given every safety report and every
+    combination of intents. Raises `SafetyViolationError` with the shortest run that was found to break a property.
+
+    Args:
+        build: returns a new stack under test, for every run; the policy that it is given may misbehave.
     """
 
     class Stack(StackMachine):
         def build(self, policy: ScriptedPolicy) -> Supervisor:
             return build(policy)
 
-    every_mode_lasts(Stack)
-    every_report_and_intent(Stack)
+    survey(Stack)
     run_state_machine_as_test(Stack, settings=settings)
 
 
-def every_mode_lasts(machine_type: type[StackMachine]) -> None:
-    """Each mode on a healthy robot, for 40 s: it stays, and no controller fails."""
-    for machine, way in _modes(machine_type):
-        with _after(way):
-            machine.pass_time(_HEALTHY_TICKS)
-            if machine.memory.controller == REMOTE_POLICY:
-                machine.pass_time(_HEALTHY_TICKS, sends=False)
-
-
-def every_report_and_intent(machine_type: type[StackMachine]) -> None:
-    """In each mode every level and flag, from every one of up to three sources, and up to three intents in any order.
-
-    Each is one tick on a healthy robot, from the same instant of the mode, and two for a selected policy.
-    """
-    for machine, way in _modes(machine_type):
-        machine.tick()
-        given = healthy_tick(machine.joints, machine.time + PERIOD, remote=machine.remote, externs=machine.externs)
-        trials = [replace(given, safety=safety) for safety in _reports()]
-        trials += [replace(given, policy=name) for name in (*machine.stack.policies, "unheard_of")]
-        for count in range(1, _INTENTS_AT_ONCE + 1):
-            trials += [replace(given, intents=intents) for intents in product(Intent, repeat=count)]
-        for one in trials:
-            with _after(f"{way}, with {[intent.name for intent in one.intents] or one.safety or one.policy}"):
-                trial = copy.copy(machine)  # a tick that is checked like any other, and taken back
-                trial.properties, trial.history = copy.copy(machine.properties), []
-                trial.feed(one)
-                if one.policy:
-                    trial.time += PERIOD
-                    trial.tick()
-
-
-def _modes(machine_type: type[StackMachine]) -> Iterator[tuple[StackMachine, str]]:
-    """Yield a machine in each mode that the stack has, and how it came there."""
+def survey(machine_type: type[StackMachine]) -> None:
+    """In each mode, on a healthy robot: nothing happens for 40 s, and every report, policy and sequence of intents."""
     for way in _WAYS:
-        name, machine = ", ".join(intent.name for intent in way) or "the start", machine_type()
-        with _after(name):
-            if way == (Intent.DAMP,):
-                machine.tick(Intent.DAMP)
-            elif way and not machine.go(*way):
-                continue
-        yield machine, name
-
-
-@contextmanager
-def _after(way: str) -> Iterator[None]:
-    try:
-        yield
-    except AssertionError as error:
-        error.add_note(f"on a healthy robot, after {way}")
-        raise
+        machine = machine_type()
+        if way == (Intent.DAMP,):
+            machine.tick(Intent.DAMP)
+        elif way and not machine.go(*way):
+            continue
+        machine.tick()
+        calm = machine.healthy()
+        trials = [replace(calm, safety=safety) for safety in _reports()]
+        trials += [replace(calm, policy=name) for name in (*machine.stack.policies, "unheard_of")]
+        trials += [replace(calm, intents=wanted) for count in (1, 2, 3) for wanted in product(Intent, repeat=count)]
+        for trial in trials:
+            memory, properties = machine.memory, copy.copy(machine.properties)
+            for tick in (trial, calm):
+                memory, output = machine.stack.step(memory, tick)
+                properties.check(tick, output)
+        machine.pass_time(_HEALTHY_TICKS)
+        if machine.memory.controller == REMOTE_POLICY:
+            machine.pass_time(_HEALTHY_TICKS, sends=False)
 
 
 def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
-    """One source of one, two or three reports something; the others are well."""
+    """Yield every level and flag from every one of up to three sources; the others are well."""
     for count in range(1, len(_SOURCES) + 1):
-        for speaker, level, flag in product(range(count), SafetyLevel, SafetyFlag):
-            report = SafetyStatus(level, flag, _SOURCES[speaker], "reported")
-            well = [SafetyStatus(SafetyLevel.OK, SafetyFlag.NONE, source, "") for source in _SOURCES[:count]]
-            yield (*well[:speaker], report, *well[speaker + 1 :])
+        for i, level, flag in product(range(count), SafetyLevel, SafetyFlag):
+            statuses = [SafetyStatus(SafetyLevel.OK, SafetyFlag.NONE, source, "") for source in _SOURCES[:count]]
+            statuses[i] = SafetyStatus(level, flag, _SOURCES[i], "reported")
+            yield tuple(statuses)
 
 
 def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTINGS) -> None:
     """Hold a controller by itself to what the supervisor expects of every one, whatever its input.
 
     It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
-    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, for 40 s,
-    it has no fault. Raises `SafetyViolationError` with the shortest example that was found.
+    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, for 40 s, it has no
+    fault. Raises `SafetyViolationError` with the shortest example that was found.
     """
     n, extern = len(controller.joints), getattr(controller, "extern", {})
     memory = None
@@ -180,7 +145,7 @@ def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTING
 
 
 def _step(controller: Controller, memory: Any, tick: TickInput) -> Any:
-    """One tick as the supervisor runs it, activation included where there is no memory: the next memory, or a fault."""
+    """Return the next memory, or a fault, of one tick as the supervisor runs it: activation too, without a memory."""
     before = fingerprint(tick), fingerprint(memory)
     result, again = _attempt(controller, memory, tick), _attempt(controller, memory, tick)
     require(before == (fingerprint(tick), fingerprint(memory)), "what it was given changed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.messages import Intent, RemoteCommand, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
-_UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)  # m and w x y z
-_NO_EXTERNS: Mapping[str, int] = {}
+_UPRIGHT_AT_ORIGIN = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # m and w x y z
+_NO_EXTERNS: Mapping[str, int] = MappingProxyType({})
 
 Answer = Callable[[npt.NDArray[np.float32], int], Any]
 """`(observation of shape (N,), reference frame) -> action`, which need not be one."""
@@ -21,23 +22,23 @@ Answer = Callable[[npt.NDArray[np.float32], int], Any]
 
 def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]:
     """Live inputs that arrived at `time` s, by name and width: nothing commanded or pressed, upright at the origin."""
-    values = {name: np.zeros(width) for name, width in widths.items()}
-    if widths.get(ANCHOR_POSE) == len(_UPRIGHT_AT_ORIGIN):
-        values[ANCHOR_POSE] = np.array(_UPRIGHT_AT_ORIGIN)
-    return {name: Extern(value, time) for name, value in values.items()}
+    return {
+        name: Extern(_UPRIGHT_AT_ORIGIN if name == ANCHOR_POSE and width == 7 else np.zeros(width), time)
+        for name, width in widths.items()
+    }
 
 
 def healthy_state(
     position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NO_EXTERNS
 ) -> MITState:
     """Return a robot at rest and upright at `time` s, its joints at `position` (n,), rad."""
-    n = len(position)
+    zeros = np.zeros(len(position))
     return MITState(
         time=time,
         joint_position=np.array(position, dtype=np.float64),
-        joint_velocity=np.zeros(n),
-        joint_effort=np.zeros(n),
-        joint_age=np.zeros(n),
+        joint_velocity=zeros,
+        joint_effort=zeros,
+        joint_age=zeros,
         imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
         imu_angular_velocity=np.zeros(3),
         imu_linear_acceleration=np.array([0.0, 0.0, 9.81]),
@@ -52,7 +53,7 @@ def healthy_tick(
     remote: RemoteCommand | None = None,
     externs: Mapping[str, int] = _NO_EXTERNS,
 ) -> TickInput:
-    """One tick of such a robot, with what an operator and a sender of remote commands ask of it."""
+    """Return one tick of such a robot."""
     return TickInput(healthy_state(position, time, externs), intents=intents, remote=remote)
 
 
@@ -70,18 +71,13 @@ class ScriptedPolicy:
 
 
 def well_behaved(action_count: int) -> Answer:
-    """Actions of shape (m,) within [-1, 1] that depend on everything the policy sees."""
+    """Return a policy whose actions (m,) are within [-1, 1] and depend on everything that it sees."""
     spread = 0.1 * np.arange(action_count)
-
-    def answer(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float64]:
-        action: npt.NDArray[np.float64] = np.tanh(observation.sum(dtype=np.float64) + spread * frame)
-        return action
-
-    return answer
+    return lambda observation, frame: np.tanh(observation.sum(dtype=np.float64) + spread * frame)
 
 
 def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapping[str, Answer]:
-    """Policies whose answers no controller may pass on, by what is wrong with them; m is `action_count`."""
+    """Return policies of `action_count` actions whose answers no controller may pass on, by what is wrong."""
     zeros = [0.0] * action_count
 
     def fails(*_: object) -> Any:

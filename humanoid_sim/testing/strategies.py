@@ -1,7 +1,6 @@
-"""Hypothesis strategies for everything that may reach the control stack, the broken included.
+"""Hypothesis strategies for all that may reach the control stack, broken values included; n is the number of joints.
 
-Each takes the number of joints, `n`. "Any" holds NaN, infinities, huge and subnormal numbers; "healthy" and "valid" is
-what a working robot or sender gives. Strategies cost more to build than to draw from, so each is built once.
+"Any" holds NaN, infinities, huge and subnormal numbers; "healthy" and "valid" is what a working robot or sender gives.
 """
 
 from __future__ import annotations
@@ -16,22 +15,15 @@ from hypothesis.strategies import SearchStrategy
 
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
 from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.testing.healthy import healthy_state
 
-_ODD_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
-"""Numbers on which floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, NaN."""
-
+_ODD_NUMBERS = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan]
+_ANY = st.sampled_from(_ODD_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
+_MODERATE = st.floats(-3.0, 3.0, allow_subnormal=False)
+_GAINS = st.floats(0.0, 100.0, allow_subnormal=False)
 _DISTINCT = 5  # numbers drawn for one array, which a longer one repeats: what an example may draw is bounded
-EXTERN_NAMES = ("key_pressed", *EXTERN_WIDTHS, "unheard_of")
-"""Live inputs that observation terms read, and one that none does."""
-
-
-@cache
-def any_numbers() -> SearchStrategy[float]:
-    """Any float at all, the troublesome ones often."""
-    return st.sampled_from(_ODD_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
-
-
-_MODERATE = st.floats(-3.0, 3.0, allow_subnormal=False)  # positions, velocities and efforts of a robot that works
+_EXTERN_NAMES = ("key_pressed", *EXTERN_WIDTHS, "unheard_of")
+_JUMPS = [0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]  # s
 
 
 @cache
@@ -43,32 +35,26 @@ def _arrays(n: int, numbers: SearchStrategy[float]) -> SearchStrategy[FloatArray
 @cache
 def any_arrays(n: int) -> SearchStrategy[FloatArray]:
     """Arrays of shape (n,): one odd value among moderate ones is as likely as an array that is odd throughout."""
-    throughout = _arrays(n, any_numbers())
-    if n == 0:
-        return throughout
-    return st.builds(_with_one, st.just(n), st.integers(0, n - 1), any_numbers(), _MODERATE) | throughout
 
+    def with_one(i: int, odd: float, rest: float) -> FloatArray:
+        array = np.full(n, rest)
+        array[i] = odd
+        return array
 
-def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
-    array = np.full(n, rest)
-    array[i] = odd
-    return array
+    throughout = _arrays(n, _ANY)
+    return st.builds(with_one, st.integers(0, n - 1), _ANY, _MODERATE) | throughout if n else throughout
 
 
 @cache
 def any_externs() -> SearchStrategy[dict[str, Extern]]:
     """Live arrays of any width, age and timeout; often none."""
-    extern = st.builds(
-        Extern,
-        value=st.integers(1, 7).flatmap(any_arrays),
-        arrival_time=any_numbers(),
-        timeout=st.sampled_from([np.inf, 0.5, 0.0, -1.0, np.nan]),
-    )
-    return st.dictionaries(st.sampled_from(EXTERN_NAMES), extern, max_size=2)
+    timeouts = st.sampled_from([np.inf, 0.5, 0.0, -1.0, np.nan])
+    extern = st.builds(Extern, st.integers(1, 7).flatmap(any_arrays), arrival_time=_ANY, timeout=timeouts)
+    return st.dictionaries(st.sampled_from(_EXTERN_NAMES), extern, max_size=2)
 
 
 def any_states(n: int, time: float) -> SearchStrategy[MITState]:
-    """States of n joints and of any content at `time` s: joints never heard, impossible quaternions, infinite ages."""
+    """States of any content at `time` s: joints never received, impossible quaternions, infinite ages."""
     return _any_states(n).map(lambda state: replace(state, time=time))
 
 
@@ -89,30 +75,19 @@ def _any_states(n: int) -> SearchStrategy[MITState]:
 
 
 def healthy_states(n: int, time: float, extern: Mapping[str, Extern] | None = None) -> SearchStrategy[MITState]:
-    """States of an upright robot whose n joints are all known and move, at `time` s, with the live inputs `extern`."""
-    return _healthy_states(n).map(lambda state: replace(state, time=time, extern=extern or {}))
+    """States of an upright robot whose joints are all known and move, at `time` s, with the live inputs `extern`."""
 
+    def state(position: FloatArray, velocity: FloatArray, effort: FloatArray) -> MITState:
+        rest = replace(healthy_state(position, time), extern=extern or {})
+        return replace(rest, joint_velocity=velocity, joint_effort=effort)
 
-@cache
-def _healthy_states(n: int) -> SearchStrategy[MITState]:
-    return st.builds(
-        MITState,
-        time=st.just(0.0),
-        joint_position=_arrays(n, _MODERATE),
-        joint_velocity=_arrays(n, _MODERATE),
-        joint_effort=_arrays(n, _MODERATE),
-        joint_age=st.just(np.zeros(n)),
-        imu_quaternion=st.just(np.array([1.0, 0.0, 0.0, 0.0])),
-        imu_angular_velocity=st.just(np.zeros(3)),
-        imu_linear_acceleration=st.just(np.array([0.0, 0.0, 9.81])),
-    )
+    return st.builds(state, *[_arrays(n, _MODERATE)] * 3)
 
 
 @cache
 def clock_jumps() -> SearchStrategy[float]:
-    """Seconds from one tick to the next of a clock that nobody can rely on: backwards, years ahead, not a number."""
-    known = [0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]
-    return st.sampled_from(known) | st.floats(-1, 1)
+    """Seconds from one tick to the next of an unreliable clock: backwards, years ahead, not a number."""
+    return st.sampled_from(_JUMPS) | st.floats(-1, 1)
 
 
 @cache
@@ -143,13 +118,12 @@ def any_commands(n: int) -> SearchStrategy[MITCommand]:
 @cache
 def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     """Finite commands with gains that are not negative."""
-    gains = _arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
-    return st.builds(MITCommand, *[_arrays(n, _MODERATE)] * 3, gains, gains)
+    return st.builds(MITCommand, *[_arrays(n, _MODERATE)] * 3, *[_arrays(n, _GAINS)] * 2)
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
     """Return valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
-    stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | any_numbers()
+    stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | _ANY
     return st.builds(RemoteCommand, valid_commands(n) | any_commands(n) | valid_commands(n + 1), stamps)
 
 
