@@ -26,7 +26,7 @@ from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import Locks
 from humanoid_sim.hardware.checks import Check, CheckList
-from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
+from humanoid_sim.hardware.imu import Imu, upright_at_rest
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus

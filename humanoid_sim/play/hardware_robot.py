@@ -23,7 +23,7 @@ from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
+from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD

@@ -4,7 +4,7 @@ import models
 import mujoco
 import numpy as np
 import pytest
-from emulated_imu import EmulatedImu
+from mock_imu import MockImu
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -17,7 +17,7 @@ HARDWARE = ("--hardware", "virtual:imu", "--allow-script", "--policy", "placehol
 
 @pytest.fixture
 def device():
-    emulated = EmulatedImu()
+    emulated = MockImu()
     yield emulated
     emulated.close()
 

@@ -1,4 +1,4 @@
-"""A MicroStrain IMU behind a pseudo terminal: answers commands and streams what it is told to feel."""
+"""A MicroStrain IMU behind a pseudo terminal: answers commands and streams the measurements that a test sets."""
 
 import os
 import pty
@@ -9,12 +9,12 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 
-from humanoid_sim.hardware.imu.microstrain import Field, Packet, PacketReader, encode_packet
+from humanoid_sim.hardware.microstrain import Packet, PacketReader, encode_packet
 
 BASE_RATE = 1000
 
 
-class EmulatedImu:
+class MockImu:
     """Starts idle. `damage` changes the bytes of each packet of measurements on their way out."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class EmulatedImu:
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="emulated imu")
+        self._thread = threading.Thread(target=self._run, name="mock imu")
         self._thread.start()
 
     def send(self, data: bytes) -> None:
@@ -51,10 +51,9 @@ class EmulatedImu:
     close = unplug
 
     def sample(self) -> bytes:
-        """A packet of measurements as the device now feels."""
+        """Return a packet of the present measurements."""
         quantities = {0x0A: self.attitude, 0x05: self.rate, 0x04: self.force}
-        fields = [Field(kind, struct.pack(f">{len(quantities[kind])}f", *quantities[kind])) for kind in self.format]
-        return encode_packet(0x80, fields)
+        return encode_packet(0x80, {k: struct.pack(f">{len(quantities[k])}f", *quantities[k]) for k in self.format})
 
     def _run(self) -> None:
         reader = PacketReader()
@@ -68,21 +67,21 @@ class EmulatedImu:
                 self.send(self.damage(self.sample()))
 
     def _obey(self, packet: Packet) -> None:
-        for command in packet.fields:
-            name = (packet.descriptor_set, command.descriptor)
+        for descriptor, data in packet.fields.items():
+            name = (packet.descriptor_set, descriptor)
             self.commands.append(name)
             if self.mute:
                 continue
             error = self.errors.get(name, 0)
-            fields = [Field(0xF1, bytes((command.descriptor, error)))]
+            fields = {0xF1: bytes((descriptor, error))}
             if error:
                 pass
             elif name == (0x01, 0x02):
                 self._streaming = False
             elif name == (0x0C, 0x0E):
-                fields.append(Field(0x8E, command.data + struct.pack(">H", BASE_RATE)))
+                fields[0x8E] = data + struct.pack(">H", BASE_RATE)
             elif name == (0x0C, 0x0F):
-                entries = [struct.unpack_from(">BH", command.data, 3 + 3 * i) for i in range(command.data[2])]
+                entries = [struct.unpack_from(">BH", data, 3 + 3 * i) for i in range(data[2])]
                 self.format = [kind for kind, _ in entries]
                 self.decimation = entries[0][1]
             elif name == (0x01, 0x06):

@@ -1,4 +1,4 @@
-"""The one interface of every IMU, simulated or real, and which one an option means."""
+"""The interface of every IMU, the simulated one, and the IMU that `--imu` names."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class ImuReading:
     """Shape (3,), rad/s, IMU frame."""
     linear_acceleration: FloatArray
     """Shape (3,), m/s², IMU frame, gravity included: (0, 0, +9.81) at rest and upright."""
-    status: SafetyStatus
-    """FAULT with RX_TIMEOUT once nothing has been heard for too long: the values are the last ones then."""
+    status: SafetyStatus = OK
+    """FAULT with RX_TIMEOUT after a silence: a policy that balances on the last values would fall."""
 
     def __post_init__(self) -> None:
         for name in ("quaternion", "angular_velocity", "linear_acceleration"):
@@ -39,33 +39,32 @@ class ImuReading:
 
 
 class Imu(Protocol):
-    """An IMU. Opened once, read every tick, closed once; may be opened again after that."""
+    """An IMU. It may be opened again after `close`."""
 
     def open(self) -> None:
-        """Begin, and wait for a first sample. Raises `RobotError` if none comes, saying why."""
+        """Configure the device and wait for a first sample. Raises `RobotError` if none comes."""
 
     def read(self, time: float) -> ImuReading:
-        """Return the latest reading at `time`, s, the robot's clock; never waits and never raises."""
+        """Return the latest reading at `time`, s, robot's clock. Never waits and never raises."""
 
     def close(self) -> None:
         """Release the device and its thread. May be called twice."""
 
 
 def upright_at_rest(status: SafetyStatus) -> ImuReading:
-    """Return what stands in for a reading that does not exist."""
+    """Return a substitute for a reading that does not exist."""
     return ImuReading(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]), status)
 
 
 def silent(message: str) -> SafetyStatus:
-    """Return the status of an IMU that has gone silent: a policy that balances on its last values would fall."""
+    """Return the status of an IMU that sends nothing."""
     return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
 
 
 class SimulatedImu(Imu):
-    """Reads a simulation that runs by itself. Ideal: no noise, and no age."""
+    """An ideal IMU of a simulation that runs on another thread."""
 
     def __init__(self, sample: Callable[[], ImuSample]) -> None:
-        """Prepare; `sample` gives the plant's present reading, and may be called from the control thread."""
         self._sample = sample
 
     def open(self) -> None:
@@ -75,16 +74,16 @@ class SimulatedImu(Imu):
         """Do nothing."""
 
     def read(self, time: float) -> ImuReading:
-        """Return the plant's present reading."""
+        """Return the simulation's present reading."""
         sample = self._sample()
-        return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration, OK)
+        return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration)
 
 
 def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
-    """Return the IMU that `--imu` and `--imu-mounting` describe, or raise `InputError`; None for `none`. Opens nothing.
+    """Return the IMU of `--imu` and `--imu-mounting`, not opened yet; None for `none`.
 
     Args:
-        text: `none`, or `microstrain:PORT`, or `microstrain:PORT@BAUD`.
+        text: `none`, `microstrain:PORT` or `microstrain:PORT@BAUD`.
         mounting: `w,x,y,z`, the device's axes in the robot's IMU frame.
         clock: the robot's clock, s.
     """
@@ -94,9 +93,9 @@ def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None
     port, at, baud = rest.rpartition("@") if "@" in rest else (rest, "", "115200")
     if kind != "microstrain" or not port or (at and not baud.isdecimal()):
         raise InputError(f"--imu: is '{text}', expected none, microstrain:PORT or microstrain:PORT@BAUD")
-    from humanoid_sim.hardware.imu.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
+    from humanoid_sim.hardware.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
 
-    return MicrostrainImu(port, baudrate=int(baud), mounting=_quaternion(mounting), clock=clock)
+    return MicrostrainImu(port, int(baud), mounting=_quaternion(mounting), clock=clock)
 
 
 def _quaternion(text: str) -> tuple[float, ...]:
@@ -104,7 +103,7 @@ def _quaternion(text: str) -> tuple[float, ...]:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    norm = math.sqrt(sum(value * value for value in values))
+    norm = math.hypot(*values)
     if len(values) != 4 or not abs(norm - 1.0) < 1e-3:
         raise InputError(f"--imu-mounting: is '{text}', expected w,x,y,z: a unit quaternion of four numbers")
     return tuple(value / norm for value in values)
