@@ -9,18 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
-from humanoid_sim.hardware.emulated_motor import Firmware
 from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
 from humanoid_sim.hardware.robstride.codec import RobstrideEncoder
 from humanoid_sim.hardware.robstride.session import RobstrideSession
 from humanoid_sim.hardware.sito.codec import SitoEncoder, rescue_frames
-from humanoid_sim.hardware.sito.emulated import SitoFirmware
 from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MotorModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +28,12 @@ class Driver:
     rescue: Callable[[MotorGroup, FloatArray], Sequence[Rescue]] | None = None
     """For a family without a timeout, what a guardian sends to each motor; the array is the damping of each, shape
     (motors,), N·m·s/rad."""
-    emulated: Callable[[MotorModel, int, bool], Firmware[Any]] | None = None
-    """An emulated motor, from its model, its id and whether it ignores commands until it is enabled; None: emulation
-    has its own, whose motors differ one by one."""
 
 
 DRIVERS: Mapping[str, Driver] = MappingProxyType(
     {
         # In the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark.
-        "sito": Driver(SitoSession, SitoEncoder, rescue_frames, SitoFirmware),
+        "sito": Driver(SitoSession, SitoEncoder, rescue_frames),
         "robstride": Driver(RobstrideSession, lambda motors: RobstrideEncoder(motors.motor_id, motors.model)),
     }
 )

@@ -69,7 +69,8 @@ class PacketReader:
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets that these bytes complete."""
-        buffer, packets = self._buffer, []
+        buffer = self._buffer
+        packets: list[Packet] = []
         buffer += data
         while True:
             start = buffer.find(_SYNC)

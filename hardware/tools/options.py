@@ -191,19 +191,13 @@ class Emulate:
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s, START
     from when the emulation begins:
-    `over_temperature:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`. May be repeated."""
+    `over_temperature:left_elbow_pitch@5+2`, `silent=0.2`, `silent:14`. May be repeated."""
     firmware: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""
     calibration: str | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
-    write_only: bool = False
-    """The motors do not tell their parameters 0x7021 to 0x7029, the CAN timeout among them, as some manuals have it."""
-    midi: Path | None = None
-    """Play the keys of the robot's piano, as they are pressed, as a MIDI keyboard on a FIFO of this name, made here."""
-    sweep: bool = False
-    """A hand leads the joints to and fro between their limits, one after the other, 4 s each, to try `calibrate`."""
     duration: float | None = None
     """s after which to end; none: never."""
     seed: int = 0

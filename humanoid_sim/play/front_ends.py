@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,27 +67,12 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     return tuple(wanted)
 
 
-EMULATED_KEYBOARD = "virtual"
-"""Value of --midi for the keyboard of emulated motors' own piano."""
-
-
 def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:
-    """Return the MIDI front end's options, for a part of its port's name, a device's path, or an emulated keyboard."""
+    """Return the MIDI front end's options, for a part of its port's name or a device's path."""
     named = config.midi or ()
     if len(named) > 1:
         raise InputError(f"--midi: is {' '.join(named)}, expected one port or device")
-    if named == (EMULATED_KEYBOARD,) and not (config.hardware or "").startswith("virtual:"):
-        raise InputError(
-            "--midi: is virtual, the keyboard of an emulated piano, and means nothing without --hardware virtual:NAME"
-        )
-    is_device = bool(named) and (named[0] == EMULATED_KEYBOARD or "/" in named[0])
-    return ("--device" if is_device else "--port", named[0]) if named else ()
-
-
-def with_keyboard(front_ends: Sequence[Wanted], path: str) -> tuple[Wanted, ...]:
-    """Give the front ends, of which one that was to listen to an emulated keyboard listens to the one at that path."""
-    emulated = ("--device", EMULATED_KEYBOARD)
-    return tuple(replace(one, options=("--device", path)) if one.options == emulated else one for one in front_ends)
+    return ("--device" if "/" in named[0] else "--port", named[0]) if named else ()
 
 
 def needs_gamepad(config: PlayConfig) -> bool:

@@ -1,15 +1,12 @@
-"""The real robot of a run: motors on CAN channels, or emulated ones in this process that speak the same protocol."""
+"""The real robot of a run: motors on CAN channels, or mock motors in this process that speak the same protocol."""
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import msgspec
 import numpy as np
@@ -20,13 +17,11 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.checks import Verdict
-from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
+from humanoid_sim.hardware.mock.motors import MockSettings
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
-from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
+from humanoid_sim.mit import ANCHOR_ORIENTATION, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup, shared
 from humanoid_sim.policy.checks import motor_findings
@@ -50,9 +45,9 @@ def real_robot(
 ) -> RobotSetup:
     """Return a robot on the channels of `--hardware`, which measures what the policies of contracts observe.
 
-    Opens nothing, but for emulated motors, which run until `left`.
+    Opens nothing, but for mock motors, which run until `left`.
 
-    On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
+    On channels of the interface `virtual`, which exist in this process only, there are mock motors, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
     """
     assert config.hardware is not None
@@ -63,15 +58,11 @@ def real_robot(
     if any(is_virtual) and not all(is_virtual):
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
     offsets, notices = _homing_offsets(config, description, addresses)
-    motors: VirtualMotors | None = None
-    keyboard: MidiKeyboard | None = None
+    motors: MockServer | None = None
     if all(is_virtual):
         with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
-            motors = VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
+            motors = MockServer(description, addresses, settings=MockSettings(homing_offset=offsets))
         left.callback(motors.close)
-    if motors is not None and config.midi == (EMULATED_KEYBOARD,):
-        keyboard = _emulated_keyboard(description, motors)
-        left.callback(keyboard.close)
     imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth.imu)
@@ -104,8 +95,7 @@ def real_robot(
         bring_up=_bring_up(robot, "" if motors is not None else question),
         figures=lambda: _figures(robot, motors),
         is_driven=lambda: robot.is_enabled,
-        failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
-        keyboard="" if keyboard is None else str(keyboard.path),
+        failure=lambda: "" if motors is None or motors.failure is None else f"mock motors: {motors.failure!r}",
     )
 
 
@@ -122,7 +112,7 @@ def _homing_offsets(
     """Return the homing offset of every joint, rad, motor frame, and what an operator should know about them."""
     interfaces = {address.interface for address in addresses}
     if config.calibration is None and interfaces == {"virtual"}:
-        return dict.fromkeys(description.joint_names, 0.0), ("emulated motors, assembled without offsets",)
+        return dict.fromkeys(description.joint_names, 0.0), ("mock motors, assembled without offsets",)
     if config.calibration == "none":
         return dict.fromkeys(description.joint_names, 0.0), (
             "no calibration: the motors' zeros are taken for the joints'",
@@ -136,14 +126,6 @@ def _homing_offsets(
         )
     calibration = load_calibration(path, description)
     return calibration.homing_offsets(description), (f"calibration {path}", *calibration.warnings)
-
-
-def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
-    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process."""
-    if description.piano is None:
-        raise InputError(f"--midi: is virtual, but {description.name} has no piano; a robot with one is lite_piano")
-    path = Path(tempfile.gettempdir()) / f"humanoid_sim-{os.getpid()}-{uuid4().hex[:8]}.midi"
-    return MidiKeyboard(path, lambda: motors.truth.live[KEY_PRESSED])
 
 
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
@@ -173,12 +155,12 @@ def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
     )
 
 
-def _figures(robot: HardwareRobot, motors: VirtualMotors | None) -> Mapping[str, Any]:
-    """Return the robot's statistics, and for how long, s, emulated motors stood still: they seem silent then."""
+def _figures(robot: HardwareRobot, motors: MockServer | None) -> Mapping[str, Any]:
+    """Return the robot's statistics, and for how long, s, mock motors stood still: they seem silent then."""
     statistics = robot.statistics
     lines, slipped = list(statistics.lines()), 0.0 if motors is None else motors.slipped
     if slipped:
-        lines.append(f"the emulated motors stood still for {slipped:.2f} s because this computer was too slow for them")
+        lines.append(f"the mock motors stood still for {slipped:.2f} s because this computer was too slow for them")
     return {**msgspec.to_builtins(statistics, str_keys=True), "emulation_stood_still": slipped, "lines": lines}
 
 

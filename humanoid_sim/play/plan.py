@@ -13,7 +13,6 @@ from humanoid_sim.play.front_ends import (
     look_for_gamepad,
     operator_notices,
     wanted_front_ends,
-    with_keyboard,
 )
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.outputs import Outputs, choose_outputs
@@ -84,7 +83,7 @@ class Plan:
         self.notices = [text for text in notices if text]
         """Notices for an operator, one line each."""
         self.outputs = Outputs() if config.dry_run else choose_outputs(config, self.policy.motion_file)
-        self.front_ends = () if config.dry_run else with_keyboard(front_ends, setup.keyboard)
+        self.front_ends = () if config.dry_run else front_ends
 
     def clock(self) -> float:
         """Return the robot's time as of the latest reading, s; 0 before there is one."""

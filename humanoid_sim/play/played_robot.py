@@ -114,8 +114,6 @@ class RobotSetup:
     notices: tuple[str, ...] = ()
     """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
-    keyboard: str = ""
-    """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
     """Figures of its buses, for the summary: JSON, with `lines` for people."""
     is_driven: Callable[[], bool] = lambda: True

@@ -10,7 +10,7 @@ import tyro
 
 from humanoid_sim import mode
 from humanoid_sim.cli import load_program, run_program
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 
 _PAGE = (Path(__file__).parents[2] / "docs" / "checklist.md").read_text(encoding="utf-8")
@@ -67,7 +67,7 @@ def run(capsys):
 
 @pytest.fixture(scope="module")
 def motors():
-    with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
+    with MockServer(load_robot("lite"), [_CHANNEL]) as motors:
         yield motors
 
 

@@ -12,7 +12,7 @@ import pytest
 from robstride_dynamics import Motor, ParameterType, RobstrideBus
 from robstride_dynamics import table as their_table
 
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 
@@ -24,7 +24,7 @@ _MOTORS = {joint.name: joint.motor for joint in _LITE.joints if joint.motor is n
 
 @pytest.fixture(scope="module")
 def motors():
-    with VirtualMotors(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
+    with MockServer(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
         yield motors
 
 

@@ -25,7 +25,7 @@ import functools, runpy
 from humanoid_sim.play import hardware_robot
 events = open("events.txt", "w", buffering=1)
 note = lambda time, text: print(text, file=events)
-hardware_robot.VirtualMotors = functools.partial(hardware_robot.VirtualMotors, told=note)
+hardware_robot.MockServer = functools.partial(hardware_robot.MockServer, log=note)
 runpy.run_module("humanoid_sim.play", run_name="__main__", alter_sys=True)
 """
 """`python -m humanoid_sim.play`, whose motors write down what becomes of them."""
@@ -88,7 +88,7 @@ def play(folder):
 def check_what_always_holds(run):
     """However busy the machine: damped at the end, motors off, joints measured, and a recording that repeats."""
     assert run.ticks[-1].output.control_mode.mode is Mode.DAMPING
-    assert {events[-1] for events in run.motors.values()} == {"stopped, in reset mode"}
+    assert {events[-1] for events in run.motors.values()} == {"disabled"}
     assert all("enabled" in events for events in run.motors.values())
     for tick in run.ticks:
         assert np.isfinite(tick.input.state.joint_age).all()

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.messages import Enable, OperationControl, Status
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -85,16 +85,16 @@ def emulated(truth: RobotDescription, target: np.ndarray) -> np.ndarray:
     motors = [joint.motor for joint in truth.joints]
     direction = np.array([motor.direction for motor in motors])
     models = {motor.can_id: MOTORS[motor.model] for motor in motors}
-    emulator = Emulator(truth)
-    turns = np.array([round(-state.origin / (2 * np.pi)) * 2 * np.pi for state in emulator.motors.states])
+    mock = MockMotors(truth)
+    turns = np.array([round(-motor.origin / (2 * np.pi)) * 2 * np.pi for motor in mock.motors])
     heard, rows = np.zeros(len(motors)), []
 
     def send(commands) -> None:
         for command in commands:
-            emulator.submit(0, encode_command(command, models[command.motor_id]), emulator.time)
+            mock.submit(0, encode_command(command, models[command.motor_id]), mock.time)
 
     def listen(until: float) -> None:
-        for arrival in emulator.advance(until):
+        for arrival in mock.advance(until):
             reply = decode_reply(arrival.frame, models, 0xFD)
             if isinstance(reply, Status):
                 heard[[motor.can_id for motor in motors].index(reply.motor_id)] = reply.effort

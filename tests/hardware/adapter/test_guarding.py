@@ -18,8 +18,8 @@ from waiting import until
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import frame_of, open_bus, parse_address
 from humanoid_sim.hardware.checks import Verdict
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.guardian import guardian as guardian_module
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.sito.codec import Gains, HostMessage, Reset, decode
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.robots.description import load_robot
@@ -42,7 +42,7 @@ class Emulated:
         self.lines = []
         self.heard = []
         with punctual_threads(behind=10):
-            self.motors = VirtualMotors(_ROBOT, [channel], told=self._tell)
+            self.motors = MockServer(_ROBOT, [channel], log=self._tell)
         self._bus = open_bus(parse_address(channel))
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._listen)
@@ -67,7 +67,7 @@ class Emulated:
     def stopped(self, after):
         """s after `after`, by joint, when it was disabled."""
         told = [(at, text) for at, text in list(self.lines) if at > after]
-        ended = [(at, text) for at, text in told if text.endswith((": stopped, in reset mode", ": disabled"))]
+        ended = [(at, text) for at, text in told if text.endswith(": disabled")]
         return {text.partition(":")[0]: at - after for at, text in ended}
 
     def gains(self, after):

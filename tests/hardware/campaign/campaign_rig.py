@@ -9,7 +9,7 @@ import can
 from drive_rig import Clock, Drive, driven, quick_lite
 
 from humanoid_sim.hardware.bus.address import BusAddress, PassingBus
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.session.realtime import punctual_threads, real_time
 
 
@@ -77,11 +77,11 @@ class Diary:
 
 
 @contextmanager
-def emulated(address: str, clock: Clock = time.monotonic, robot: str = "lite") -> Iterator[tuple[VirtualMotors, Diary]]:
+def emulated(address: str, clock: Clock = time.monotonic, robot: str = "lite") -> Iterator[tuple[MockServer, Diary]]:
     """Motors of the Lite, on a thread that other programs on this computer do not hold up, where that is permitted."""
     diary = Diary(clock)
     with punctual_threads(behind=10):
-        motors = VirtualMotors(quick_lite(robot), [address], told=diary, clock=clock)
+        motors = MockServer(quick_lite(robot), [address], log=diary, clock=clock)
     with motors:
         yield motors, diary
 
@@ -91,7 +91,7 @@ class Campaign:
     """One run; `sent` and the diary grow as it goes."""
 
     drive: Drive
-    motors: VirtualMotors
+    motors: MockServer
     sent: list[Sent]
     diary: Diary
 

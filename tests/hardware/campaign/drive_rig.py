@@ -19,7 +19,7 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.events import ChannelCounters
-from humanoid_sim.hardware.emulation.plant import PlantTruth
+from humanoid_sim.hardware.mock.plant import PlantTruth
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy

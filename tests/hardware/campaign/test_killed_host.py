@@ -55,7 +55,7 @@ def test_the_motors_stop_by_themselves_and_stay_so(mode, table):
             heard += commands(bus)
         last = max(heard) + time.monotonic() - time.time()  # the host may have stood still before it was killed
         time.sleep(CAN_TIMEOUT + 0.3)
-        stopped = [when - last for when in diary.times_of("stopped, in reset mode", last)]
+        stopped = [when - last for when in diary.times_of(": disabled", last)]
         assert len(stopped) == 14
         assert CAN_TIMEOUT - PERIOD <= min(stopped) <= max(stopped) <= CAN_TIMEOUT + PERIOD + _SLACK
         after = np.abs(motors.truth.joint_effort).max()

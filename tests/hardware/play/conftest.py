@@ -4,7 +4,7 @@ import pytest
 from play_fixtures import folder, make_robot, quick, run
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, save_calibration
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.play import hardware_robot
 from humanoid_sim.robots.description import load_robot
 
@@ -25,16 +25,18 @@ def calibrate(folder):
 
 @pytest.fixture
 def emulate(monkeypatch):
-    """Let `play` emulate motors with these options too; the motors that it makes."""
+    """Let `play` make mock motors with these faults and log; returns the motors that it makes."""
 
-    def replace(**more):
+    def replace(faults=(), log=None):
         made = []
 
         def make(*arguments, **options):
-            made.append(VirtualMotors(*arguments, **{**options, **more}))
+            made.append(MockServer(*arguments, **options, log=log))
+            for fault in faults:
+                made[-1].inject(fault)
             return made[-1]
 
-        monkeypatch.setattr(hardware_robot, "VirtualMotors", make)
+        monkeypatch.setattr(hardware_robot, "MockServer", make)
         return made
 
     return replace

@@ -12,7 +12,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.open_channels import ChannelLock
-from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
 from humanoid_sim.play.options import PlayConfig
@@ -54,7 +54,7 @@ def test_a_walk_up_and_down_over_the_bus(run, quick):
 
 def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, emulate):
     told = []
-    emulate(told=lambda _, text: told.append(text))
+    emulate(log=lambda _, text: told.append(text))
     result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
     assert (result.status, result.err) == (0, "")
     assert result.out.count("\nok ") == 15  # a line for each motor, and one for the bus

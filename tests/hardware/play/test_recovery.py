@@ -9,7 +9,7 @@ import pytest
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import running_sessions
-from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 

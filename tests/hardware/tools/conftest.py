@@ -7,7 +7,7 @@ import pytest
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.tools import only_motor
 from humanoid_sim.hardware.tools.bench import open_bench, some_motors
 from humanoid_sim.robots.description import load_robot
@@ -19,7 +19,7 @@ CHANNEL = "virtual:bench-tools"
 @pytest.fixture(scope="module")
 def lite_motors():
     """The Lite's 14 motors on CHANNEL, for tests that leave them as they are."""
-    with VirtualMotors(load_robot("lite"), [CHANNEL]) as motors:
+    with MockServer(load_robot("lite"), [CHANNEL]) as motors:
         yield motors
 
 
@@ -55,7 +55,7 @@ def inject():
         motors.inject(fault)
         injected, seen = motors.time, [0.0]
         while seen[-1] <= injected:
-            motors.call(lambda emulator: seen.append(emulator.time))
+            motors.call(lambda mock: seen.append(mock.time))
             time.sleep(0.001)
 
     return begin
@@ -75,7 +75,7 @@ BENCH = "virtual:bench-client"
 
 @pytest.fixture
 def motors():
-    with VirtualMotors(load_robot("lite"), [parse_address(BENCH)]) as motors:
+    with MockServer(load_robot("lite"), [parse_address(BENCH)]) as motors:
         yield motors
 
 

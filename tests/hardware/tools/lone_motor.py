@@ -4,30 +4,29 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from humanoid_sim.hardware.emulation.emulator import Emulator
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.motors import MockMotors, MockSettings
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 
 
 @contextmanager
 def lone_motors(
-    channel: str, motors: Sequence[int] = (3,), settings: EmulationSettings | None = None
-) -> Iterator[VirtualMotors]:
+    channel: str, motors: Sequence[int] = (3,), settings: MockSettings | None = None
+) -> Iterator[MockServer]:
     """These motors, by index, with the factory's id; the fourth is the left elbow's rs-00."""
     lite = load_robot("lite")
-    alone = replace(settings or EmulationSettings(), alone=lite.joint_names[motors[0]])
-    with VirtualMotors(lite, [channel], settings=alone) as virtual:
+    alone = replace(settings or MockSettings(), alone=lite.joint_names[motors[0]])
+    with MockServer(lite, [channel], settings=alone) as virtual:
         for motor in motors[1:]:
             cycle_power(virtual, motor)
         yield virtual
 
 
-def cycle_power(virtual: VirtualMotors, motor: int = 3) -> None:
+def cycle_power(virtual: MockServer, motor: int = 3) -> None:
     """Switch a motor off and on."""
 
-    def cycle(emulator: Emulator) -> None:
-        emulator.motors.set_power(motor, False)
-        emulator.motors.set_power(motor, True)
+    def cycle(mock: MockMotors) -> None:
+        mock.set_power(motor, False)
+        mock.set_power(motor, True)
 
     virtual.call(cycle)

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 import pytest
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
-from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.faults import Fault
+from humanoid_sim.hardware.mock.motors import MockSettings
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
@@ -21,7 +21,7 @@ _JOINTS = ("--joints", "left_elbow_pitch", "left_wrist_yaw", "left_wrist_roll")
 
 @pytest.fixture(scope="module")
 def motors():
-    with VirtualMotors(_LITE, [_CHANNEL], settings=EmulationSettings(homing_offset=_OFFSETS)) as motors:
+    with MockServer(_LITE, [_CHANNEL], settings=MockSettings(homing_offset=_OFFSETS)) as motors:
         yield motors
 
 
@@ -169,7 +169,8 @@ def test_ctrl_c_writes_nothing(run, motors, path, monkeypatch):
 )
 def test_a_silent_motor_or_a_channel_that_goes_down_ends_the_sweep(run, path, monkeypatch, fault, status, problem):
     monkeypatch.setattr(tool, "_SILENT", 0.5 if status == 3 else tool._SILENT)
-    with VirtualMotors(_LITE, ["virtual:bench-fault"], faults=[fault]):
+    with MockServer(_LITE, ["virtual:bench-fault"]) as motors:
+        motors.inject(fault)
         ended, _, complained = _calibrate(run, path, joints=(), channel="virtual:bench-fault", duration=20)
     assert (ended, complained) == (status, f"error: {problem}\n")
     assert not path.exists()

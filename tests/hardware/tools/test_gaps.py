@@ -7,8 +7,8 @@ import time
 import can
 import pytest
 
-from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.faults import Fault
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as tool
@@ -98,7 +98,7 @@ def test_no_tool_is_silent_to_a_motor_that_it_drives(run, monkeypatch, words, si
                 motors.inject(Fault("silent", (silent,), duration=0.25))
 
     with (
-        VirtualMotors(load_robot("lite_sito" if is_sito else "lite"), ["virtual:bench-gaps"]) as motors,
+        MockServer(load_robot("lite_sito" if is_sito else "lite"), ["virtual:bench-gaps"]) as motors,
         _Listener("bench-gaps", lose_answers) as listener,
     ):
         status, _, _ = run(words[0], "virtual:bench-gaps", *words[1:])

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
@@ -19,7 +19,7 @@ def test_the_motor_is_disabled_whether_the_tool_ends_or_is_killed(is_killed):
     channel = f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
     told = []
     with punctual_threads(behind=10):
-        motors = VirtualMotors(load_robot("lite_sito"), [channel], told=lambda _, text: told.append(text))
+        motors = MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: told.append(text))
     words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--yes", "--allow-no-timeout")
     with (
         motors,

@@ -1,7 +1,7 @@
 import pytest
 
-from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.faults import Fault
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
 from humanoid_sim.robots.description import load_robot
@@ -40,7 +40,7 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors)
 
 def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stopped(run, inject):
     words = ("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
-    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
+    with MockServer(load_robot("lite"), ["virtual:bench-ping"]) as motors:
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 2)
         status, printed, complained = run(*words)
@@ -49,5 +49,5 @@ def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stoppe
         assert "temperature" not in printed
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 0)
-        inject(motors, Fault("encoder_fault", ("left_shoulder_yaw",)))
-        assert run(*words)[::2] == (2, "error: motor 13 on virtual:bench-ping: reports encoder_fault\n")
+        inject(motors, Fault("motor_fault", ("left_shoulder_yaw",)))
+        assert run(*words)[::2] == (2, "error: motor 13 on virtual:bench-ping: reports phase_overcurrent, phase_a_overcurrent\n")

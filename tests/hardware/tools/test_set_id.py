@@ -3,7 +3,7 @@ import io
 import pytest
 from lone_motor import cycle_power, lone_motors
 
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -13,7 +13,7 @@ _CHANNEL = "virtual:bench-set-id"
 
 
 def _ids(motors, *indices):
-    return [motors._emulator.motors.states[i].can_id for i in indices]
+    return [motors._motors.motors[i].can_id for i in indices]
 
 
 def test_a_motor_from_the_factory_gets_its_id_and_keeps_it(run):
@@ -44,7 +44,7 @@ def test_a_motor_that_has_the_id_is_left_alone(run):
 @pytest.mark.parametrize("indices", [(3, 4), range(14)], ids=["with one id", "a whole robot"])
 def test_several_motors_are_refused(run, indices):
     whole = len(indices) == 14
-    with VirtualMotors(load_robot("lite"), [_CHANNEL]) if whole else lone_motors(_CHANNEL, indices) as motors:
+    with MockServer(load_robot("lite"), [_CHANNEL]) if whole else lone_motors(_CHANNEL, indices) as motors:
         before = _ids(motors, *indices)
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
         assert _ids(motors, *indices) == before == ([*range(11, 18), *range(21, 28)] if whole else [127, 127])

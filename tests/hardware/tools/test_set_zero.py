@@ -5,14 +5,14 @@ import re
 import pytest
 from lone_motor import cycle_power, lone_motors
 
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.mock.motors import MockSettings
 from humanoid_sim.hardware.tools import only_motor as tool
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
 
 _CHANNEL = "virtual:bench-set-zero"
-_MOUNTED = EmulationSettings(homing_offset={"left_elbow_pitch": 1.25})
+_MOUNTED = MockSettings(homing_offset={"left_elbow_pitch": 1.25})
 _AGAIN = ("set-zero", _CHANNEL, "--yes")
 
 
@@ -20,8 +20,8 @@ def _shown(motors):
     """rad, what the motor calls its position now."""
     found = []
 
-    def look(emulator):
-        found.append(emulator.motors.sensed(3).shaft - emulator.motors.states[3].origin)
+    def look(mock):
+        found.append(mock.plant.shaft[3] - mock.motors[3].origin)
 
     motors.call(look)
     return found[0]

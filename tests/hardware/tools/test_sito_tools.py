@@ -7,7 +7,7 @@ import pytest
 
 from humanoid_sim.hardware.bus.address import message_of
 from humanoid_sim.hardware.calibration import load_calibration
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.sito.codec import Mode, SelectMode, encode
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
@@ -28,7 +28,7 @@ def told():
 @pytest.fixture(scope="module")
 def motors(told):
     with punctual_threads(behind=10):
-        motors = VirtualMotors(ROBOT, [CHANNEL], told=lambda _, text: told.append(text))
+        motors = MockServer(ROBOT, [CHANNEL], log=lambda _, text: told.append(text))
     with motors:
         yield motors
 

@@ -1,0 +1,126 @@
+"""A mock Sito motor.
+
+There is no public manual. Assumed, and compared with no motor: a disabled motor takes gains and commands unless it
+`is_deaf`; both outlive a reset and not the power; its two feedback frames leave together while it is enabled; its
+encoder is absolute within one turn; a motor that protects itself goes limp and silent; nothing stops a motor whose host
+has fallen silent.
+"""
+
+from __future__ import annotations
+
+import math
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.mock.motor import Drive, MockMotor, Sensed
+from humanoid_sim.hardware.sito.codec import (
+    Command,
+    Feedback,
+    Gains,
+    Mode,
+    MotorMessage,
+    PositionFeedback,
+    Reset,
+    SelectMode,
+    decode,
+    encode,
+    split_identifier,
+)
+from humanoid_sim.robots.motors import MotorModel
+
+_VOLTAGES = 12.0, 60.0
+"""V, assumed as for the other motors of the robot."""
+_HOTTEST = 120.0
+"""°C, assumed."""
+
+
+class SitoMotor(MockMotor):
+    """See `MockMotor`."""
+
+    def __init__(self, model: MotorModel, can_id: int) -> None:
+        self.model, self.can_id = model, can_id
+        self.sensed = Sensed()
+        self.is_deaf = False
+        """True if it ignores gains and commands while it is disabled."""
+        self.power_on()
+
+    def power_on(self) -> tuple[Frame, ...]:
+        """See `MockMotor`. The first position is in ±π."""
+        self.origin = self.sensed.shaft - math.remainder(self.sensed.shaft, 2.0 * math.pi)
+        self.gains = Gains(self.can_id, 0.0, 0.0)
+        self.command = Command(self.can_id, 0.0, 0.0, 0.0)
+        self.intervals = (0.0, 0.0)
+        """s between two frames of feedback 1 and 2; 0: none."""
+        self.reset()
+        return ()
+
+    def reset(self) -> None:
+        """See `MockMotor`."""
+        self.is_running = False
+        self.next_feedback = [math.inf, math.inf]
+
+    def is_for(self, frame: Frame) -> bool:
+        """See `MockMotor`."""
+        parts = split_identifier(frame)
+        return parts is not None and parts[0] == self.can_id
+
+    def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
+        """See `MockMotor`. Nothing is answered."""
+        listens = self.is_running or not self.is_deaf
+        match decode(frame, self.model):
+            case Reset():
+                self.reset()
+            case SelectMode(mode=Mode.MIT, intervals=(first, second, _)) if not self.faults():
+                self.is_running, self.intervals = True, (first / 1000.0, second / 1000.0)
+                self.next_feedback = [time + interval if interval else math.inf for interval in self.intervals]
+            case SelectMode():
+                self.reset()
+            case Gains() as gains if listens:
+                self.gains = gains
+            case Command() as command if listens:
+                self.command = command
+        return ()
+
+    def advance(self, time: float) -> tuple[Frame, ...]:
+        """See `MockMotor`."""
+        if self.is_running and self.faults():
+            self.reset()
+        sensed, frames = self.sensed, []
+        messages: tuple[MotorMessage, ...] = (
+            Feedback(self.can_id, _cut(sensed.velocity, self.model.velocity), _cut(sensed.torque, self.model.effort)),
+            PositionFeedback(self.can_id, _cut(sensed.shaft - self.origin, self.model.position)),
+        )
+        for i, message in enumerate(messages):
+            if time >= self.next_feedback[i]:
+                frames.append(encode(message, self.model))
+                periods = math.ceil((time - self.next_feedback[i]) / self.intervals[i] + 1e-9)
+                self.next_feedback[i] += self.intervals[i] * periods
+        return tuple(frames)
+
+    def next_time(self) -> float:
+        """See `MockMotor`."""
+        return min(self.next_feedback)
+
+    def drive(self) -> Drive:
+        """See `MockMotor`. Gains without a command hold position 0."""
+        limit = self.model.peak_torque
+        if not self.is_running:
+            return Drive(limit=limit, origin=self.origin)
+        command, gains = self.command, self.gains
+        target = command.position, command.velocity, command.effort
+        return Drive(*target, gains.stiffness, gains.damping, limit, self.origin)
+
+    def faults(self) -> str:
+        """See `MockMotor`."""
+        sensed = self.sensed
+        is_powered = _VOLTAGES[0] <= sensed.voltage <= _VOLTAGES[1]
+        return "" if is_powered and sensed.temperature < _HOTTEST and not sensed.overcurrent else "protects itself"
+
+    def zero_torque(self) -> tuple[Frame, ...]:
+        """See `MockMotor`."""
+        messages = Gains(self.can_id, 0.0, 0.0), Command(self.can_id, 0.0, 0.0, 0.0)
+        return tuple(encode(message, self.model) for message in messages)
+
+
+def _cut(value: float, limit: float) -> float:
+    """Return what the frame's integer makes of a value beyond it."""
+    return min(max(value, -limit), limit)

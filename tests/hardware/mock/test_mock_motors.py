@@ -1,0 +1,287 @@
+"""Mock motors on their buses and what they move, at times of the test's choosing; no thread and no clock."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mock_rig import IDS, LITE, MODELS, Bench
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.mock.faults import FAULTS, Fault, describe_faults, parse_fault
+from humanoid_sim.hardware.mock.motors import MockMotors, MockSettings
+from humanoid_sim.hardware.mock.plant import MotorPlant
+from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
+from humanoid_sim.hardware.robstride.messages import (
+    DeviceId,
+    Enable,
+    MotorMode,
+    OperationControl,
+    Status,
+    StatusFault,
+    WriteParameter,
+)
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+ELBOW, ELBOW_ID = "left_elbow_pitch", 14
+DIRECTION = np.array([joint.motor.direction for joint in LITE.joints])
+
+
+@pytest.fixture
+def bench():
+    """The Lite's motors on one bus, enabled."""
+    bench = Bench()
+    bench.enable()
+    return bench
+
+
+def test_the_physics_are_those_of_the_simulated_robot_under_the_quantised_commands():
+    period, steps = 0.005, 60
+    bench = Bench()
+    bench.enable()
+    robot = MujocoRobot(LITE, control_period=period)
+    bench.mock.advance(0.1 + 1e-9)
+    for _ in range(20):
+        robot.write(MITCommand.zeros(14))
+    for step in range(steps):
+        wanted = LITE.initial_position + 0.2 * np.sin(0.1 * step * np.ones(14))
+        quantised = np.zeros((5, 14))
+        for i, motor_id in enumerate(IDS):
+            direction, model = DIRECTION[i], MODELS[motor_id]
+            turn = bench.turn(i)
+            frame = encode_command(OperationControl(motor_id, direction * wanted[i] + turn, 0, 0, 50.0, 2.0), model)
+            read = decode_command(frame, motor_id, model)
+            position, velocity, effort = read.position - turn, read.velocity, read.effort
+            quantised[:, i] = (*(direction * v for v in (position, velocity, effort)), read.stiffness, read.damping)
+            bench.mock.submit(0, frame, bench.mock.time)
+        bench.mock.advance(0.1 + (step + 1) * period + 1e-9)
+        robot.write(MITCommand(*quantised))
+    state, _ = robot.read()
+    truth = bench.mock.plant.truth(0.0)
+    assert np.abs(state.joint_position - LITE.initial_position).max() > 0.05, "they have moved"
+    np.testing.assert_allclose(truth.joint_position, state.joint_position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(truth.joint_effort, state.joint_effort, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(truth.imu.quaternion, state.imu_quaternion, rtol=0, atol=1e-9)
+
+
+def test_offsets_and_directions_hide_nothing_but_the_motor_frame():
+    offsets = {name: 0.1 * i - 0.5 for i, name in enumerate(LITE.joint_names)}
+    bench = Bench(settings=MockSettings(homing_offset=offsets))
+    for status in bench.ask(Enable):
+        i = IDS.index(status.motor_id)
+        expected = DIRECTION[i] * LITE.initial_position[i] + offsets[LITE.joint_names[i]]
+        turns = (status.position - expected) / (2 * math.pi)
+        assert turns == pytest.approx(round(turns), abs=2e-3)
+        assert -4e-4 <= status.position < 2 * math.pi
+
+
+def test_shafts_turn_as_the_calibration_says():
+    plant = MotorPlant(LITE, {ELBOW: 0.7})
+    offset = np.where(np.array(LITE.joint_names) == ELBOW, 0.7, 0.0)
+    for _ in range(40):
+        plant.step(3.0 * DIRECTION)
+    truth = plant.truth(1.5)
+    np.testing.assert_allclose(plant.shaft, DIRECTION * truth.joint_position + offset, atol=1e-12)
+    np.testing.assert_allclose(plant.velocity, DIRECTION * truth.joint_velocity, atol=1e-12)
+    np.testing.assert_allclose(truth.joint_effort, np.full(14, 3.0), atol=1e-12)
+
+
+def test_a_hand_leads_a_joint_past_its_limp_motor():
+    plant = MotorPlant(LITE, {})
+    joint = LITE.joints[LITE.joint_names.index(ELBOW)]
+    plant.lead({ELBOW: 0.5 * (joint.lower + joint.upper)})
+    for _ in range(2000):
+        plant.step(np.zeros(14))
+    position = plant.truth(0.0).joint_position[LITE.joint_names.index(ELBOW)]
+    assert position == pytest.approx(0.5 * (joint.lower + joint.upper), abs=0.1)
+
+
+def test_the_torque_limit_is_the_written_one(bench):
+    bench.submit(WriteParameter(15, 0x700B, np.float32(4.0).tobytes()))
+    bench.command(duration=0.01, effort=5.0)
+    assert abs(bench.torque()[IDS.index(15)]) == pytest.approx(4.0, rel=1e-6)
+
+
+def test_old_firmware_multiplies_the_gains():
+    torques = []
+    for version in ("0.2.3.5", "0.2.3.6"):
+        bench = Bench(settings=MockSettings(firmware={"rs-02": version}))
+        bench.enable()
+        bench.mock.plant.jam(0, True)
+        bench.submit(OperationControl(11, 6.0, 0.0, 0.0, 10.0, 0.0))
+        bench.advance(0.01)
+        torques.append(bench.mock.plant.torque[0])
+    assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
+
+
+def test_a_floating_base_is_held_and_let_go():
+    motors = MockMotors(load_robot("lite_biped"))
+    motors.advance(0.1)
+    height = motors.plant.truth(0.0).qpos[2]
+    assert motors.plant.supported
+    motors.plant.set_support(False)
+    motors.advance(0.4)
+    assert motors.plant.truth(0.0).qpos[2] < height - 0.02, "without torque its knees give way"
+
+
+# --- faults
+
+
+@pytest.mark.parametrize(
+    ("fault", "bits"),
+    [
+        (Fault("over_temperature", (ELBOW,), duration=0.05), StatusFault.MOTOR_OVERTEMPERATURE),
+        (Fault("brown_out", (ELBOW,), duration=0.05), StatusFault.UNDERVOLTAGE),
+        (Fault("motor_fault", (ELBOW,), duration=0.05), StatusFault.PHASE_OVERCURRENT),
+        (Fault("reset", (ELBOW,), duration=0.05), StatusFault(0)),
+        (Fault("brown_out", (ELBOW,), duration=0.005, value=3.0), StatusFault(0)),
+    ],
+    ids=str,
+)
+def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(fault, bits, bench):
+    bench.mock.inject(fault)
+    for wait in (0.01, 0.1):  # while it lasts, and after it
+        bench.advance(wait)
+        replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
+        assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, bits)]
+        assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
+
+
+def test_a_motor_without_supply_says_nothing_and_announces_itself_when_it_boots(bench):
+    bench.mock.inject(Fault("brown_out", (ELBOW,), duration=0.1, value=0.0))
+    bench.advance(0.01)
+    assert len(bench.command(duration=0.02)) == 13
+    assert [reply.motor_id for reply in bench.advance(0.1) if isinstance(reply, DeviceId)] == [ELBOW_ID]
+
+
+def test_a_stuck_joint_trips_the_overload_protection_of_its_motor(bench):
+    bench.mock.inject(Fault("stuck", (ELBOW,)))
+    for _ in range(5):
+        bench.command(duration=0.5, effort=20.0)
+    (status,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == ELBOW_ID]
+    assert status.faults == StatusFault.STALL_OVERLOAD
+
+
+def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(bench):
+    here = {reply.motor_id: reply.position for reply in bench.command(duration=0.02)}
+    bench.mock.inject(Fault("encoder_jump", (ELBOW,), value=-0.3))
+    bench.submit(OperationControl(ELBOW_ID, here[ELBOW_ID], 0.0, 0.0, 50.0, 2.0))
+    bench.advance(0.5)
+    moved = bench.mock.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
+    assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)
+
+
+def test_frames_are_lost_late_or_cut_as_a_fault_says(bench):
+    bench.mock.inject(Fault("silent", (ELBOW,), duration=0.03))
+    assert len(bench.command(duration=0.02)) == 13
+    bench.advance(0.02)
+    bench.mock.inject(Fault("late", (ELBOW,), duration=0.03, value=0.2))
+    assert len(bench.command(duration=0.1)) == 13
+    assert [reply.motor_id for reply in bench.advance(0.2)] == [ELBOW_ID]
+    bench.mock.inject(Fault("garbage", (ELBOW,), value=5))
+    assert len(bench.command(duration=0.02)) == 13
+    assert [len(arrival.frame.data) for arrival in bench.log[-14:]].count(5) == 1
+
+
+def test_two_motors_on_one_id_both_answer(bench):
+    bench.mock.inject(Fault("wrong_id", (ELBOW,), value=15))
+    replies = bench.command(duration=0.02)
+    assert sorted(reply.motor_id for reply in replies) == sorted([15, *(i for i in IDS if i != ELBOW_ID)])
+
+
+def test_a_second_master_is_heard_and_obeyed(bench):
+    bench.mock.inject(Fault("second_master", duration=0.1, value=100.0))
+    bench.command(duration=0.005, effort=1.0)
+    bench.advance(0.2)
+    foreign = [arrival for arrival in bench.log if arrival.frame.arbitration_id >> 24 == 1]
+    assert len(foreign) in (14 * 10, 14 * 11)
+    assert np.abs(bench.torque()).max() < 1e-3
+
+
+def test_after_bus_off_nothing_passes_on_that_bus():
+    bench = Bench(buses=2)
+    bench.enable()
+    bench.mock.inject(Fault("bus_off", (ELBOW,)))
+    arrivals = bench.mock.advance(bench.mock.time + 0.01)
+    assert [(a.bus, a.frame.is_error, a.frame.arbitration_id) for a in arrivals] == [(0, True, 0x40)]
+    assert (bench.mock.host_fault(0), bench.mock.host_fault(1)) == ("bus_off", "")
+    assert sorted(reply.motor_id for reply in bench.command(duration=0.02)) == [21, 22, 23, 24, 25, 26, 27]
+    bench.mock.clear_faults()
+    assert len(bench.command(duration=0.02)) == 14
+
+
+def test_the_same_frames_and_faults_give_the_same_answers():
+    def run():
+        bench = Bench(faults=[Fault("silent", value=0.3)])
+        bench.ask(Enable)
+        for step in range(20):
+            bench.command(duration=0.005, effort=0.1 * step)
+        return [(arrival.time, arrival.frame) for arrival in bench.log]
+
+    first = run()
+    assert first == run()
+    assert 100 < len(first) < 14 * 21
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("stuck", Fault("stuck")),
+        ("silent:14", Fault("silent", (ELBOW,))),
+        ("silent=0.2:left_elbow_pitch,24", Fault("silent", (ELBOW, "right_elbow_pitch"), value=0.2)),
+        ("over_temperature=150:left_elbow_pitch@5+2", Fault("over_temperature", (ELBOW,), 5.0, 2.0, 150.0)),
+        ("encoder_jump=-1e-1@.5", Fault("encoder_jump", (), 0.5, math.inf, -0.1)),
+        (" bus_off@3 ", Fault("bus_off", start=3.0)),
+    ],
+)
+def test_a_fault_is_read(text, fault):
+    assert parse_fault(text, LITE) == fault
+
+
+@given(st.sampled_from(sorted(FAULTS)), st.sets(st.sampled_from(LITE.joint_names)), st.integers(0, 100))
+def test_a_written_fault_is_read_again(kind, joints, start):
+    fault = Fault(kind, tuple(joints), float(start))
+    assert parse_fault(str(fault), LITE) == fault
+    assert kind in describe_faults()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["KIND[=VALUE]"]),
+        ("silent:14@x", ["KIND[=VALUE]"]),
+        ("broken", ["broken", "known: silent, late"]),
+        ("stuck=3", ["3", "no value"]),
+        ("silent=1.5", ["1.5", "0 to 1"]),
+        ("silent=nan", ["nan", "0 to 1"]),
+        ("silent:elbow", ["elbow", "left_shoulder_pitch"]),
+        ("silent:99", ["99", "11, 12"]),
+    ],
+)
+def test_a_refused_fault_says_why(text, words):
+    with pytest.raises(InputError) as refused:
+        parse_fault(text, LITE)
+    assert all(word in str(refused.value) for word in [f"--fault '{text}'", *words])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        MockSettings(firmware={"rs-99": "0.2.3.5"}),
+        MockSettings(firmware={"rs-02": "five"}),
+        MockSettings(homing_offset={"elbow": 0.1}),
+        MockSettings(alone="elbow"),
+    ],
+)
+def test_settings_that_do_not_fit_the_robot_are_refused(settings):
+    with pytest.raises(InputError):
+        MockMotors(LITE, 1, settings)
+
+
+def test_the_buses_are_one_or_the_robots():
+    with pytest.raises(InputError, match="3 channels, expected 1 or 2"):
+        MockMotors(LITE, 3)
+    assert isinstance(Bench(2).ask(Enable)[0], Status)

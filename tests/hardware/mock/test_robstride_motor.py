@@ -1,0 +1,192 @@
+"""Answers and actions of a mock Robstride motor, frame by frame, without a bus and without physics."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mock_rig import ID, Lone, robstride
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.robstride import messages
+from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, StatusFault
+
+
+def enabled(**options):
+    lone = Lone(robstride(**options))
+    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+    return lone
+
+
+def test_after_power_on_it_is_disabled_and_knows_its_angle_within_one_turn():
+    lone = Lone(robstride(shaft=-0.13))
+    status = lone.mit()
+    assert status.mode is MotorMode.RESET
+    assert status.position == pytest.approx(2 * math.pi - 0.13, abs=4e-4)
+    assert Lone(robstride(shaft=0.13 + 14 * math.pi)).mit().position == pytest.approx(0.13, abs=4e-4)
+    lone.write("zero_sta", 1)
+    lone.write("limit_torque", 3.0)
+    lone.tell(messages.SaveParameters(ID))
+    lone.write("limit_torque", 4.0)
+    lone.motor.power_on()
+    assert lone.mit().position == pytest.approx(-0.13, abs=4e-4)
+    assert lone.read("limit_torque") == 3.0, "unsaved values are lost without power"
+
+
+def test_commands_act_only_while_it_is_enabled():
+    lone = Lone()
+    lone.mit(1.0, 20.0)
+    assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
+    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+    assert lone.motor.command is None, "enabling brings no torque by itself"
+    lone.mit(1.0, 20.0)
+    assert lone.motor.drive().position == pytest.approx(1.0, abs=4e-4)
+    assert lone.motor.drive().stiffness == pytest.approx(20.0, abs=8e-3)
+    assert lone.status(messages.Stop(ID)).mode is MotorMode.RESET
+    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+    assert lone.motor.command is None, "the old command does not come back"
+
+
+@given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
+def test_no_frame_makes_it_fail(number, data, extended, addressed):
+    motor = enabled().motor
+    number = number & ~0xFF | ID if addressed else number
+    assert len(motor.receive(Frame(number if extended else number & 0x7FF, data, extended), 1.0)) <= 1
+    motor.advance(2.0)
+
+
+def test_the_can_timeout_stops_it_without_a_fault_bit():
+    lone = enabled()
+    lone.write("canTimeout", 2000)
+    lone.wait(0.098)
+    lone.mit()
+    lone.wait(0.099)
+    assert lone.motor.is_running, "a command restarts it"
+    lone.wait(0.002)
+    status = lone.mit()
+    assert (status.mode, status.faults) == (MotorMode.RESET, StatusFault(0))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "value", "in_status", "in_report"),
+    [
+        ("temperature", 136.0, StatusFault.MOTOR_OVERTEMPERATURE, FaultBit.MOTOR_OVERTEMPERATURE),
+        ("voltage", 11.0, StatusFault.UNDERVOLTAGE, FaultBit.UNDERVOLTAGE),
+        ("voltage", 61.0, StatusFault(0), FaultBit.OVERVOLTAGE),
+        ("overcurrent", True, StatusFault.PHASE_OVERCURRENT, FaultBit.PHASE_A_OVERCURRENT),
+    ],
+)
+def test_a_fault_stops_it_and_is_latched_until_it_is_cleared_without_its_cause(sensor, value, in_status, in_report):
+    lone = enabled()
+    healthy = getattr(lone.motor.sensed, sensor)
+    setattr(lone.motor.sensed, sensor, value)
+    assert [report.faults for report in lone.wait(0.003)] == [in_report]
+    status = lone.mit(effort=1.0)
+    assert (status.mode, status.faults) == (MotorMode.RESET, in_status)
+    assert lone.status(messages.Enable(ID)).mode is MotorMode.RESET
+    assert lone.status(messages.Stop(ID, clear_fault=True)).faults == in_status, "the cause is still there"
+    setattr(lone.motor.sensed, sensor, healthy)
+    lone.wait(0.1)
+    assert lone.status(messages.Stop(ID)).faults == in_status, "latched"
+    assert lone.status(messages.Stop(ID, clear_fault=True)).faults == StatusFault(0)
+    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+
+
+def test_full_torque_without_motion_trips_the_overload_protection():
+    lone = enabled()
+    lone.write("limit_torque", 4.0)
+    lone.motor.sensed.torque = 4.0
+    lone.wait(1.9)
+    lone.motor.sensed.velocity = 1.0
+    lone.wait(0.2)
+    lone.motor.sensed.velocity = 0.0
+    lone.wait(1.9)
+    assert lone.motor.is_running, "motion starts the time afresh"
+    lone.wait(0.2)
+    assert lone.mit().faults == StatusFault.STALL_OVERLOAD
+
+
+def test_active_reports_have_their_interval():
+    lone = enabled()
+    lone.write("EPScan_time", 3)
+    lone.tell(messages.SetActiveReport(ID, True))
+    reports = lone.wait(0.1)
+    assert len(reports) == 5, "every 20 ms"
+    assert all(isinstance(report, messages.Status) and report.is_report for report in reports)
+    lone.tell(messages.SetActiveReport(ID, False))
+    assert lone.wait(0.1) == []
+
+
+def test_set_zero_moves_the_target_as_well():
+    lone = enabled(shaft=1.5)
+    lone.mit(1.5, 50.0)
+    assert lone.status(messages.SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
+    assert lone.motor.drive().position == 0.0
+
+
+def test_a_reported_position_wraps_and_mechpos_does_not():
+    lone = Lone()
+    lone.motor.sensed.shaft = 13.0
+    assert lone.mit().position == pytest.approx(13.0 - 8 * math.pi, abs=4e-4)
+    assert lone.read("mechPos") == pytest.approx(13.0, abs=1e-5)
+    old = robstride("0.2.2.11")
+    old.sensed.shaft = 12.55
+    (frame,) = old.receive(Frame(0x017FFF0B, bytes(8)), 0.0)
+    raw = int.from_bytes(frame.data[:2], "big")
+    assert (raw / 32767 - 1) * 12.5 == pytest.approx(12.55 - 25.0, abs=4e-4)
+
+
+def test_parameters():
+    lone = Lone()
+    sensed = lone.motor.sensed
+    sensed.velocity, sensed.torque, sensed.voltage = 2.5, 1.7, 47.0
+    assert lone.read("mechVel") == pytest.approx(2.5)
+    assert lone.read("VBUS") == 47.0
+    assert lone.read("iqf") == pytest.approx(1.7 * 23.0 / 17.0, rel=1e-6)
+    lone.write("mechPos", 1.0)
+    assert lone.read("mechPos") == 0.0, "read only"
+    lone.write("run_mode", 9)
+    assert lone.read("run_mode") == 0
+    (reply,) = lone.tell(messages.ReadParameter(ID, 0x7FFF))
+    assert not reply.is_success
+    lone.tell(messages.WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
+    assert lone.read("limit_torque") == 17.0, "NaN is not taken"
+
+
+_COMMANDS = st.one_of(
+    st.just(messages.Enable(ID)),
+    st.builds(messages.Stop, st.just(ID), st.booleans()),
+    st.builds(messages.OperationControl, *[st.just(v) for v in (ID, 1.0, 0.0, 0.0, 20.0, 1.0)]),
+    st.just(messages.SetZero(ID)),
+    st.just(messages.SaveParameters(ID)),
+    st.builds(messages.SetActiveReport, st.just(ID), st.booleans()),
+    st.builds(
+        messages.WriteParameter,
+        st.just(ID),
+        st.sampled_from([0x7005, 0x700B, 0x7026, 0x7028]),
+        st.binary(min_size=4, max_size=4),
+    ),
+)
+_SENSORS = st.one_of(
+    st.tuples(st.just("shaft"), st.floats(-30.0, 30.0)),
+    st.tuples(st.just("temperature"), st.floats(0.0, 200.0)),
+    st.tuples(st.just("voltage"), st.floats(0.0, 70.0)),
+)
+
+
+@given(st.lists(st.one_of(_COMMANDS, _SENSORS, st.floats(0.001, 0.05)), max_size=20))
+def test_only_an_enable_enables_and_a_faulty_motor_never_runs(events):
+    lone = Lone()
+    for event in events:
+        was_running = lone.motor.is_running
+        if isinstance(event, tuple):
+            setattr(lone.motor.sensed, *event)
+            lone.wait(0.001)
+        elif isinstance(event, float):
+            lone.wait(event)
+        else:
+            lone.tell(event)
+        motor = lone.motor
+        assert was_running or not motor.is_running or isinstance(event, messages.Enable)
+        assert not (motor.is_running and motor.faults())
+        assert motor.command is None or motor.is_running
