@@ -60,6 +60,7 @@ class HardwareRobot:
         allow_no_timeout: bool = False,
         imu: Imu | None = None,
         anchor: AnchorOrientation | None = None,
+        live: Callable[[], Mapping[str, FloatArray]] = dict,
         dry_run: bool = False,
         accepted_firmware: Collection[str] = (),
         open_bus: OpenBus = open_python_can,
@@ -76,6 +77,7 @@ class HardwareRobot:
             can_timeout: s without a command after which the motors stop by themselves.
             allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
+            live: other live inputs by name, as only mock motors know them.
             anchor: measures the live input `anchor_orientation` that a policy observes; None: it is not reported.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
@@ -90,7 +92,7 @@ class HardwareRobot:
             can_timeout=can_timeout,
             allow_no_timeout=allow_no_timeout,
         )
-        self._imu, self._anchor = imu, anchor
+        self._imu, self._anchor, self._live = imu, anchor, live
         self._dry_run = dry_run
         self._answered = set(accepted_firmware)
         self._open_bus = open_bus
@@ -269,7 +271,7 @@ class HardwareRobot:
         statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
         if self._imu is not None:
             statuses = (*statuses, imu.status)
-        extern = {}
+        extern = {name: Extern(value, now) for name, value in self._live().items()}
         if self._anchor is not None:
             extern[ANCHOR_ORIENTATION] = Extern(self._anchor.read(joints.position, imu.quaternion), now)
         state = MITState(

@@ -21,12 +21,13 @@ from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.motors import MockSettings
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.mit import ANCHOR_ORIENTATION, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup, shared
 from humanoid_sim.policy.checks import motor_findings
 from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
@@ -67,6 +68,7 @@ def real_robot(
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth.imu)
     anchor = _anchor(description, contracts)
+    has_keys = motors is not None and description.piano is not None
     robot = HardwareRobot(
         description,
         addresses,
@@ -74,6 +76,7 @@ def real_robot(
         control_period=control_period,
         imu=imu,
         anchor=anchor,
+        live=(lambda: {KEY_PRESSED: motors.truth.live[KEY_PRESSED]}) if motors is not None and has_keys else dict,
         allow_no_timeout=config.allow_no_timeout,
         dry_run=config.dry_run,
         host_id=config.host_id,
@@ -85,7 +88,7 @@ def real_robot(
     question = f"Enable the motors of {description.name} on {channels}, without torque?"
     return RobotSetup(
         robot,
-        live={} if anchor is None else {ANCHOR_ORIENTATION: 4},
+        live=({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({KEY_PRESSED: KEY_COUNT} if has_keys else {}),
         qpos=MeasuredPose(description),
         model=lambda: build_model(description),
         simulated=False,

@@ -99,8 +99,7 @@ class PlayConfig:
     """Take safety statuses from the network of --dds-interface too. Whoever is there can then damp the robot."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
-    PORT is part of its port's name, the path of a raw MIDI device such as /dev/snd/midiC1D0, or virtual: the keyboard
-    of the piano that --hardware virtual:NAME emulates."""
+    PORT is part of its port's name, or the path of a raw MIDI device such as /dev/snd/midiC1D0."""
     remote: Literal["none", "gravity"] = "none"
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""

@@ -1,11 +1,6 @@
-"""A piano policy on emulated motors: the keys that its fingers press come back as a MIDI keyboard's bytes."""
+"""A piano policy on mock motors: it observes the keys that its fingers press."""
 
 import json
-import shutil
-import subprocess
-import sys
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -52,15 +47,13 @@ def holding(folder):
 def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_robot, folder, capfd):
     walk = "hold 0.3; damp; hold 0.1; load_a; wait; hold 0.5; start_locomotion; hold 2; damp; hold 0.1"
     robot = make_robot("lite_piano", change=press_in_standby)
-    hardware = ("--hardware", "virtual:piano", "--allow-script", "--script", walk, "--midi", "virtual")
+    hardware = ("--hardware", "virtual:piano", "--allow-script", "--script", walk)
     result = run("--robot", robot, *holding(folder), *hardware)
     assert (result.status, result.err) == (0, "")
     assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
     driven = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
     for tick in driven:
-        heard = tick.input.state.extern["key_pressed"]
-        assert heard.value.nonzero()[0].tolist() == [KEY]
-        assert tick.input.state.time - heard.arrival_time < 0.5 == heard.timeout
+        assert tick.input.state.extern["key_pressed"].value.nonzero()[0].tolist() == [KEY]
     steps = [tick.output.policy_step for tick in driven if tick.output.policy_step is not None]
     assert all(step.observation[14 + 88 + KEY] == 1.0 for step in steps)
     hardware_figures = result.summary["hardware"]
@@ -69,12 +62,3 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_ro
     capfd.readouterr()
     assert run_program(piano.main, ["r.mcap", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["steps"]["f1"] == 1.0
-    if find_spec("rerun") is not None:  # in a process of its own: the library keeps sockets open
-        subprocess.run(
-            [sys.executable, "-m", "humanoid_sim.record", "export", "r.mcap", "--rerun", "r.rrd"], check=True
-        )
-        tool = shutil.which("rerun", path=str(Path(sys.executable).parent))
-        assert tool is not None
-        shown = subprocess.run([tool, "rrd", "print", "-v", "r.rrd"], capture_output=True, text=True, check=True)
-        assert "/keys" in shown.stdout
-        assert "BarChart" in shown.stdout

@@ -50,4 +50,7 @@ def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stoppe
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 0)
         inject(motors, Fault("motor_fault", ("left_shoulder_yaw",)))
-        assert run(*words)[::2] == (2, "error: motor 13 on virtual:bench-ping: reports phase_overcurrent, phase_a_overcurrent\n")
+        assert run(*words)[::2] == (
+            2,
+            "error: motor 13 on virtual:bench-ping: reports phase_overcurrent, phase_a_overcurrent\n",
+        )
