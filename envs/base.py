@@ -103,19 +103,6 @@ class PolicyEnvironment(CopyableEnv):
         self._loop: ClosedLoop | None = None
         return observation_space(scenario.wiring)
 
-    def snapshot(self) -> dict[str, Any]:
-        """See `CopyableEnv.snapshot`."""
-        loop = None if self._loop is None else self._loop.snapshot()
-        return super().snapshot() | {"_robots": self._robots.snapshot(), "_loop": loop}
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """See `CopyableEnv.restore`."""
-        kept = dict(snapshot)
-        self._robots.restore(kept.pop("_robots"))
-        loop, wiring, live = kept.pop("_loop"), self.scenario.wiring, self.scenario.live
-        self._loop = None if loop is None else ClosedLoop.resumed(self._robots, wiring, loop, live)
-        super().restore(kept)
-
 
 RENDER_MODES = ["human", "rgb_array"]
 

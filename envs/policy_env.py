@@ -194,7 +194,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         with np.errstate(all="ignore"):  # of a simulation that is no longer sound the observation may be anything
             command = loop.act(raw, velocity=task.command(self._commands, self._steps))
         if loop.tripped:
-            return self._lost(loop.alarm(), frame)
+            return self._lost(loop.alarms[0], frame)
         if self.robot.fault:
             return self._lost(self.robot.fault, frame)
         observation, frame = loop.observation, loop.memory.frame

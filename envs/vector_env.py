@@ -18,7 +18,8 @@ from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
@@ -260,7 +261,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             int(i): loop.wiring.observation_problem(observation[i])
             for i in np.flatnonzero(moving & ~tripped & ~broken & ~sound)
         }
-        faults |= {int(i): loop.alarm(int(i)) for i in np.flatnonzero(tripped)}
+        faults |= {int(i): loop.alarms[int(i)] for i in np.flatnonzero(tripped)}
         self._observation = np.where(sound[:, None], observation, self._observation)
         return sound, sample_step(loop, simulation, np.maximum(self._steps, 1)), faults
 

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
+from humanoid_sim.evaluation.run_figures import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import Event
 from humanoid_sim.record_dataset import RecordDataset, record_dataset
@@ -348,7 +348,8 @@ def _joints(joints: JointUse) -> Table:
     table.caption, table.caption_justify = escape(describe_effort(joints.effort())), "left"
     rows = joints.rows()
     for row in sorted(rows, key=lambda row: -(row["effort"] / row["effort_limit"] if row["effort_limit"] else 0.0)):
-        limit, share = row["effort_limit"], row["range_share"]
+        limit, ends = row["effort_limit"], [row[name] for name in ("lowest", "highest", "lower", "upper")]
+        share = None if None in ends or ends[3] <= ends[2] else (ends[1] - ends[0]) / (ends[3] - ends[2])
         table.add_row(
             escape(row["joint"]),
             f"{row['speed']:.2f}",

@@ -13,7 +13,7 @@ from humanoid_sim.controllers.rotation import rotate
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total
-from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.robots.piano import KEY_COUNT, is_white, key_joint_names
 from humanoid_sim.robots.schema import RobotDescription

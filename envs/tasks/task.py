@@ -20,7 +20,7 @@ from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import InputError, reason_of, require_known
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
-from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 

@@ -14,7 +14,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_f
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.evaluation.errors import PoseError, pose_error, quaternion_angle, total
 from humanoid_sim.evaluation.failure import body_has_strayed, describe_body_stray, describe_stray, has_strayed
-from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -74,7 +74,7 @@ class TrackingTask(Task):
             "body_position": np.exp(total(squared) / (-count * _POSITION_SCALE**2)),
             "body_orientation": np.exp(total(angle * angle) / (-count * _ORIENTATION_SCALE**2)),
         }
-        return values, body_has_strayed(squared)
+        return values, body_has_strayed(np.sqrt(squared))
 
     def _describe_stray(self, sample: StepSample, i: int) -> str:
         distance = self.position_error(sample.body_position, sample.frame)[i]

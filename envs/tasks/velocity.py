@@ -13,7 +13,7 @@ from humanoid_sim.controllers.rotation import rotate
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total
-from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses

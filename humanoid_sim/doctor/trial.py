@@ -20,7 +20,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.errors import pose_error
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
-from humanoid_sim.evaluation.tracking import TrackingErrors
+from humanoid_sim.evaluation.run_figures import MotionErrors
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
@@ -255,10 +255,7 @@ class _Score:
         self._base = base
         self._alignment: Alignment | None = None
         self._order = joint_indices(contract.joint_names, robot.joints, "joint_names of the policy")
-        self._bodies: TrackingErrors | None = None
-        if "motion_body_pos_b" in terms:
-            frames = np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]])
-            self._bodies = TrackingErrors(robot.description, frames, contract.body_names, contract.policy_dt)
+        self._bodies = MotionErrors(robot.description, loaded) if "motion_body_pos_b" in terms else None
         self._values: dict[str, list[float]] = {}
         self._velocities: dict[Command, list[FloatArray]] = {}
         self._sent: FloatArray | None = None
@@ -270,7 +267,7 @@ class _Score:
     def look(self, frame: int, state: MITState, base: BaseState | None) -> str:
         """Compare the state with the reference's frame; return how the robot was lost, or ''."""
         if self._bodies is not None:
-            self._bodies.update(frame, state.joint_position)
+            self._bodies.update(frame, state)
         if self._targets is not None:
             target = self._targets.term("reference_joint_pos", frame)
             self._add("joints", float(np.abs(state.joint_position[self._order] - target).mean()))
@@ -310,7 +307,8 @@ class _Score:
             off = np.array([np.mean(each, axis=0) - command for command, each in self._velocities.items()])
             errors["velocity"] = float(np.hypot(off[:, 0], off[:, 1]).mean())
             errors["turning"] = float(np.abs(off[:, 2]).mean())
-        if self._bodies is not None:
-            hands = self._bodies.summary().hands
-            errors |= {"hand position": hands.position_rms, "hand angle": hands.orientation_rms}
+        summary = None if self._bodies is None else self._bodies.summary()
+        if summary is not None:
+            for name, error in (("hand position", "hands position"), ("hand angle", "hands orientation")):
+                errors[name] = summary["errors"][error]["rms"]
         return {name: value / _NOTICED[name] for name, value in errors.items()}

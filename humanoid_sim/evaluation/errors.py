@@ -1,4 +1,4 @@
-"""Errors of robots against what they should do: element by element, for one or any batch of them."""
+"""Errors between poses, element by element, for one robot or a batch."""
 
 from __future__ import annotations
 
@@ -25,29 +25,28 @@ def length(vectors: FloatArray) -> FloatArray:
 
 
 def rms(values: FloatArray) -> FloatArray:
-    """Root mean square over the last axis."""
+    """Return the root mean square over the last axis."""
     result: FloatArray = np.sqrt((values * values).mean(axis=-1))
     return result
 
 
 def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle between orientations given as unit quaternions of either sign, (..., 4): shape (...), rad, in [0, π].
+    """Return the angle between unit quaternions (..., 4) of either sign: shape (...), rad, in [0, π].
 
-    From the chord between the two, 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product.
+    From the chord 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product.
     """
-    side = np.copysign(1.0, total(a * b))  # q and -q are the same orientation
-    chord = a - side[..., None] * b
+    chord = a - np.copysign(1.0, total(a * b))[..., None] * b
     angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0))
     return angle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseError:
-    """Pose that a body should have, seen from the one that it has."""
+    """Reference pose of a body, seen from its own."""
 
     offset: FloatArray
     """Shape (..., 3), m, world frame."""
-    turn: FloatArray
+    rotation: FloatArray
     """Shape (..., 4), w x y z, from the body's orientation to the reference's."""
 
     @property
@@ -58,16 +57,16 @@ class PoseError:
     @property
     def angle(self) -> FloatArray:
         """Shape (...), rad, in [0, π]."""
-        angle: FloatArray = 2.0 * np.arctan2(length(self.turn[..., 1:]), np.abs(self.turn[..., 0]))
+        angle: FloatArray = 2.0 * np.arctan2(length(self.rotation[..., 1:]), np.abs(self.rotation[..., 0]))
         return angle
 
     @property
     def tilt(self) -> FloatArray:
         """Shape (...), rad, in [0, π]: the angle without the heading."""
-        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(length(self.turn[..., 1:3]), 1.0))
+        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(length(self.rotation[..., 1:3]), 1.0))
         return tilt
 
 
 def pose_error(pose: FloatArray, position: FloatArray, quaternion: FloatArray) -> PoseError:
-    """Give the error of poses (..., 7), x y z in m and w x y z, against (..., 3), m, and (..., 4); all world frame."""
+    """Return the error of poses (..., 7), m and w x y z, against (..., 3) and (..., 4), all world frame."""
     return PoseError(position - pose[..., :3], multiply(conjugate(pose[..., 3:]), quaternion))

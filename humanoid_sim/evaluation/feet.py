@@ -1,4 +1,4 @@
-"""The feet of a robot as points that touch the floor, and how fast these slide on it."""
+"""The feet of a robot: points of their soles, and how fast these slide on the floor."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
 _TOUCHING = 0.005
-"""m above the floor up to which a point counts as touching: contacts of a simulation give by a millimetre or two."""
+"""m above the floor up to which a point touches: simulated contacts give by a millimetre or two."""
 _STANDING = 0.03
-"""m above the lowest point of the standing robot up to which a body is one that it stands on."""
+"""m above the lowest point of the standing robot up to which a body is a foot."""
 _ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)
 
 
@@ -25,7 +25,7 @@ class Feet:
     """Points of a robot's soles."""
 
     bodies: tuple[str, ...]
-    """Names of the MJCF bodies, one per foot."""
+    """MJCF bodies, one per foot."""
     foot: tuple[int, ...]
     """Index into `bodies` of each of the P points."""
     points: FloatArray
@@ -34,15 +34,21 @@ class Feet:
     """Shape (P,), m: of round feet the point is a centre, and the sole this much below it."""
     floor: float
     """m, height of the floor."""
+    sole: FloatArray
+    """Shape (F,), m, from each body's origin down to its sole where the robot stands."""
+    up: FloatArray
+    """Shape (F, 3), body frame: the axis that is vertical where the robot stands."""
+    base_height: float
+    """m, of the base's origin above the soles where the robot stands."""
 
     def place(self, position: FloatArray, quaternion: FloatArray) -> FloatArray:
-        """Return the points in the world, shape (N, P, 3), m, by the bodies' poses: (N, b, 3), m, and (N, b, 4)."""
+        """Return the points in the world, shape (N, P, 3), m, by the bodies' poses: (N, F, 3), m, and (N, F, 4)."""
         foot = list(self.foot)
         placed: FloatArray = position[:, foot] + rotate(quaternion[:, foot], self.points)
         return placed
 
     def slip(self, before: FloatArray, after: FloatArray, period: float) -> FloatArray:
-        """Mean speed of the points that touch the floor at both instants, shape (N,), m/s; NaN where none does.
+        """Return the mean speed of the points that touch the floor at both instants, shape (N,), m/s; NaN for none.
 
         Both are shape (N, P, 3), m, from `place`, `period` s apart.
         """
@@ -66,24 +72,26 @@ def find_feet(description: RobotDescription) -> Feet:
         body = int(model.geom_bodyid[geom])
         if model.body_weldid[body] and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
             points.setdefault(body, []).extend(_geom_points(model, geom))
-    heights = {
-        body: min(data.xpos[body][2] + (data.xmat[body].reshape(3, 3) @ point)[2] - radius for point, radius in found)
-        for body, found in points.items()
-    }
-    lowest = min(heights.values(), default=0.0)
-    bodies = [body for body, height in heights.items() if height < lowest + _STANDING]
+    rotation = data.xmat.reshape(-1, 3, 3)
+    depth = {body: max(radius - (rotation[body] @ p)[2] for p, radius in found) for body, found in points.items()}
+    lowest = min((data.xpos[body][2] - below for body, below in depth.items()), default=0.0)
+    bodies = [body for body, below in depth.items() if data.xpos[body][2] - below < lowest + _STANDING]
     chosen = [(i, point, radius) for i, body in enumerate(bodies) for point, radius in points[body]]
+    base = data.body(description.base.body).xpos[2] if description.is_floating else 0.0
     return Feet(
         bodies=tuple(model.body(body).name for body in bodies),
         foot=tuple(i for i, _, _ in chosen),
         points=np.array([point for _, point, _ in chosen]).reshape(-1, 3),
         radius=np.array([radius for _, _, radius in chosen]),
         floor=description.simulation.floor_height,
+        sole=np.array([depth[body] for body in bodies]),
+        up=rotation[bodies, 2].reshape(-1, 3),
+        base_height=float(base - lowest),
     )
 
 
 def _geom_points(model: mujoco.MjModel, geom: int) -> list[tuple[FloatArray, float]]:
-    """Points of a geometry in its body's frame, and the radius about them: of what is not round, its bounding box."""
+    """Return points of a geometry, body frame, and the radius about them: a bounding box unless it is round."""
     origin, matrix = model.geom_pos[geom], np.zeros(9)
     mujoco.mju_quat2Mat(matrix, model.geom_quat[geom])
     axes = matrix.reshape(3, 3)

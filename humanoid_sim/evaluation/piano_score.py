@@ -1,11 +1,8 @@
-"""Score of a song that was played: per time step, as RoboPianist scores it, and per note.
+"""Score of a played song: per time step as RoboPianist (Zakka et al. 2023) scores it, and per note as `mir_eval` does.
 
-Per time step (Zakka et al. 2023, "RoboPianist: Dexterous Piano Playing with Deep Reinforcement Learning", section 4):
-precision, recall and F1 of the keys that are down against those that should be, of each step by itself, then the mean
-over the steps. A ratio whose denominator is 0 counts as 1: resting in a rest is right.
-
-Per note (as `mir_eval` matches onsets): a stroke is right if it begins within a tolerance of a note of its
-key that no other stroke has taken.
+Per time step: precision, recall and F1 of the keys that are down, then the mean over the steps; a ratio whose
+denominator is 0 counts as 1. Per note: a stroke is right if it begins within a tolerance of a note of its key that no
+other stroke has played.
 """
 
 from __future__ import annotations

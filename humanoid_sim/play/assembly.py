@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim import __version__
-from humanoid_sim.evaluation.joint_use import JointUse
+from humanoid_sim.evaluation.run_figures import JointUse
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink, Told

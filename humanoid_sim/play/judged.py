@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
+from humanoid_sim.evaluation.run_figures import MotionErrors
 from humanoid_sim.mit import KEY_PRESSED, MITState
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.rendering.ghost import ReferenceGhost
@@ -16,8 +16,7 @@ from humanoid_sim.robots.description import RobotDescription
 class JudgedPolicy:
     """Parts of a run's figures and pictures that belong to the policy; all None without one."""
 
-    tracking: TrackingErrors | None = None
-    anchor: AnchorErrors | None = None
+    tracking: MotionErrors | None = None
     keys: PlayedKeys | None = None
     ghost: ReferenceGhost | None = None
 
@@ -27,19 +26,16 @@ class JudgedPolicy:
         loaded, motion = policy.loaded, policy.motion
         if loaded is None or policy.others:
             return cls()
-        tracking, anchor = errors_of_run(description, loaded, motion)
         keys = None
         if motion is not None and motion.task_type == "piano":
             keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
         ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
-        return cls(tracking, anchor, keys, ghost)
+        return cls(MotionErrors.of(description, loaded), keys, ghost)
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that the policy was shown."""
         if self.tracking is not None:
-            self.tracking.update(frame, state.joint_position)
-        if self.anchor is not None:
-            self.anchor.update(frame, state)
+            self.tracking.update(frame, state)
         live = state.extern.get(KEY_PRESSED)
         if self.keys is not None and live is not None:
             self.keys.update(frame, live.value)

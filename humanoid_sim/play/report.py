@@ -13,11 +13,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import DEFINITIONS
-from humanoid_sim.evaluation.joint_use import describe_effort
 from humanoid_sim.evaluation.piano_score import score
-from humanoid_sim.evaluation.tracking import AnchorErrors
+from humanoid_sim.evaluation.run_figures import describe_effort
 from humanoid_sim.files import finite, whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
@@ -33,7 +31,6 @@ _SHOWN = 10
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
     plan, monitor, judged = run.plan, run.monitor, run.judged
-    tracking = None if judged.tracking is None else judged.tracking.summary()
     keys = judged.keys
     return {
         "robot": plan.description.name,
@@ -52,9 +49,8 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
-        "tracking": None if tracking is None or not tracking.samples else asdict(tracking),
-        "anchor": _figures(judged.anchor),
-        "base": _figures(run.monitor.base),
+        "tracking": None if judged.tracking is None else judged.tracking.summary(),
+        "base": None if monitor.base is None else monitor.base.summary(),
         "piano": None if keys is None or not len(keys.pressed) else asdict(score(keys.pressed, keys.wanted, keys.step)),
         "key_force": plan.setup.key_force(),
         "doctor": _doctor(run.config),
@@ -85,7 +81,7 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
 def print_report(console: Console, summary: dict[str, Any]) -> None:
     """Print the tables."""
     console.print(_modes(summary))
-    for name, table in (("tracking", _tracking), ("anchor", _anchor), ("base", _base), ("piano", _piano)):
+    for name, table in (("tracking", _tracking), ("base", _base), ("piano", _piano)):
         if summary[name]:
             console.print(table(summary[name]))
     if summary["key_force"]:
@@ -115,40 +111,14 @@ def _modes(summary: dict[str, Any]) -> Table:
     return table
 
 
-def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
-    summary = None if part is None else part.summary()
-    return None if summary is None else asdict(summary)
-
-
 def _tracking(tracking: dict[str, Any]) -> Table:
-    speed = tracking["peak_speed"]
-    title = f"Tracking, {tracking['samples']} policy steps while the motion ran, hands up to {speed:.2f} m/s"
-    errors_of = ("position RMS", "max", "orientation RMS", "max")
-    table = Table("body", *errors_of, title=title, title_justify="left")
-    for errors in tracking["bodies"]:
-        table.add_row(errors["name"], *_error_cells(errors))
-    table.add_section()
-    table.add_row("[bold]hands[/bold]", *_error_cells(tracking["hands"]))
-    return table
-
-
-def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
-    return (
-        f"{1e3 * errors['position_rms']:.1f} mm",
-        f"{1e3 * errors['position_max']:.1f} mm",
-        f"{np.degrees(errors['orientation_rms']):.1f}°",
-        f"{np.degrees(errors['orientation_max']):.1f}°",
-    )
-
-
-def _anchor(anchor: dict[str, Any]) -> Table:
-    table = Table("error", "mean", "max", title=f"Reference, {anchor['samples']} policy steps", title_justify="left")
-    for name, key, unit in (
-        ("joints, mean of all", "joint_error", "rad"),
-        ("anchor position", "anchor_position", "m"),
-        ("anchor angle", "anchor_angle", "rad"),
-    ):
-        table.add_row(name, *(f"{value:.3f} {unit}" for value in anchor[key]))
+    title = f"Tracking, {tracking['samples']} policy steps while the motion ran"
+    if tracking["peak_speed"] is not None:
+        title += f", hands up to {tracking['peak_speed']:.2f} m/s"
+    table = Table("error", "mean", "RMS", "max", title=title, title_justify="left")
+    for name, error in tracking["errors"].items():
+        factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")
+        table.add_row(name, *(f"{factor * error[figure]:.1f} {unit}" for figure in ("mean", "rms", "max")))
     return table
 
 

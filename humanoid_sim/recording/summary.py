@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.joint_use import JointUse
+from humanoid_sim.evaluation.run_figures import JointUse
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.recording.reader import Recording, TopicCount
 from humanoid_sim.robots.description import RobotDescription

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.tasks.tracking import MotionTask, TrackingTask
 from humanoid_sim.evaluation.errors import length, rms
 from humanoid_sim.evaluation.feet import Feet, find_feet
-from humanoid_sim.evaluation.piano_score import score, step_ratios
-from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
-from humanoid_sim.mit import KEY_PRESSED, Float32Array, FloatArray, MITCommand
+from humanoid_sim.evaluation.piano_score import score
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step_metrics import METRICS, pressed_and_wanted
+from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.metrics import REACHED, has_metric, metrics_of
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
@@ -57,11 +58,14 @@ class EpisodeBatch:
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
         self._feet = find_feet(scenario.description) if suite.task == "velocity" else None
-        bodies = scenario.bodies if suite.task == "piano" else scenario.contract.body_names
+        target = case.target.astype(np.float64) if suite.task == "tracking" and case.target is not None else None
+        self._context = StepContext(
+            scenario.description, scenario.contract, scenario.wiring.reference, joint_target=target
+        )
         options = {
             **scenario.robot_options(),
             "velocity_at": scenario.contract.velocity_points,
-            "bodies": bodies if self._feet is None else self._feet.bodies,
+            "bodies": scenario.bodies if self._feet is None else self._feet.bodies,
         }
         self.simulation = BatchSimulation(
             scenario.description,
@@ -86,17 +90,12 @@ class EpisodeBatch:
         alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
         failures: dict[int, tuple[str, str]] = {}
 
-        def infer(observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
-            """One inference each, as on the robot: a model may answer otherwise in a batch."""
-            actions = np.full((count, len(loop.action[0])), np.nan, dtype=np.float32)
-            for i in np.flatnonzero(alive):
-                with suppress(Exception):  # of ONNX Runtime: NaN ends this episode, and no other
-                    actions[i] = case.scenario.policy(observation[i], int(frame[i]))
-            return actions
-
         for step in range(case.steps):
-            action, accepted = loop.infer(infer)
-            failures |= {i: ("fault", loop.problem(action, i)) for i in np.flatnonzero(alive & ~accepted).tolist()}
+            action = self._infer(loop, alive)
+            accepted = loop.wiring.accepts(action) & np.isfinite(loop.observation).all(axis=-1)
+            for i in np.flatnonzero(alive & ~accepted).tolist():
+                seen = loop.wiring.observation_problem(loop.observation[i])
+                failures[i] = "fault", seen or loop.wiring.action_problem(action[i])
             alive = alive & accepted
             if not alive.any():
                 break
@@ -106,7 +105,7 @@ class EpisodeBatch:
                 failures[i] = "fault", "the simulation diverged: its state is no longer finite"
             alive = alive & ~simulation.fault
             sample = sample_step(loop, simulation, np.full(count, step + 1))
-            measured.append(_step_rows(case, self._feet, sample, command, simulation))
+            measured.append(self._step_rows(sample, command))
             steps += alive
             lost = alive & task.judge(sample).terminated
             failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
@@ -115,6 +114,31 @@ class EpisodeBatch:
                 break
         found = _figures(case, self._feet, measured) if alive.any() else [{}] * count
         return [self._episode(i, int(steps[i]), *failures.get(i, ("", "")), found[i]) for i in range(count)]
+
+    def _infer(self, loop: ClosedLoop, alive: npt.NDArray[np.bool_]) -> Float32Array:
+        """One inference each, as on the robot: a model may answer otherwise in a batch. NaN where it raises."""
+        actions = np.full(loop.action.shape, np.nan, dtype=np.float32)
+        for i in np.flatnonzero(alive):
+            with suppress(Exception):  # of ONNX Runtime: NaN ends this episode, and no other
+                actions[i] = self.case.scenario.policy(loop.observation[i], int(np.asarray(loop.memory.frame)[i]))
+        return actions
+
+    def _step_rows(self, sample: StepSample, command: MITCommand) -> Rows:
+        """Measure one policy step; the sample is what came of the command, without the sensors' noise."""
+        context, task = self._context, self.case.suite.task
+        rows: dict[str, npt.NDArray[Any]] = {
+            name: METRICS[name].values(context, sample)
+            for name in metrics_of(task)
+            if name in METRICS and context.has(METRICS[name].needs)
+        }
+        rows["position"] = command.position
+        if self._feet is not None and sample.base is not None:
+            rows["velocity"] = sample.base.planar_velocity
+            rows["soles"] = self._feet.place(*self.simulation.body_poses())
+        elif task == "piano":
+            rows["down"], rows["wanted"] = pressed_and_wanted(context, sample)
+            rows["touch"] = self.simulation.key_force
+        return rows
 
     def _episode(self, i: int, steps: int, kind: str, failure: str, found: Mapping[str, float]) -> Episode:
         """Return what came of episode `i`; one that failed has no errors to compare: what counts is that it failed."""
@@ -153,34 +177,6 @@ class EpisodeBatch:
         wrench = np.zeros((len(angle), 6))
         wrench[:, 0], wrench[:, 1] = force * np.cos(angle), force * np.sin(angle)
         return wrench
-
-
-def _step_rows(
-    case: PreparedCase, feet: Feet | None, sample: StepSample, command: MITCommand, robots: BatchSimulation
-) -> Rows:
-    """Measure one policy step; the sample is what came of the command, without the sensors' noise."""
-    task = case.scenario.task
-    rows: dict[str, npt.NDArray[Any]] = {"effort": rms(sample.torque), "position": command.position}
-    if feet is not None and sample.base is not None:
-        rows["tilt"], rows["velocity"] = sample.base.tilt, sample.base.planar_velocity
-        rows["power"] = np.abs(sample.torque * sample.state.joint_velocity).sum(axis=-1)
-        rows["soles"] = feet.place(*robots.body_poses())
-    elif case.suite.task == "piano" and case.target is not None:
-        rows["down"] = down = sample.state.extern[KEY_PRESSED].value > 0.5
-        rows["wanted"] = wanted = case.target[np.minimum(sample.frame, len(case.target) - 1)] > 0.5
-        rows["precision"], rows["recall"], rows["f1"] = step_ratios(down, wanted)
-        rows["touch"] = robots.key_force
-        return rows
-    elif isinstance(task, TrackingTask):
-        rows["body_position_error"] = rms(task.position_error(sample.body_position, sample.frame))
-        rows["body_orientation_error"] = rms(task.orientation_error(sample.body_quaternion, sample.frame))
-    elif isinstance(task, MotionTask) and task.has_anchor:
-        error = task.anchor_error(sample)
-        rows["body_position_error"], rows["body_orientation_error"] = error.distance, error.angle
-    if case.target is not None:
-        target = case.target[task.reference.clamp(sample.frame)]
-        rows["joint_error"] = rms(sample.state.joint_position - target)
-    return rows
 
 
 def _figures(case: PreparedCase, feet: Feet | None, steps: Sequence[Rows]) -> list[dict[str, float]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from humanoid_sim.evaluation.step_metrics import METRICS
+
 TaskName = Literal["tracking", "velocity", "piano"]
 
 
@@ -21,27 +23,32 @@ class Metric(NamedTuple):
     better: Literal["lower", "higher"] = "lower"
 
 
+def _of_steps(name: str, summary: Literal["rms", "mean"], task: TaskName | None = None) -> Metric:
+    row = METRICS[name]
+    return Metric(name, row.unit, summary, task, row.better)
+
+
 REACHED = ("vx_reached", "vy_reached", "yaw_rate_reached")
 _METRICS = (
-    Metric("body_position_error", "m", "rms", "tracking"),  # of the tracked bodies against the motion's
-    Metric("body_orientation_error", "rad", "rms", "tracking"),
-    Metric("joint_error", "rad", "rms", "tracking"),  # against the motion's joints; of bodies, by inverse kinematics
+    _of_steps("body_position_error", "rms", "tracking"),
+    _of_steps("body_orientation_error", "rms", "tracking"),
+    _of_steps("joint_error", "rms", "tracking"),  # of a motion of bodies: against its joints by inverse kinematics
     Metric("losses", "share", "episode", "tracking"),  # the robot strayed too far from the motion
     Metric("velocity_error", "m/s", "mean", "velocity"),  # over the last second against the command
     Metric("yaw_rate_error", "rad/s", "mean", "velocity"),
     # mean speed over the commanded along each axis, at most 1; where it is to move
     *(Metric(name, "×", "episode", "velocity", "higher") for name in REACHED),
-    Metric("tilt", "rad", "rms", "velocity"),  # between the base's z axis and the vertical
+    _of_steps("tilt", "rms", "velocity"),
     Metric("slip", "m/s", "mean", "velocity"),  # of the feet's points that touch the ground
-    Metric("power", "W", "mean", "velocity"),  # mechanical, of all joints, positive where they brake, too
+    _of_steps("power", "mean", "velocity"),
     Metric("falls", "share", "episode", "velocity"),
-    Metric("f1", "share", "mean", "piano", "higher"),  # of the keys that are down against the song's, step by step
-    Metric("precision", "share", "mean", "piano", "higher"),
-    Metric("recall", "share", "mean", "piano", "higher"),
+    _of_steps("f1", "mean", "piano"),
+    _of_steps("precision", "mean", "piano"),
+    _of_steps("recall", "mean", "piano"),
     Metric("note_f1", "share", "episode", "piano", "higher"),  # a stroke counts within 0.1 s of its note
     Metric("key_force", "N", "episode", "piano"),  # hardest touch of a key, of every physics step
     Metric("hard_touches", "share", "episode", "piano"),  # a key was touched harder than the robot allows
-    Metric("effort", "N·m", "rms"),  # joint torque, over joints and steps
+    _of_steps("effort", "rms"),
     Metric("action_rate", "rad/s", "rms"),  # change of the commanded positions from step to step
     Metric("faults", "share", "episode"),  # the controller refused an observation or action, or physics diverged
     Metric("survival", "share", "episode", None, "higher"),  # part of the planned episode that was reached

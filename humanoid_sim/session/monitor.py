@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
-from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import has_run_away
-from humanoid_sim.evaluation.joint_use import JointUse
+from humanoid_sim.evaluation.run_figures import BaseMotion, JointUse
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.recording.summary import ModeSpan

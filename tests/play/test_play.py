@@ -51,8 +51,8 @@ def test_without_options_the_sample_policy_is_walked_up_and_down_again(run):
     assert sorted(set(frames)) == list(range(max(frames) + 1))
     tracking = summary["tracking"]
     assert tracking["samples"] == max(frames) + 1 < len(frames)  # the last frame is held, and counts once
-    assert 0.0 < tracking["hands"]["position_rms"] <= 0.03
-    assert 0.0 < tracking["hands"]["orientation_rms"] <= np.radians(12.0)
+    assert 0.0 < tracking["errors"]["hands position"]["rms"] <= 0.03
+    assert 0.0 < tracking["errors"]["hands orientation"]["rms"] <= np.radians(12.0)
     assert tracking["peak_speed"] >= 0.5
     assert "Tracking" in result.out
     assert summary["recording"] == "r.mcap"

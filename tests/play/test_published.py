@@ -27,9 +27,9 @@ def test_the_unitree_policy_walks(run):
 def test_the_waltz_is_danced(run):
     result = walk(run, WALTZ, "--duration", "8", "--yaw", "2", seconds=0)
     assert result.status == 0
-    anchor = result.summary["anchor"]
-    assert anchor["joint_error"][0] <= 0.075
-    assert anchor["anchor_position"][1] <= 0.3
+    errors = result.summary["tracking"]["errors"]
+    assert errors["joints"]["mean"] <= 0.075
+    assert errors["anchor position"]["max"] <= 0.3
     assert "assumed" in result.out
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.evaluation.joint_use import JointUse
+from humanoid_sim.evaluation.run_figures import JointUse
 from humanoid_sim.play.report import loop_figures, loop_table, write_summary
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
@@ -56,7 +56,7 @@ def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys):
     assert "0.01 ms" not in out
     assert "memory locked" in out
     assert "physics aside" not in out
-    assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN (give effort_limit in the contract)" in out
+    assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN for 3 joints (give effort_limit in the contract)" in out
     assert "busy" not in out, "a missed deadline on a robot has no excuse"
 
 

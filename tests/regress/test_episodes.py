@@ -10,13 +10,15 @@ from regress_runs import SAMPLE, WALKER, changed_copy, prepared, yaml_suite
 
 from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.piano_score import score
-from humanoid_sim.evaluation.tracking import TrackingErrors
+from humanoid_sim.evaluation.run_figures import MotionErrors
 from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.executors import run_seeds
 from humanoid_sim.regress.preparation import prepare_suite
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
+from humanoid_sim.testing import healthy_state
 
 
 @pytest.fixture(scope="module")
@@ -60,16 +62,18 @@ def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
 
 
 def test_errors_are_those_of_the_tracking_report(short, samples):
-    """Against `TrackingErrors`, which has kinematics of its own, and the joints that the motion's bodies lie at."""
+    """Against `MotionErrors`, which has kinematics of its own, and the joints that the motion's bodies lie at."""
     (episode,) = run_episodes(quiet(short), [0])
-    contract, motion = short.scenario.contract, short.scenario.motion
-    errors = TrackingErrors(short.scenario.description, motion.frames, motion.body_names, contract.policy_dt)
+    contract = short.scenario.contract
+    loaded = LoadedPolicy(contract, short.scenario.wiring.reference, short.scenario.policy)
+    errors = MotionErrors(short.scenario.description, loaded)
     for frame, sample in enumerate(samples, start=1):
-        errors.update(frame, sample.state.joint_position[0])
-    bodies = errors.summary().bodies
-    assert errors.summary().samples == episode.steps == 10
+        errors.update(frame, dataclasses.replace(healthy_state(sample.state.joint_position[0]), time=0.0))
+    summary = errors.summary()
+    assert summary["samples"] == episode.steps == 10
     position, orientation = (
-        np.sqrt(np.mean([getattr(body, name) ** 2 for body in bodies])) for name in ("position_rms", "orientation_rms")
+        np.sqrt(np.mean([summary["errors"][f"{body} {kind}"]["rms"] ** 2 for body in contract.body_names]))
+        for kind in ("position", "orientation")
     )
     assert episode.metrics["body_position_error"] == pytest.approx(position, rel=1e-9)
     assert episode.metrics["body_orientation_error"] == pytest.approx(orientation, rel=1e-6)

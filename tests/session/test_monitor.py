@@ -5,7 +5,7 @@ import pytest
 import rig
 from fakes import HEADER
 
-from humanoid_sim.evaluation.joint_use import JointUse
+from humanoid_sim.evaluation.run_figures import JointUse
 from humanoid_sim.messages import (
     ControlMode,
     FaultReport,

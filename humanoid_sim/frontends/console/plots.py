@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.tracking import errors_of_run
+from humanoid_sim.evaluation.run_figures import MotionErrors
 from humanoid_sim.frontends.console.state import base_velocity
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
@@ -18,7 +18,7 @@ from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
 from humanoid_sim.recording.topics import Labels, read_labels
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseObserver
-from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
+from humanoid_sim.stack import no_policy, recorded_policy
 
 MOST_CHARTS = 24
 """That one page plots at once."""
@@ -28,6 +28,7 @@ _PERIOD = 0.02
 """s, the shortest between two rows: 50 a second, and so the last five minutes of the robot's time at least."""
 _MOST_SERIES = 20
 """Largest number of series in one chart; more are spread over several charts."""
+_SHOWN_AS = {"m": ("mm", 1e3), "rad": ("°", float(np.degrees(1.0)))}
 _HEAD = struct.Struct("<3d")
 """A message to a page begins with: number of the chart, of its rows, and 1 if they replace what it has."""
 
@@ -90,14 +91,12 @@ class Plots:
         self._joints = len(header.joint_names)
         self._widths = [width for _, width in header.observation_terms]
         loaded = recorded_policy(header, no_policy)
-        motion = recorded_motion(header)
-        self._tracking, self._anchor = (None, None) if loaded is None else errors_of_run(description, loaded, motion)
+        self._tracking = None if loaded is None else MotionErrors.of(description, loaded)
         self.charts: tuple[Chart, ...] = ()
         self._columns: list[slice] = []
         width = 0
-        bodies = () if self._tracking is None or loaded is None else loaded.contract.body_names
-        has = {"has_anchor": self._anchor is not None, "has_base": base is not None}
-        for chart, columns in _charts(header, bodies, self._channels, **has):
+        errors = () if self._tracking is None else self._tracking.names
+        for chart, columns in _charts(header, errors, self._channels, has_base=base is not None):
             self.charts += (chart,)
             self._columns.append(slice(width, width + columns))
             width += columns
@@ -114,9 +113,7 @@ class Plots:
         if step is not None and step.observation.shape == self._observation.shape:
             self._observation = step.observation.astype(np.float64)
             if self._tracking is not None:
-                self._tracking.update(step.frame, state.joint_position)
-            if self._anchor is not None:
-                self._anchor.update(step.frame, state)
+                self._tracking.update(step.frame, state)
         is_driven = output.control_mode.mode is Mode.LOCOMOTION
         time, last = float(state.time), self.history.time
         if last <= time < last + _PERIOD - 1e-6:
@@ -147,15 +144,11 @@ class Plots:
         return np.column_stack([base_velocity(record, self._base), wanted]).ravel()
 
     def _errors(self, *, is_driven: bool) -> FloatArray:
-        found = []
-        if self._tracking is not None:
-            latest = self._tracking.latest if is_driven else None
-            shown = np.full((len(self._tracking.names), 2), np.nan) if latest is None else latest
-            found.append((shown * (1e3, np.degrees(1.0))).T.ravel())
-        if self._anchor is not None:
-            latest = self._anchor.latest if is_driven else None
-            found.append((np.full(3, np.nan) if latest is None else latest) * (1.0, 1e3, np.degrees(1.0)))
-        return np.concatenate([np.empty(0), *found])
+        if self._tracking is None:
+            return np.empty(0)
+        factors = np.array([_SHOWN_AS[unit][1] for _, unit in self._tracking.names])
+        latest = self._tracking.latest if is_driven else None
+        return np.full(len(factors), np.nan) if latest is None else latest * factors
 
     def message(self, chart: int, number: int) -> bytes:
         """Return the rows of a chart after a number, for a page: the head, the times, and each series, as float64."""
@@ -206,7 +199,7 @@ def _frames(channel: Mapping[str, Any]) -> int:
 
 
 def _charts(
-    header: SessionHeader, bodies: tuple[str, ...], channels: tuple[str, ...], *, has_anchor: bool, has_base: bool
+    header: SessionHeader, errors: Sequence[tuple[str, str]], channels: tuple[str, ...], *, has_base: bool
 ) -> Iterator[tuple[Chart, int]]:
     """Charts and how many columns each takes, in the order of `Plots.add`."""
     for name in header.joint_names:
@@ -217,14 +210,8 @@ def _charts(
     if has_base:
         for name, unit in (("forward", "m/s"), ("left", "m/s"), ("turn left", "rad/s")):
             yield Chart("base velocity", name, unit, ("measured", "commanded")), 2
-    group = "tracking error"
-    if bodies:
-        yield from _spread(group, "positions of bodies", "mm", bodies)
-        yield from _spread(group, "orientations of bodies", "°", bodies)
-    if has_anchor:
-        yield Chart(group, "joints, mean", "rad", ("joints",)), 1
-        yield Chart(group, "position of the anchor", "mm", ("anchor",)), 1
-        yield Chart(group, "orientation of the anchor", "°", ("anchor",)), 1
+    for name, unit in errors:
+        yield Chart("tracking error", name, _SHOWN_AS[unit][0], ("error",)), 1
     yield Chart("loop", "tick time", "ms", ("slowest",)), 1
     yield Chart("loop", "missed deadlines", "since the console began", ("missed",)), 1
     for channel in channels:

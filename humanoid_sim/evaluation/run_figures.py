@@ -1,0 +1,256 @@
+"""Figures of a run, accumulated tick by tick in constant memory: motion errors, the base's motion, use of the joints.
+
+An error of frame k is the pose read in the very tick in which the policy was shown frame k, minus frame k. The last
+frame counts once: what a policy does while it is held is not an error of the motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.reference import Alignment
+from humanoid_sim.controllers.rotation import rotation_angle
+from humanoid_sim.evaluation.errors import length, pose_error
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
+from humanoid_sim.policy.motion import body_poses
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+
+_SETTLING = 2.0
+"""s after release that means and the largest tilt leave out: the robot starts from rest, and sags as it is let go."""
+_AT_LIMIT = 1.0 - 1e-9
+"""Share of an effort limit from which on a torque is at it."""
+
+
+class MotionErrors:
+    """Errors of a run against its motion: of bodies in the base frame, or of joints and an anchor body in the world."""
+
+    def __init__(self, description: RobotDescription, loaded: LoadedPolicy) -> None:
+        """Look up what the motion tells. Raises `InputError` if the robot lacks a body."""
+        contract, terms = loaded.contract, loaded.reference.terms
+        self._reference = loaded.reference
+        self._bodies: tuple[str, ...] = contract.body_names if "motion_body_pos_b" in terms else ()
+        self.peak_speed: float | None = None
+        """m/s, the fastest that the motion moves a hand; None for motions without bodies."""
+        names = [("joints", "rad"), ("anchor position", "m"), ("anchor orientation", "rad")]
+        if self._bodies:
+            self._kinematics = ForwardKinematics(description, self._bodies)
+            frames = np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]])
+            self._position, self._rotation = body_poses(frames, len(self._bodies))
+            hands = [i for i, name in enumerate(self._bodies) if name in description.hands]
+            self._hands = hands or list(range(len(self._bodies)))
+            step = length(np.diff(self._position[:, self._hands], axis=0))
+            self.peak_speed = float(step.max(initial=0.0)) / contract.policy_dt
+            names = [(f"{body} position", "m") for body in self._bodies]
+            names += [(f"{body} orientation", "rad") for body in self._bodies]
+        else:
+            self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
+        self.names = tuple(names)
+        """Name and unit of each error."""
+        self.latest: FloatArray | None = None
+        """Shape (k,), of the latest policy step; None before any, and once the motion is over."""
+        self.samples = 0
+        self._is_last_shown = False
+        self._sum, self._squares, self._largest = np.zeros((3, len(names)))
+        self._aligns = contract.align_reference
+        self._alignment: Alignment | None = None
+
+    @classmethod
+    def of(cls, description: RobotDescription, loaded: LoadedPolicy) -> Self | None:
+        """Return the errors of a policy that follows a motion of bodies or of an anchor body; else None."""
+        terms = loaded.reference.terms
+        return cls(description, loaded) if "motion_body_pos_b" in terms or "anchor_pos" in terms else None
+
+    def update(self, frame: int, state: MITState) -> None:
+        """Compare the state of a policy step with the frame that it was shown."""
+        last = self._reference.frame_count - 1
+        was_shown, self._is_last_shown = self._is_last_shown, frame >= last > 0
+        is_over = was_shown and self._is_last_shown
+        self.latest = None if is_over else self._error(frame, state)
+        if self.latest is not None:
+            self._sum += self.latest
+            self._squares += self.latest**2
+            np.maximum(self._largest, self.latest, out=self._largest)
+            self.samples += 1
+
+    def _error(self, frame: int, state: MITState) -> FloatArray | None:
+        """Shape (k,); None while nobody knows how the motion was laid onto the robot."""
+        if self._bodies:
+            k = int(self._reference.clamp(frame))
+            position, rotation = self._kinematics(state.joint_position)
+            return np.concatenate([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])])
+        live = state.extern.get(ANCHOR_POSE)
+        if live is None:
+            return None
+        if frame == 0 and self._aligns:
+            self._alignment = self._reference.align(live.value)
+        if self._aligns and self._alignment is None:
+            return None
+        joints = self._reference.term("reference_joint_pos", frame)
+        posed = pose_error(live.value, *self._reference.anchor(frame, self._alignment))
+        return np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
+
+    def summary(self) -> dict[str, Any] | None:
+        """Return the errors so far, JSON: by name unit, mean, rms and max; None if nothing was compared."""
+        if not self.samples:
+            return None
+        mean, rms = self._sum / self.samples, np.sqrt(self._squares / self.samples)
+        columns = zip(self.names, mean, rms, self._largest, strict=True)
+        errors = {name: _figures(unit, *values) for (name, unit), *values in columns}
+        if self._bodies:
+            for row, (name, unit) in enumerate((("hands position", "m"), ("hands orientation", "rad"))):
+                places = [row * len(self._bodies) + i for i in self._hands]
+                together = mean[places].mean(), np.sqrt((rms[places] ** 2).mean()), self._largest[places].max()
+                errors[name] = _figures(unit, *together)
+        return {"samples": self.samples, "peak_speed": self.peak_speed, "errors": errors}
+
+
+def _figures(unit: str, mean: float, rms: float, largest: float) -> dict[str, Any]:
+    return {"unit": unit, "mean": float(mean), "rms": float(rms), "max": float(largest)}
+
+
+@dataclass(slots=True)
+class BaseMotion:
+    """Motion of a floating base from its release on; landed once its centre of mass is as low as it stands."""
+
+    released: float | None = None
+    """s, robot's clock, at which the base was let go; None while it never was."""
+    standing_height: float = 0.0
+    """m, of the centre of mass, as of `has_fallen`."""
+    last: float = 0.0
+    height: tuple[float, float, float] = (math.inf, 0.0, -math.inf)
+    """m, of the base's origin above the floor from landing on: least, sum, greatest."""
+    lowest: float = math.inf
+    """Share of its standing height that the centre of mass had at least."""
+    tilt_max: float | None = None
+    """rad, from 2 s after release on."""
+    fall: float | None = None
+    """s after release at which the robot fell; None if it did not."""
+    fell: str = ""
+    _count: int = 0
+    _has_landed: bool = False
+    _speed: tuple[FloatArray, int] | None = None
+
+    def release(self, time: float, standing_height: float) -> None:
+        """Begin once the base is let go; `time` in s, robot's clock."""
+        self.released, self.standing_height = time, standing_height
+
+    def update(self, time: float, base: BaseState) -> str:
+        """Take one tick with a free base; returns how the robot fell in the tick in which it does, else ''."""
+        assert self.released is not None
+        if self.fall is not None:
+            return ""
+        self.last, since, height = time, time - self.released, float(base.height)
+        if not self._has_landed:
+            self._has_landed = since >= _SETTLING or float(base.mass_height) <= self.standing_height
+            self.height, self._count = (math.inf, 0.0, -math.inf), 0
+        low, total, high = self.height
+        self.height = (min(low, height), total + height, max(high, height))
+        self._count += 1
+        self.lowest = min(self.lowest, float(base.mass_height) / self.standing_height)
+        if since >= _SETTLING:
+            self.tilt_max = max(self.tilt_max or 0.0, float(base.tilt))
+        if has_fallen(base, self.standing_height):
+            self.fall, self.fell = since, describe_fall(base, self.standing_height)
+            return self.fell
+        if since >= _SETTLING:
+            speed, count = self._speed or (np.zeros(3), 0)
+            self._speed = speed + base.planar_velocity, count + 1
+        return ""
+
+    def summary(self) -> dict[str, Any] | None:
+        """Return the figures, JSON; speeds are means from 2 s after release. None if the base was never free."""
+        if self.released is None or not self._count:
+            return None
+        speed = None if self._speed is None else self._speed[0] / self._speed[1]
+        low, total, high = self.height
+        return {
+            "released": self.released,
+            "duration": self.last - self.released,
+            "velocity": None if speed is None else (float(speed[0]), float(speed[1])),
+            "yaw_rate": None if speed is None else float(speed[2]),
+            "height": (low, total / self._count, high),
+            "lowest": self.lowest,
+            "tilt_max": self.tilt_max,
+            "fall": self.fall,
+            "fell": self.fell,
+        }
+
+
+class JointUse:
+    """Greatest speed and effort of each joint, and the positions it reached, without values that are no numbers."""
+
+    def __init__(self, names: Sequence[str], effort_limit: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
+        """Start empty, for n joints; limits are (n,), N·m and rad, infinite where there is none."""
+        self._names, self._limit, self._lower, self._upper = tuple(names), np.asarray(effort_limit), lower, upper
+        self._effort, self._speed = np.zeros((2, len(self._names)))
+        self._lowest, self._highest = np.full(len(self._names), np.inf), np.full(len(self._names), -np.inf)
+        self.saturated = 0
+        """States in which a joint was at its effort limit."""
+
+    def update(self, state: MITState) -> None:
+        """Take one state into account."""
+        effort = np.abs(state.joint_effort)
+        np.fmax(self._effort, effort, out=self._effort)
+        np.fmax(self._speed, np.abs(state.joint_velocity), out=self._speed)
+        np.fmin(self._lowest, state.joint_position, out=self._lowest)
+        np.fmax(self._highest, state.joint_position, out=self._highest)
+        self.saturated += bool((effort >= self._limit * _AT_LIMIT).any())
+
+    def effort(self) -> dict[str, Any]:
+        """Return N·m, JSON: the joint closest to its limit (without any limit, the greatest), and those without one."""
+        known = np.isfinite(self._limit)
+        share = np.where(known, self._effort / self._limit, -1.0) if known.any() else self._effort
+        i = int(share.argmax())
+        return {
+            "largest": float(self._effort.max()),
+            "joint": self._names[i],
+            "effort": float(self._effort[i]),
+            "limit": _finite(self._limit[i]),
+            "without_limit": [name for name, is_known in zip(self._names, known, strict=True) if not is_known],
+            "saturated_ticks": self.saturated,
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return joint by joint, JSON: rad/s, N·m, rad; None where unknown."""
+        columns = {
+            "speed": self._speed,
+            "effort": self._effort,
+            "effort_limit": self._limit,
+            "lowest": self._lowest,
+            "highest": self._highest,
+            "lower": self._lower,
+            "upper": self._upper,
+        }
+        return [
+            {"joint": name, **{column: _finite(values[i]) for column, values in columns.items()}}
+            for i, name in enumerate(self._names)
+        ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def describe_effort(figures: dict[str, Any]) -> str:
+    """Return `JointUse.effort` in a line: `37.1 of 88 N·m at left_knee_joint, 0 ticks at an effort limit`."""
+    at = f"N·m at {figures['joint']}"
+    if figures["limit"] is None:
+        text = f"{figures['effort']:.1f} {at}"
+    else:
+        ticks = figures["saturated_ticks"]
+        text = f"{figures['effort']:.1f} of {figures['limit']:g} {at}, {ticks} ticks at an effort limit"
+    if figures["without_limit"]:
+        text += (
+            f"; NO EFFORT LIMIT KNOWN for {len(figures['without_limit'])} joints (give effort_limit in the contract)"
+        )
+    return text

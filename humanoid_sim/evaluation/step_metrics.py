@@ -1,0 +1,381 @@
+"""Figures of one policy step, in one table: rewards, `regress` and `doctor` choose rows by name.
+
+A row is a function of a `StepContext` c and a `StepSample` s, of one robot or a batch: one value for each, shape (...).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.rotation import rotate
+from humanoid_sim.evaluation.errors import PoseError, length, pose_error, quaternion_angle, rms, total
+from humanoid_sim.evaluation.failure import (
+    body_has_strayed,
+    describe_body_stray,
+    describe_fall,
+    describe_stray,
+    has_fallen,
+    has_strayed,
+)
+from humanoid_sim.evaluation.piano_score import step_ratios
+from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray, point_velocity
+from humanoid_sim.simulation.floating_base import BaseState
+
+_STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
+_SPARE_EFFORT = 0.8  # share of a joint's effort limit from which on its torque is strain
+_LIFT = 0.06  # m by which a foot is lifted in the middle of its swing
+_NEAR_FLOOR = 0.02  # m above the floor over which a foot's speed ceases to count
+_REACH = 0.05  # m from a key within which a finger is near
+_WRIST_HEIGHT = 0.05  # m above the white keys, below which a forearm would come onto them
+
+Values = Callable[[StepContext, StepSample], FloatArray]
+Needs = Literal["", "motion", "motion with joints", "motion with an anchor", "floating base", "song", "gait"]
+
+
+@dataclass(frozen=True, slots=True)
+class StepMetric:
+    """A figure of a policy step."""
+
+    name: str
+    unit: str
+    formula: str
+    better: Literal["lower", "higher"]
+    values: Values
+    needs: Needs
+    """Part of robot, contract or motion without which it means nothing."""
+
+
+METRICS: dict[str, StepMetric] = {}
+"""The table, by name."""
+
+
+def metric(
+    unit: str, formula: str, needs: Needs = "", better: Literal["lower", "higher"] = "lower"
+) -> Callable[[Values], Values]:
+    """Add the function to the table under its own name."""
+
+    def add(values: Values) -> Values:
+        name = getattr(values, "__name__", "")
+        METRICS[name] = StepMetric(name, unit, formula, better, values, needs)
+        return values
+
+    return add
+
+
+def _near(error: FloatArray, scale: float) -> FloatArray:
+    """Return exp(-(error / scale)²): 1 without an error."""
+    near: FloatArray = np.exp(error * error / -(scale * scale))
+    return near
+
+
+def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
+    return total(values * values)
+
+
+# ---- motions
+
+
+def body_distance(c: StepContext, s: StepSample) -> FloatArray:
+    """Shape (..., b), m, of the tracked bodies from the motion, base frame."""
+    return length(s.body_position[..., : len(c.tracked), :] - c.body_target[0][c.reference.clamp(s.frame)])
+
+
+def body_angle(c: StepContext, s: StepSample) -> FloatArray:
+    """Shape (..., b), rad, between the tracked bodies and the motion."""
+    return quaternion_angle(s.body_quaternion[..., : len(c.tracked), :], c.body_target[1][c.reference.clamp(s.frame)])
+
+
+def anchor_error(c: StepContext, s: StepSample) -> PoseError:
+    """Return the anchor body's error against the motion as it was laid onto the robot."""
+    return pose_error(s.state.extern[ANCHOR_POSE].value, *c.reference.anchor(s.frame, s.alignment))
+
+
+@metric("m", "rms distance from the motion of its tracked bodies (base frame), else of its anchor (world)", "motion")
+def body_position_error(c: StepContext, s: StepSample) -> FloatArray:
+    return rms(body_distance(c, s)) if c.tracked else anchor_error(c, s).distance
+
+
+@metric("rad", "rms angle to the motion of its tracked bodies, else of its anchor", "motion")
+def body_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
+    return rms(body_angle(c, s)) if c.tracked else anchor_error(c, s).angle
+
+
+@metric("rad", "rms(q - q_motion)", "motion with joints")
+def joint_error(c: StepContext, s: StepSample) -> FloatArray:
+    assert c.joint_target is not None
+    return rms(s.state.joint_position - c.joint_target[np.minimum(s.frame, len(c.joint_target) - 1)])
+
+
+@metric("1", "1 where a tracked body is > 0.3 m off, or the anchor > 0.35 m in height or > 1.2 rad in tilt", "motion")
+def strayed(c: StepContext, s: StepSample) -> FloatArray:
+    is_lost = body_has_strayed(body_distance(c, s)) if c.tracked else has_strayed(anchor_error(c, s))
+    return is_lost.astype(np.float64)
+
+
+@metric("1", "exp(-(body_position_error / 0.1 m)²)", "motion", "higher")
+def body_position(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(body_position_error(c, s), 0.1)
+
+
+@metric("1", "exp(-(body_orientation_error / 0.4 rad)²)", "motion", "higher")
+def body_orientation(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(body_orientation_error(c, s), 0.4)
+
+
+@metric("1", "exp(-(joint_error / 0.3 rad)²)", "motion with joints", "higher")
+def joint_position(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(joint_error(c, s), 0.3)
+
+
+@metric("1", "exp(-(distance of the anchor / 0.3 m)²)", "motion with an anchor", "higher")
+def anchor_position(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(anchor_error(c, s).distance, 0.3)
+
+
+@metric("1", "exp(-(angle of the anchor / 0.4 rad)²)", "motion with an anchor", "higher")
+def anchor_orientation(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(anchor_error(c, s).angle, 0.4)
+
+
+# ---- floating bases
+
+
+def _base(s: StepSample) -> BaseState:
+    assert s.base is not None
+    return s.base
+
+
+@metric("1", "1 where it has fallen: centre of mass < 0.6 of its standing height, or tilt > 1 rad", "floating base")
+def fallen(c: StepContext, s: StepSample) -> FloatArray:
+    return has_fallen(_base(s), c.standing_height).astype(np.float64)
+
+
+@metric("m/s", "|v - v_command|, horizontal, heading frame", "floating base")
+def velocity_error(c: StepContext, s: StepSample) -> FloatArray:
+    return length(_base(s).planar_velocity[..., :2] - s.command[..., :2])
+
+
+@metric("rad/s", "|yaw rate - its command|", "floating base")
+def yaw_rate_error(c: StepContext, s: StepSample) -> FloatArray:
+    return np.abs(_base(s).planar_velocity[..., 2] - s.command[..., 2])
+
+
+@metric("rad", "angle between the axis that points up where it stands and the vertical", "floating base")
+def tilt(c: StepContext, s: StepSample) -> FloatArray:
+    return _base(s).tilt
+
+
+@metric("1", "exp(-(velocity_error / 0.25 m/s)²)", "floating base", "higher")
+def linear_velocity(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(velocity_error(c, s), 0.25)
+
+
+@metric("1", "exp(-(yaw_rate_error / 0.5 rad/s)²)", "floating base", "higher")
+def yaw_rate(c: StepContext, s: StepSample) -> FloatArray:
+    return _near(yaw_rate_error(c, s), 0.5)
+
+
+@metric("1", "mean of exp(-(velocity_error / scale)²) for 0.15 and 0.5 m/s", "floating base", "higher")
+def linear_velocity_sharp(c: StepContext, s: StepSample) -> FloatArray:
+    error = velocity_error(c, s)
+    return 0.5 * (_near(error, 0.15) + _near(error, 0.5))
+
+
+@metric("1", "mean of exp(-(yaw_rate_error / scale)²) for 0.2 and 0.8 rad/s", "floating base", "higher")
+def yaw_rate_sharp(c: StepContext, s: StepSample) -> FloatArray:
+    error = yaw_rate_error(c, s)
+    return 0.5 * (_near(error, 0.2) + _near(error, 0.8))
+
+
+@metric("1", "squared sine of the angle between the base's z axis and the vertical", "floating base")
+def lean(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(_base(s).gravity[..., :2])
+
+
+@metric("m²/s²", "squared vertical velocity of the base", "floating base")
+def vertical_velocity(c: StepContext, s: StepSample) -> FloatArray:
+    return np.asarray(_base(s).linear_velocity[..., 2] ** 2)
+
+
+@metric("rad²/s²", "squared angular velocity of the base about its x and y axes", "floating base")
+def rocking(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(_base(s).angular_velocity[..., :2])
+
+
+# ---- joints
+
+
+@metric("1", "1", better="higher")
+def alive(c: StepContext, s: StepSample) -> FloatArray:
+    return np.ones(s.torque.shape[:-1])
+
+
+@metric("N·m", "rms torque over the joints")
+def effort(c: StepContext, s: StepSample) -> FloatArray:
+    return rms(s.torque)
+
+
+@metric("W", "sum of |torque · joint velocity|")
+def power(c: StepContext, s: StepSample) -> FloatArray:
+    return total(np.abs(s.torque * s.state.joint_velocity))
+
+
+@metric("1", "sum of (torque / effort limit)²")
+def effort_share(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(s.torque * c.inverse_effort)
+
+
+@metric("1", "sum of the squares of |torque| / effort limit beyond 0.8")
+def strain(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(np.maximum(np.abs(s.torque) * c.inverse_effort - _SPARE_EFFORT, 0.0))
+
+
+@metric("action²", "sum of the squared change of the raw action")
+def action_change(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(s.action - s.previous_action)
+
+
+@metric("rad", "sum of how far joints are beyond their limits less 0.05 rad")
+def joint_stops(c: StepContext, s: StepSample) -> FloatArray:
+    q = s.state.joint_position
+    return total(np.maximum(np.maximum(c.lower + _STOP_MARGIN - q, q - c.upper + _STOP_MARGIN), 0.0))
+
+
+@metric("rad²/s²", "sum of squared joint velocities")
+def joint_speed(c: StepContext, s: StepSample) -> FloatArray:
+    return _squares(s.state.joint_velocity)
+
+
+# ---- gaits: the left foot swings while the sine of the clock's phase is positive, the right one while it is negative
+
+
+def _stands(s: StepSample) -> BoolArray:
+    """Shape (...): clock or command say to stand."""
+    assert s.phase is not None
+    stands: BoolArray = np.isnan(s.phase[..., 0]) | (s.command == 0.0).all(axis=-1)
+    return stands
+
+
+def _sole_height(c: StepContext, s: StepSample) -> FloatArray:
+    """Shape (..., 2), m, of the soles above the floor."""
+    base = _base(s)
+    position = rotate(base.quaternion[..., None, :], s.body_position[..., -2:, :])
+    height: FloatArray = position[..., 2] + base.height[..., None] - c.feet.sole
+    return height
+
+
+def _foot_velocity(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray]:
+    """Velocity of the feet, shape (..., 2, 3), m/s, and its weight by their height, shape (..., 2), 0 to 1."""
+    velocity = np.stack([s.state.extern[point_velocity(foot)].value for foot in c.feet.bodies], axis=-2)
+    return velocity, np.exp(np.maximum(_sole_height(c, s), 0.0) / -_NEAR_FLOOR)
+
+
+@metric("1", "mean over feet of exp(-((height - 0.06 m · sine in swing, else 0) / 0.03 m)²)", "gait", "higher")
+def foot_height(c: StepContext, s: StepSample) -> FloatArray:
+    assert s.phase is not None
+    swing = np.where(_stands(s)[..., None], 0.0, np.sin(s.phase[..., :1]) * np.array([1.0, -1.0]))
+    mean: FloatArray = np.mean(_near(_sole_height(c, s) - _LIFT * np.maximum(swing, 0.0), 0.03), axis=-1)
+    return mean
+
+
+@metric("m²/s²", "squared horizontal speed of the feet, faded out over 0.02 m of height", "gait")
+def foot_slide(c: StepContext, s: StepSample) -> FloatArray:
+    velocity, weight = _foot_velocity(c, s)
+    return total(_squares(velocity[..., :2]) * weight)
+
+
+@metric("m²/s²", "squared downward speed of the feet, faded out likewise", "gait")
+def foot_slap(c: StepContext, s: StepSample) -> FloatArray:
+    velocity, weight = _foot_velocity(c, s)
+    return total(np.minimum(velocity[..., 2], 0.0) ** 2 * weight)
+
+
+@metric("1", "sum over feet of the squared sine of their tilt", "gait")
+def foot_tilt(c: StepContext, s: StepSample) -> FloatArray:
+    up = rotate(_base(s).quaternion[..., None, :], rotate(s.body_quaternion[..., -2:, :], c.feet.up))
+    return total(up[..., 0] ** 2 + up[..., 1] ** 2)
+
+
+@metric("m²", "squared difference of the base's height from standing, beyond 0.02 m", "gait")
+def sinking(c: StepContext, s: StepSample) -> FloatArray:
+    return np.asarray(np.maximum(np.abs(_base(s).height - c.feet.base_height) - 0.02, 0.0) ** 2)
+
+
+@metric("rad²", "squared distance of yaw and roll joints from the default pose, summed", "gait")
+def posture(c: StepContext, s: StepSample) -> FloatArray:
+    away = s.state.joint_position - c.default_pose
+    return total(c.steady_joints * away * away)
+
+
+@metric("rad²/s²", "joint_speed while the command is to stand", "gait")
+def stillness(c: StepContext, s: StepSample) -> FloatArray:
+    return np.where(_stands(s), joint_speed(c, s), 0.0)
+
+
+# ---- pianos; the first two are the key press reward of RoboPianist (Zakka et al. 2023)
+
+
+def pressed_and_wanted(c: StepContext, s: StepSample) -> tuple[BoolArray, BoolArray]:
+    """Return which keys are down and which should be, shape (..., 88)."""
+    return np.asarray(s.state.extern[KEY_PRESSED].value > 0.5), c.song[c.reference.clamp(s.frame)]
+
+
+def _mean_of_song(c: StepContext, s: StepSample, values: npt.NDArray[np.generic]) -> FloatArray:
+    """Return the mean of values, shape (..., 88), over the song's present keys; 1 where it has none."""
+    wanted = pressed_and_wanted(c, s)[1]
+    count = wanted.sum(axis=-1)
+    return np.where(count > 0, total(np.where(wanted, values, 0.0)) / np.maximum(count, 1), 1.0)
+
+
+@metric("1", "share of the song's present keys that are down; 1 where it asks for none", "song", "higher")
+def keys_hit(c: StepContext, s: StepSample) -> FloatArray:
+    return _mean_of_song(c, s, pressed_and_wanted(c, s)[0])
+
+
+@metric("1", "1 where no other key is down", "song", "higher")
+def no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
+    pressed, wanted = pressed_and_wanted(c, s)
+    return np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0)
+
+
+@metric("1", "mean over the song's keys of exp(-(distance to the nearest fingertip / 0.05 m)²)", "song", "higher")
+def reach(c: StepContext, s: StepSample) -> FloatArray:
+    tips = s.body_position[..., -2:, :] + rotate(s.body_quaternion[..., -2:, :], c.fingers[1])
+    nearest = _squares(tips[..., None, :, :] - c.strike_points[:, None, :]).min(axis=-1)
+    return _mean_of_song(c, s, np.exp(nearest / -(_REACH**2)))
+
+
+@metric("m", "how far wrists are less than 0.05 m above the white keys, summed", "song")
+def low_wrist(c: StepContext, s: StepSample) -> FloatArray:
+    lowest = float(c.strike_points[:, 2].min()) + _WRIST_HEIGHT
+    return total(np.maximum(lowest - s.body_position[..., -2:, 2], 0.0))
+
+
+@metric("share", "of the keys that are down, those that should be", "song", "higher")
+def precision(c: StepContext, s: StepSample) -> FloatArray:
+    return step_ratios(*pressed_and_wanted(c, s))[0]
+
+
+@metric("share", "of the keys that should be down, those that are", "song", "higher")
+def recall(c: StepContext, s: StepSample) -> FloatArray:
+    return step_ratios(*pressed_and_wanted(c, s))[1]
+
+
+@metric("share", "harmonic mean of precision and recall", "song", "higher")
+def f1(c: StepContext, s: StepSample) -> FloatArray:
+    return step_ratios(*pressed_and_wanted(c, s))[2]
+
+
+def describe_failure(c: StepContext, s: StepSample, i: int | tuple[()] = ()) -> str:
+    """Return why robot `i` of a batch, () for the only one, has fallen or strayed."""
+    if s.base is not None and np.asarray(has_fallen(s.base, c.standing_height))[i]:
+        return describe_fall(s.base, c.standing_height, i)
+    return (
+        describe_body_stray(body_distance(c, s)[i], c.tracked) if c.tracked else describe_stray(anchor_error(c, s), i)
+    )
