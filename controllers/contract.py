@@ -7,14 +7,15 @@ down. What the terms of an observation mean is in `terms`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from humanoid_sim.controllers.parameters import joint_tuple, number, one_of, per_joint
-from humanoid_sim.controllers.terms import TERM_KINDS, TERM_NAMES, TermKind, is_known, live_kind, term_kind
+from humanoid_sim.controllers.parameters import one_of, per_joint, require, require_names
+from humanoid_sim.controllers.terms import TERM_KINDS, TERM_NAMES, TermKind, live_kind, may_be_sent, term_kind
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     BASE,
@@ -68,14 +69,16 @@ class HeightScan:
     """m above the body where rays begin."""
 
     def __post_init__(self) -> None:
-        for name in ("resolution", "range"):
-            number("HeightScan", name, getattr(self, name), above=True)
-        number("HeightScan", "above", self.above)
         one_of("HeightScan", "ray_order", self.ray_order, RayOrder)
-        if len(self.grid) != 2 or not all(0.0 <= side < np.inf for side in self.grid):
-            raise FieldError(f"HeightScan.grid: is {list(self.grid)}, expected two lengths >= 0, along x and y")
-        if self.count > _MOST_RAYS:
-            raise FieldError(f"HeightScan.resolution: is {self.resolution:g}, {self.count} rays, at most {_MOST_RAYS}")
+        for name, is_accepted, accepted in (
+            ("resolution", 0.0 < self.resolution < np.inf, "m > 0"),
+            ("range", 0.0 < self.range < np.inf, "m > 0"),
+            ("above", 0.0 <= self.above < np.inf, "m >= 0"),
+            ("grid", len(self.grid) == 2 and all(0.0 <= side < np.inf for side in self.grid), "two lengths, m >= 0"),
+        ):
+            require(is_accepted, f"HeightScan.{name}", getattr(self, name), accepted)
+        rays = f"{self.resolution:g}, {self.count} rays"
+        require(self.count <= _MOST_RAYS, "HeightScan.resolution", rays, f"at most {_MOST_RAYS}")
 
     @property
     def missed(self) -> float:
@@ -100,6 +103,18 @@ class HeightScan:
         if self.ray_order == "xy":
             return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
         return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
+
+
+TERM_CHOICES: Mapping[str, Any] = MappingProxyType(
+    {
+        "history_order": HistoryOrder,
+        "frame": Frame,
+        "layout": OrientationLayout,
+        "quaternion": QuaternionOrder,
+        "form": ActionForm,
+    }
+)
+"""Options of a term that are one of a few words."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,40 +158,27 @@ class Term:
     """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
 
     def __post_init__(self) -> None:
-        where, set_field = f"observation term '{self.name}'", object.__setattr__
-        set_field(self, "kind", self.kind or (self.name if self.width else TERM_NAMES.get(self.name, self.name)))
-        set_field(self, "scale", frozen_array(where, "scale", self.scale))
-        if np.ndim(self.scale) > 1 or not np.isfinite(self.scale).all():
-            raise FieldError(f"{where}.scale: is {self.scale}, expected a finite number, or one per value")
-        if self.clip is not None and not self.clip[0] <= self.clip[1]:
-            raise FieldError(f"{where}.clip: is {self.clip}, expected a lower and an upper bound")
-        for name in ("history", "width"):
-            value = getattr(self, name)
-            if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
-                raise FieldError(f"{where}.{name}: is {value!r}, expected a whole number >= 1")
+        where, put = f"observation term '{self.name}'", partial(object.__setattr__, self)
+        put("kind", self.kind or (self.name if self.width else TERM_NAMES.get(self.name, self.name)))
+        put("scale", frozen_array(where, "scale", self.scale))
+        has_scan = self.kind == HEIGHT_SCAN and self.width is None
+        if has_scan and self.scan is None:
+            put("scan", HeightScan())
+        is_sent = may_be_sent(self.kind, is_declared=self.width is not None)
+        for name, is_accepted, accepted in (
+            ("scale", np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
+            ("clip", self.clip is None or self.clip[0] <= self.clip[1], "a lower and an upper bound"),
+            ("history", self.history >= 1, "a whole number >= 1"),
+            ("scan", self.scan is None or has_scan, "none: only a height_scan has one"),
+            ("width", self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),
+            ("topic", self.topic is None or (is_sent and _is_topic(self.topic)), _LIVE_TOPIC),
+            ("timeout", self.timeout is None or (is_sent and self.timeout > 0.0), _LIVE_TIMEOUT),
+        ):
+            require(is_accepted, f"{where}.{name}", getattr(self, name), accepted)
         if self.joints is not None:
-            set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
+            require_names(f"{where}.joints", self.joints)
         for name, choices in TERM_CHOICES.items():
             one_of(where, name, getattr(self, name), choices)
-        if self.kind == HEIGHT_SCAN and self.width is None and self.scan is None:
-            set_field(self, "scan", HeightScan())
-        elif self.scan is not None and (self.kind != HEIGHT_SCAN or self.width is not None):
-            raise FieldError(f"{where}.scan: is given, expected none: only a height_scan has one")
-        self._check_live(where)
-
-    def _check_live(self, where: str) -> None:
-        """Refuse a live input's options on a term that no other program publishes."""
-        usual = TERM_KINDS.get(TERM_NAMES.get(self.kind, self.kind))
-        is_published = (self.width is not None and not is_known(self.kind)) or (usual is not None and usual.topic != "")
-        for name in ("width", "topic", "timeout"):
-            value = getattr(self, name)
-            if value is not None and not is_published:
-                hint = "" if is_known(self.kind) else f"; a width declares one: {{name: {self.name}, width: 2}}"
-                raise FieldError(f"{where}.{name}: is {value!r}, expected none: only a live input has one{hint}")
-        if self.topic is not None and not _is_topic(self.topic):
-            raise FieldError(f"{where}.topic: is {self.topic!r}, expected a ROS 2 name such as '/foot_contact'")
-        if self.timeout is not None and not self.timeout > 0.0:
-            raise FieldError(f"{where}.timeout: is {self.timeout!r}, expected seconds > 0, or .inf")
 
     def process(self, value: FloatArray) -> FloatArray:
         """Clip, then scale, a value of shape (..., width)."""
@@ -185,16 +187,8 @@ class Term:
         return value * self.scale
 
 
-TERM_CHOICES: Mapping[str, Any] = MappingProxyType(
-    {
-        "history_order": HistoryOrder,
-        "frame": Frame,
-        "layout": OrientationLayout,
-        "quaternion": QuaternionOrder,
-        "form": ActionForm,
-    }
-)
-"""Options of a term that are one of a few words."""
+_LIVE_TOPIC = "a ROS 2 name such as '/foot_contact', of a live input; a width declares one, as in width: 2"
+_LIVE_TIMEOUT = "seconds > 0, or .inf, of a live input; a width declares one, as in width: 2"
 
 
 def _is_topic(name: str) -> bool:
@@ -243,24 +237,29 @@ class PhaseRule:
     """Speed by which `frequency` is looked up: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
 
     def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        if (self.period is None) == (self.frequency is None):
-            both = "neither is given" if self.period is None else "both are given"
-            raise FieldError(f"PhaseRule.period: {both}, expected a period, or a frequency for each speed")
-        if self.period is not None:
-            set_field(self, "period", number("PhaseRule", "period", self.period, above=True))
+        put, offsets = partial(object.__setattr__, self), frozen_array("PhaseRule", "offsets", self.offsets)
+        put("offsets", offsets)
         if self.frequency is not None:
-            table = frozen_array("PhaseRule", "frequency", self.frequency)
-            is_table = table.ndim == 2 and table.shape[1] == 2 and len(table) > 0 and bool(np.isfinite(table).all())
-            if not is_table or not (np.diff(table[:, 0]) > 0.0).all() or not (table[:, 1] > 0.0).all():
-                accepted = "[speed, Hz] once or more, speeds ascending, frequencies > 0"
-                raise FieldError(f"PhaseRule.frequency: is {table.tolist()}, expected {accepted}")
-            set_field(self, "frequency", table)
+            put("frequency", frozen_array("PhaseRule", "frequency", self.frequency))
+        either = "a period > 0, or else a frequency for each speed, and not both"
+        is_one = (self.period is None) != (self.frequency is None)
         one_of("PhaseRule", "speed", self.speed, Speed)
-        set_field(self, "offsets", frozen_array("PhaseRule", "offsets", self.offsets))
-        if self.offsets.ndim != 1 or not self.offsets.size or not np.isfinite(self.offsets).all():
-            raise FieldError(f"PhaseRule.offsets: is {self.offsets}, expected one finite angle per foot")
-        number("PhaseRule", "standing_threshold", self.standing_threshold)
+        for name, is_accepted, accepted in (
+            ("period", is_one and (self.period is None or 0.0 < self.period < np.inf), either),
+            ("frequency", _is_gait(self.frequency), "[speed, Hz] once or more, speeds ascending, frequencies > 0"),
+            ("offsets", offsets.ndim == 1 and offsets.size and np.isfinite(offsets).all(), "one finite angle per foot"),
+            ("standing_threshold", 0.0 <= self.standing_threshold < np.inf, "a number >= 0"),
+        ):
+            require(is_accepted, f"PhaseRule.{name}", getattr(self, name), accepted)
+
+
+def _is_gait(table: FloatArray | None) -> bool:
+    """Return True for a table of speeds and frequencies, shape (p, 2), and for none."""
+    if table is None:
+        return True
+    if table.ndim != 2 or table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
+        return False
+    return bool((np.diff(table[:, 0]) > 0.0).all() and (table[:, 1] > 0.0).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -325,21 +324,37 @@ class PolicyContract:
     """Order in which the motion's source gives quaternions."""
     tensors: TensorNames = field(default_factory=TensorNames)
     """Names in the model's graph."""
-    source: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    source: Mapping[str, str] = field(default_factory=dict)
     """Field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION` to where it came from; others: by default."""
 
     def __post_init__(self) -> None:
-        owner, set_field = "PolicyContract", object.__setattr__
-        set_field(self, "joint_names", joint_tuple(owner, self.joint_names, "joint_names"))
-        names = joint_tuple(owner, self.action_joint_names, "action_joint_names")
-        strangers = [name for name in names if name not in self.joint_names]
-        if strangers:
-            known = ", ".join(self.joint_names)
-            raise FieldError(f"{owner}.action_joint_names: {', '.join(strangers)} not in joint_names: {known}")
-        set_field(self, "action_joint_names", names)
-        for name in ("body_names", "command_names"):
-            set_field(self, name, joint_tuple(owner, getattr(self, name), name, may_be_empty=True))
-        set_field(self, "lookahead_steps", tuple(int(step) for step in self.lookahead_steps))
+        put = partial(object.__setattr__, self)
+        for name in ("joint_names", "action_joint_names", "body_names", "command_names", "lookahead_steps"):
+            put(name, tuple(getattr(self, name)))
+        put("observation", tuple(term if isinstance(term, Term) else Term(term) for term in self.observation))
+        put("source", dict(self.source))
+        self._check_names()
+        self._set_arrays()
+        self._check_live_inputs()
+
+    def _check_names(self) -> None:
+        owner, joints = "PolicyContract", self.joint_names
+        require_names(f"{owner}.joint_names", joints)
+        require_names(f"{owner}.action_joint_names", self.action_joint_names, joints)
+        require_names(f"{owner}.observation", self.observation_names)
+        for term in self.terms:
+            if term.joints is not None:
+                require_names(f"{owner}.observation: term '{term.name}'", term.joints, joints)
+        is_one_history = self.history_layout == "per_term" or len({term.history for term in self.terms}) == 1
+        has_lookahead = len(self.lookahead_steps) > 0 or "target_keys_future" not in self.observation_names
+        for name, is_accepted, accepted in (
+            ("lookahead_steps", has_lookahead, "the steps ahead that target_keys_future shows"),
+            ("history_layout", is_one_history, "per_term where terms show different numbers of steps"),
+            ("policy_dt", 0.0 < self.policy_dt < np.inf, "seconds > 0"),
+            ("action_clip", self.action_clip > 0.0, "a number > 0"),
+            ("action_limit", self.action_limit is None or self.action_limit > 0.0, "a number > 0"),
+        ):
+            require(is_accepted, f"{owner}.{name}", getattr(self, name), accepted)
         for name, choices in (
             ("task_type", TaskType),
             ("model_joint_damping", ModelDamping),
@@ -347,74 +362,39 @@ class PolicyContract:
             ("reference_quaternion", QuaternionOrder),
         ):
             one_of(owner, name, getattr(self, name), choices)
-        set_field(self, "policy_dt", number(owner, "policy_dt", self.policy_dt, above=True))
-        for name in ("action_clip", "action_limit"):
-            limit = getattr(self, name)
-            if limit is not None and not limit > 0.0:
-                raise FieldError(f"{owner}.{name}: is {limit!r}, expected a number > 0")
-        self._set_arrays(owner)
-        terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.observation)
-        set_field(self, "observation", terms)
-        set_field(self, "source", MappingProxyType(dict(self.source)))
-        self._check_terms(owner)
 
-    def _set_arrays(self, owner: str) -> None:
-        set_field = object.__setattr__
+    def _set_arrays(self) -> None:
+        """Make the per-joint and per-action arrays, scalars broadcast."""
+        owner, put = "PolicyContract", partial(object.__setattr__, self)
         joints, driven = self.joint_names, self.action_joint_names
-        for name, least in (("joint_stiffness", 0.0), ("joint_damping", 0.0), ("default_joint_pos", -np.inf)):
-            set_field(self, name, per_joint(owner, name, getattr(self, name), joints, minimum=least))
-        offset = self.action_offset
-        if offset is None:  # an action that is counted from the default pose
-            offset = self.default_joint_pos[[joints.index(joint) for joint in driven]]
-        set_field(self, "action_offset", per_joint(owner, "action_offset", offset, driven))
-        set_field(self, "action_scale", per_joint(owner, "action_scale", self.action_scale, driven))
+        for name in ("joint_stiffness", "joint_damping"):
+            array = per_joint(owner, name, getattr(self, name), joints, _is_gain, "a finite number >= 0")
+            put(name, array)
+        put("default_joint_pos", per_joint(owner, "default_joint_pos", self.default_joint_pos, joints))
+        if self.action_offset is None:
+            put("action_offset", self.default_joint_pos[[joints.index(joint) for joint in driven]])
+        for name in ("action_offset", "action_scale"):
+            put(name, per_joint(owner, name, getattr(self, name), driven))
         if self.effort_limit is not None:
-            limits = frozen_array(owner, "effort_limit", self.effort_limit)
-            if limits.shape not in ((), (len(joints),)) or not (limits > 0.0).all():
-                accepted = f"a number > 0 for each of {len(joints)} joints, or one for all"
-                raise FieldError(f"{owner}.effort_limit: is {limits.tolist()}, expected {accepted}")
-            set_field(self, "effort_limit", frozen_array(owner, "effort_limit", np.broadcast_to(limits, len(joints))))
+            limit = per_joint(owner, "effort_limit", self.effort_limit, joints, lambda array: array > 0.0, "N·m > 0")
+            put("effort_limit", limit)
         if isinstance(self.position_clip, str):
             one_of(owner, "position_clip", self.position_clip, Literal["joint_limits"])
-        for name, rows, what in (
-            ("position_clip", len(driven), f"each of {len(driven)} action joints, or one for all"),
-            ("command_ranges", 3, "vx, vy and yaw rate"),
-        ):
-            value = getattr(self, name)
-            if value is None or isinstance(value, str):
-                continue
-            pairs = frozen_array(owner, name, value)
-            shapes = [(rows, 2), (1, 2)] if name == "position_clip" else [(rows, 2)]
-            if pairs.shape not in shapes or not (pairs[:, 0] <= pairs[:, 1]).all():
-                raise FieldError(f"{owner}.{name}: is {pairs.tolist()}, expected [least, greatest] for {what}")
-            set_field(self, name, frozen_array(owner, name, np.broadcast_to(pairs, (rows, 2))))
+        elif self.position_clip is not None:
+            put("position_clip", _bounds("position_clip", self.position_clip, len(driven), may_be_one=True))
+        if self.command_ranges is not None:
+            put("command_ranges", _bounds("command_ranges", self.command_ranges, 3))
 
-    def _check_terms(self, owner: str) -> None:
-        """Refuse terms that do not fit each other, or the other fields."""
-        joint_tuple(owner, self.observation_names, "observation")
+    def _check_live_inputs(self) -> None:
+        """Refuse two terms that describe one live input differently, and two live inputs on one topic."""
         for term in self.terms:
-            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
-            if strangers:
-                shown = f"term '{term.name}' shows {', '.join(strangers)}"
-                raise FieldError(f"{owner}.observation: {shown}, not in joint_names")
-            for option in ("width", "topic", "timeout", "scan"):
-                same = [getattr(other, option) for other in self.terms if other.kind == term.kind]
-                if any(value != same[0] for value in same):
-                    raise FieldError(f"{owner}.observation: '{term.kind}' has {option}s {same}, expected one")
+            same = [other for other in self.terms if other.kind == term.kind]
+            if len({(other.width, other.topic, other.timeout, other.scan) for other in same}) > 1:
+                names = " and ".join(other.name for other in same)
+                raise FieldError(f"PolicyContract.observation: {names} differ in width, topic, timeout or scan")
         topics = [topic.name for topic in self.live_topics.values()]
-        twice = sorted({topic for topic in topics if topics.count(topic) > 1})
-        if twice:
-            raise FieldError(f"{owner}.observation: two live inputs have the topic {twice[0]}, expected one each")
-        lengths = sorted({term.history for term in self.terms})
-        if self.history_layout == "per_step" and len(lengths) > 1:
-            raise FieldError(f"{owner}.history_layout: per_step needs one history for all terms, they have {lengths}")
-        if "target_keys_future" in self.observation_names and not self.lookahead_steps:
-            raise FieldError(f"{owner}.lookahead_steps: is empty, but the observation has target_keys_future")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled through the constructor: a read-only mapping cannot be, and arrays would come back writable."""
-        values = [getattr(self, item.name) for item in fields(self)]
-        return type(self), (*values[:-1], dict(self.source))
+        if topics:
+            require_names("PolicyContract.observation: topics", topics)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -464,7 +444,7 @@ class PolicyContract:
     def sent_inputs(self) -> Mapping[str, int]:
         """Name and width of the live inputs that a program may send: declared ones, and a height scan."""
         scan = self.height_scan
-        return {**self.live_inputs, **({} if scan is None else {HEIGHT_SCAN: scan.count})}
+        return dict(self.live_inputs) if scan is None else {**self.live_inputs, HEIGHT_SCAN: scan.count}
 
     @property
     def extern_widths(self) -> Mapping[str, int]:
@@ -482,6 +462,19 @@ class PolicyContract:
     def live_timeouts(self) -> Mapping[str, float]:
         """Timeouts that terms state, s, by the name of the live input."""
         return {name: topic.timeout for name, topic in self.live_topics.items() if topic.timeout is not None}
+
+
+def _is_gain(values: FloatArray) -> Any:
+    return np.isfinite(values) & (values >= 0.0)
+
+
+def _bounds(name: str, value: Any, rows: int, *, may_be_one: bool = False) -> FloatArray:
+    """Return least and greatest values, shape (rows, 2), from as many pairs, or from one for all."""
+    pairs = frozen_array("PolicyContract", name, value)
+    is_accepted = pairs.shape == (rows, 2) or (may_be_one and pairs.shape == (1, 2))
+    is_accepted = is_accepted and bool((pairs[:, 0] <= pairs[:, 1]).all())
+    require(is_accepted, f"PolicyContract.{name}", pairs.tolist(), f"[least, greatest] {rows} times")
+    return frozen_array("PolicyContract", name, np.broadcast_to(pairs, (rows, 2)))
 
 
 def live_topic(contract: PolicyContract | None, name: str) -> LiveTopic | None:

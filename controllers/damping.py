@@ -40,8 +40,7 @@ class DampingController:
     def activate(self, tick_input: TickInput) -> HeldMemory | Fault:
         """Capture the positions; fails only if none is known: one silent joint must not make the others limp."""
         position = tick_input.state.joint_position
-        problem = joints_problem(tick_input.state, self.joints)
-        if problem:
+        if problem := joints_problem(tick_input.state, self.joints):
             return Fault(problem)
         if not np.isfinite(position).any():
             return Fault("no joint position is known")

@@ -67,24 +67,20 @@ def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
     """All sources as one: the highest level, flags or-ed, sources and messages of those that are not OK."""
     if all(status.is_ok and not status.flags for status in statuses):
         return OK
-    level = max(status.level for status in statuses)
     flags = SafetyFlag.NONE
     for status in statuses:
         flags |= status.flags
     bad = [status for status in statuses if not status.is_ok]
     source = ", ".join(dict.fromkeys(status.source for status in bad if status.source))
     message = "; ".join(dict.fromkeys(status.message for status in bad if status.message))
-    return SafetyStatus(level, flags, source, message)
+    return SafetyStatus(max(status.level for status in statuses), flags, source, message)
 
 
 def describe_safety(safety: SafetyStatus) -> str:
     """One line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
-    words = ["safety", safety.level.name]
-    if safety.flags:
-        words.append(safety.flags.name or hex(safety.flags))  # a plugin's bits may have no name
-    if safety.source:
-        words += ["from", safety.source]
-    line = " ".join(words)
+    flags = (safety.flags.name or hex(safety.flags)) if safety.flags else ""  # another source's bits may have no name
+    origin = f"from {safety.source}" if safety.source else ""
+    line = " ".join(word for word in ("safety", safety.level.name, flags, origin) if word)
     return f"{line}: {safety.message}" if safety.message else line
 
 
@@ -128,41 +124,32 @@ def transition(
         available: names of the controllers that exist.
         unready: reason why the controller that is to move the robot cannot start yet; '' for none.
     """
-    mode = MODES[current]
-    refusal = ""
+    reason = ""
     if intent is not None:
-        reason = _refusal(mode, current, safety, intent, standby_finished, available, unready)
-        refusal = refused(intent, reason) if reason else ""
-    if mode in MOVING and not safety.is_ok:
+        reason = _refusal(current, safety, intent, standby_finished, available) or unready
+    refusal = refused(intent, reason) if intent is not None and reason else ""
+    if MODES[current] in MOVING and not safety.is_ok:
         return Decision(DAMPING, message=describe_safety(safety), refusal=refusal)
-    if intent is None or refusal:
+    if intent is None or refusal or RULES[intent].target == current:  # the last is DAMP in DAMPING
         return Decision(refusal=refusal)
     target = RULES[intent].target
-    if target == current:  # DAMP in DAMPING
-        return Decision()
     return Decision(target, quit=target is None, message=f"{intent.name} requested")
 
 
 def _refusal(
-    mode: Mode,
-    current: str,
-    safety: SafetyStatus,
-    intent: Intent,
-    standby_finished: bool,
-    available: Container[str],
-    unready: str,
+    current: str, safety: SafetyStatus, intent: Intent, standby_finished: bool, available: Container[str]
 ) -> str:
-    rule = RULES[intent]
+    rule, mode = RULES[intent], MODES[current]
+    requirement = ("finished " if rule.standby_finished else "") + mode_names(rule.modes)
     if not safety.is_ok and intent not in (Intent.DAMP, Intent.QUIT):
         return describe_safety(safety)
-    requirement = ("finished " if rule.standby_finished else "") + mode_names(rule.modes)
     if mode not in rule.modes:
         return f"requires {requirement}, mode is {mode.name}"
     if rule.standby_finished and not standby_finished:
         return f"requires {requirement}, {current} has not finished"
     if rule.target is not None and rule.target not in available:
         return f"{rule.target} is not available"
-    return unready
+    return ""
 
 
 def granted(

@@ -48,8 +48,6 @@ class Guards:
     """Shape (n,), rad, the joints' lower limits; -infinity for none."""
     upper: FloatArray
     """Shape (n,), rad, upper limits."""
-    effort_limit: FloatArray
-    """Shape (n,), N·m, for messages."""
     following_effort: FloatArray
     """Shape (n,), N·m: K_p times the error from which a joint must come nearer; infinity: not watched."""
     following_time: float
@@ -64,8 +62,6 @@ class Guards:
     """Shape (n,), rad/s; infinity: not watched."""
     speed_time: float
     """s"""
-    speed_assumed: tuple[str, ...] = ()
-    """Joints whose speed limit nobody gave and no motor has: it follows from their range."""
     following_within: bool = False
     """True where the following guard takes a command beyond a limit for one to the limit, or to the joint if that is
     further out: policies of legs ask for more than their joints have, and a joint at its stop does not then lag."""
@@ -74,10 +70,10 @@ class Guards:
     _times: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "_lowest", self.lower - self.limit_margin)
-        put(self, "_highest", self.upper + self.limit_margin)
-        put(self, "_times", np.array([[self.following_time], [self.limit_time], [self.speed_time]]) - _ROUNDING)
+        object.__setattr__(self, "_lowest", self.lower - self.limit_margin)
+        object.__setattr__(self, "_highest", self.upper + self.limit_margin)
+        times = np.array([[self.following_time], [self.limit_time], [self.speed_time]])
+        object.__setattr__(self, "_times", times - _ROUNDING)
 
     def watch(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> GuardMemory | None:
         """Return the memory after a tick of one robot or a batch; None where no condition holds.
@@ -89,9 +85,9 @@ class Guards:
         with np.errstate(all="ignore"):
             position = state.joint_position
             spring = command.stiffness * (command.position - position)
-            pulled = np.abs(spring) > self.following_effort
             above, below = position > self._highest, position < self._lowest
             fast = np.abs(state.joint_velocity) > self.speed_limit
+            pulled = np.abs(spring) > self.following_effort
             if not np.count_nonzero(pulled | above | below | fast):  # nearly every tick ends here
                 return None
             push, spring = spring + command.effort, self._spring(state, command)
@@ -99,6 +95,14 @@ class Guards:
             condition = np.stack([pulled, (above & (push > 0.0)) | (below & (push < 0.0)), fast], axis=-2)
             condition &= (np.isfinite(position) & (state.joint_age < _STALE) & np.isfinite(spring))[..., None, :]
             return self._count(memory, state, condition, np.where(spring < 0.0, -1.0, 1.0))
+
+    def _spring(self, state: MITState, command: MITCommand) -> FloatArray:
+        """Return K_p times the error that the following guard judges, shape (..., n), N·m."""
+        position, wanted = state.joint_position, command.position
+        if self.following_within:
+            wanted = np.clip(wanted, np.minimum(self.lower, position), np.maximum(self.upper, position))
+        spring: FloatArray = command.stiffness * (wanted - position)
+        return spring
 
     def _count(
         self, memory: GuardMemory | None, state: MITState, condition: BoolArray, side: FloatArray
@@ -115,25 +119,20 @@ class Guards:
         # A joint that has come nearer, or is now pulled the other way, begins again from where it is; one that is
         # pushed back counts from there.
         advance = (position - memory.start) * side
-        fresh = (side != memory.side) | (memory.held[..., _FOLLOWING, :] < 0.0)
-        follows = fresh | np.asarray(advance >= self.following_progress)
+        is_new = (side != memory.side) | (memory.held[..., _FOLLOWING, :] < 0.0)
+        follows = is_new | np.asarray(advance >= self.following_progress)
         held[..., _FOLLOWING, :] = np.where(follows, 0.0, held[..., _FOLLOWING, :])
         start = np.where(follows | (advance < 0.0), position, memory.start)
         return GuardMemory(time, np.where(condition, held, -1.0), side, start)
 
-    def _spring(self, state: MITState, command: MITCommand) -> FloatArray:
-        """Return K_p times the error that the following guard judges, shape (..., n), N·m."""
-        position, wanted = state.joint_position, command.position
-        if self.following_within:
-            wanted = np.clip(wanted, np.minimum(self.lower, position), np.maximum(self.upper, position))
-        spring: FloatArray = command.stiffness * (wanted - position)
-        return spring
+    def _is_late(self, held: FloatArray) -> BoolArray:
+        return np.asarray((held >= 0.0) & (held >= self._times))
 
     def tripped(self, memory: GuardMemory | None) -> BoolArray:
         """Return which robots a guard has tripped for, shape (...)."""
         if memory is None:
             return np.zeros((), dtype=bool)
-        return np.asarray(((memory.held >= 0.0) & (memory.held >= self._times)).any(axis=(-2, -1)))
+        return np.asarray(self._is_late(memory.held).any(axis=(-2, -1)))
 
     def restarted(self, memory: GuardMemory | None, chosen: IndexArray) -> GuardMemory | None:
         """Return the memory of a batch in which the robots with indices `chosen`, shape (k,), begin afresh."""
@@ -157,43 +156,23 @@ class Guards:
             memory: of `watch` with this state and command.
             i: which robot of a batch; () for the only one.
         """
-        if memory is None:
+        if memory is None or not self._is_late(memory.held[i]).any():
             return ""
-        held = memory.held[i]
-        late = np.argwhere((held >= 0.0) & (held >= self._times)).tolist()
-        if not late:
-            return ""
-        guard, joint = late[0]
-        name, lower, upper = self.joints[joint], float(self.lower[joint]), float(self.upper[joint])
-        at, wanted = float(state.joint_position[i][joint]), float(command.position[i][joint])
+        guard, j = np.argwhere(self._is_late(memory.held[i]))[0]
+        name, at, wanted = self.joints[j], state.joint_position[i][j], command.position[i][j]
         if guard == _SPEED:
-            speed, limit = float(state.joint_velocity[i][joint]), self.speed_limit[joint]
-            origin = " (default, not your motor's)" if name in self.speed_assumed else ""
-            return (
-                f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {limit:.1f}{origin}; "
-                "a command that jumps, gains that are not stable, or a load that came off?"
-            )
+            speed = state.joint_velocity[i][j]
+            return f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {self.speed_limit[j]:.1f}"
         if guard == _LIMIT:
-            limit = upper if at > upper else lower
-            push = float(command.stiffness[i][joint]) * (wanted - at) + float(command.effort[i][joint])
-            cause = "the command is beyond it" if not lower <= wanted <= upper else "the commanded effort pushes there"
+            limit = self.upper[j] if at > self.upper[j] else self.lower[j]
+            push = command.stiffness[i][j] * (wanted - at) + command.effort[i][j]
             return (
-                f"limit guard: {name} is at {at:.2f} rad, {abs(at - limit):.2f} beyond its limit of {limit:.2f}, and "
-                f"pushed outward with {abs(push):.1f} N·m; {cause}, or is the homing offset of {name} wrong?"
+                f"limit guard: {name} is at {at:.2f} rad, {abs(at - limit):.2f} beyond its limit of {limit:.2f}, "
+                f"commanded to {wanted:.2f} and pushed outward with {abs(push):.1f} N·m; is its homing offset wrong?"
             )
-        pull = float(self._spring(state, command)[i][joint])
+        held, pull = memory.held[i][_FOLLOWING, j], self._spring(state, command)[i][j]
         return (
             f"following guard: {name} does not follow: it is at {at:.2f} rad, asked to {wanted:.2f}, and came no "
-            f"nearer for {held[_FOLLOWING, joint]:.2f} s although K_p times the error is {pull:.1f} N·m, its limit "
-            f"{self.effort_limit[joint]:g}; {_likely_cause(name, at, wanted, lower, upper)}"
+            f"nearer for {held:.2f} s although K_p times the error is {pull:.1f} N·m; is it held, or its direction or "
+            "zero wrong?"
         )
-
-
-def _likely_cause(name: str, at: float, wanted: float, lower: float, upper: float) -> str:
-    """Tell a stop, which keeps a joint from going out, from a joint that cannot come in: it moves the wrong way."""
-    near = 0.1 * (upper - lower) if np.isfinite(upper - lower) else 0.0
-    if (wanted < at and upper - at <= near) or (wanted > at and at - lower <= near):
-        return f"direction of {name}, or something that holds it?"
-    if not lower <= wanted <= upper:
-        return f"the command is beyond the limits of {name}"
-    return f"something in the way of {name}, or its direction, homing offset or zero?"

@@ -5,24 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from humanoid_sim.errors import FieldError
 
 if TYPE_CHECKING:
     from humanoid_sim.messages import Intent
-
-_INTENTS = MappingProxyType(
-    {
-        "damp_button": "damp",
-        "quit_button": "quit",
-        "load_combo_a": "load_a",
-        "load_combo_b": "load_b",
-        "start_combo_locomotion": "start_locomotion",
-        "start_combo_remote": "start_remote",
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +37,23 @@ class JoyBindings:
                 )
 
     def combos(self) -> dict[str, tuple[int, ...]]:
-        """Return the buttons of each field, all of which must be down."""
-        singles = {"damp_button": (self.damp_button,), "quit_button": (self.quit_button,)}
-        return singles | {name: tuple(getattr(self, name)) for name in _INTENTS if name not in singles}
+        """Return the buttons of each field, all of which must be down; in the order of the intents."""
+        return {
+            "damp_button": (self.damp_button,),
+            "load_combo_a": self.load_combo_a,
+            "load_combo_b": self.load_combo_b,
+            "start_combo_locomotion": self.start_combo_locomotion,
+            "start_combo_remote": self.start_combo_remote,
+            "quit_button": (self.quit_button,),
+        }
 
     def check(self, button_count: int) -> None:
         """Raise `FieldError` if a gamepad lacks a bound button: an operator must not find out while pressing DAMP."""
-        known = f"buttons 0 to {button_count - 1}" if button_count > 0 else "no buttons"
         for name, combo in self.combos().items():
             if max(combo) >= button_count:
-                raise FieldError(f"JoyBindings.{name}: is {combo}, but the gamepad has {known}")
+                raise FieldError(
+                    f"JoyBindings.{name}: is {combo}, but the gamepad has {button_count} buttons, from 0 on"
+                )
 
 
 def pressed_intents(
@@ -74,7 +69,7 @@ def pressed_intents(
     now = {i for i, down in enumerate(buttons) if down}
     then = {i for i, down in enumerate(before) if down}
     return tuple(
-        Intent(_INTENTS[name])
-        for name, combo in bindings.combos().items()
-        if set(combo) <= now and not set(combo) <= then and (len(before) > 0 or name == "damp_button")
+        intent
+        for intent, combo in zip(Intent, map(set, bindings.combos().values()), strict=True)
+        if combo <= now and not combo <= then and (before or intent is Intent.DAMP)
     )

@@ -14,7 +14,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract, Term
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.terms import BoundTerm, ObservationContext
+from humanoid_sim.controllers.terms import BoundTerm, TermInput, check_sources
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Float32Array
 
@@ -39,7 +39,7 @@ class ObservationLayout:
 
     def locate(self, index: int) -> str:
         """Name the value at `index` of the whole observation: `joint_pos[3]`, `joint_pos[3] of history step 1`."""
-        term, value, step = self._place(index)
+        term, step, value = self._place(index)
         return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 
     def term_at(self, index: int) -> BoundTerm:
@@ -47,19 +47,16 @@ class ObservationLayout:
         return self._place(index)[0]
 
     def _place(self, index: int) -> tuple[BoundTerm, int, int]:
-        """Term, number of the value within it, and step of its history."""
+        """Term, step of its history, and number of the value within it."""
         if self.history_layout == "per_step":
-            step, index = divmod(index, self.step_width)
-            term = next(term for term in self.terms if index < term.stop)
-            value = index - term.start
-        else:
-            begin = 0
-            for term in self.terms:
-                if index < begin + term.width:
-                    break
-                begin += term.width
-            step, value = divmod(index - begin, term.stop - term.start)
-        return term, value, step
+            step, within = divmod(index, self.step_width)
+            term = next(term for term in self.terms if within < term.stop)
+            return term, step, within - term.start
+        for term in self.terms:
+            if index < term.width:
+                return term, *divmod(index, term.stop - term.start)
+            index -= term.width
+        raise IndexError(index)
 
 
 def resolve_observation(
@@ -92,11 +89,11 @@ def _bind(
     kind = contract.kind(term)
     shown = contract.joint_names if term.joints is None else term.joints
     order = joint_indices(shown, robot_joints, "joint_names of the policy")
-    pose = contract.default_joint_pos[joint_indices(shown, contract.joint_names, "joint_names of the policy")]
+    pose = contract.default_joint_pos[[contract.joint_names.index(joint) for joint in shown]]
     is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
     zero = pose if kind.is_relative(term) else 0.0
     bound = BoundTerm(term, kind, contract, reference, extern, order, zero, start, start, is_plain)
-    kind.check_sources(bound)
+    check_sources(bound)
     width = kind.width if isinstance(kind.width, int) else kind.width(bound)
     size = np.size(term.scale)
     if size not in (1, width):
@@ -104,17 +101,16 @@ def _bind(
     return replace(bound, stop=start + width)
 
 
-def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
+def pack(layout: ObservationLayout, now: TermInput) -> Float32Array:
     """Return the values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
 
     Where no term shows a history this is the observation. Raises `FieldError` if a live term has another width than the
     one it was resolved with.
     """
-    batch = context.state.joint_position.shape[:-1]
-    step = np.empty((*batch, layout.step_width), dtype=np.float32)
+    step = np.empty((*now.state.joint_position.shape[:-1], layout.step_width), dtype=np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks that the result is finite
         for term in layout.terms:
-            value = term.kind.value(term, context)
+            value = term.kind.value(term, now)
             step[..., term.start : term.stop] = value if term.is_plain else term.term.process(value)
     return step
 
@@ -141,12 +137,12 @@ def stack(
         steps = np.concatenate([history[..., 1:, :], newest], axis=-2)
     steps.setflags(write=False)
     if layout.history_layout == "per_step":
-        ordered = steps if layout.terms[0].term.history_order == "oldest_first" else steps[..., ::-1, :]
-        return ordered.reshape(*step.shape[:-1], -1).copy(), steps
-    parts = []
-    for term in layout.terms:
-        shown = steps[..., -term.term.history :, term.start : term.stop]
-        if term.term.history_order == "newest_first":
-            shown = shown[..., ::-1, :]
-        parts.append(shown.reshape(*step.shape[:-1], -1))
+        return _in_order(steps, layout.terms[0].term), steps
+    parts = [_in_order(steps[..., -term.term.history :, term.start : term.stop], term.term) for term in layout.terms]
     return np.concatenate(parts, axis=-1), steps
+
+
+def _in_order(steps: Float32Array, term: Term) -> Float32Array:
+    """Flatten values of several steps, shape (..., h, width), oldest first, as a term orders them: a copy."""
+    ordered = steps if term.history_order == "oldest_first" else steps[..., ::-1, :]
+    return ordered.reshape(*steps.shape[:-2], -1).copy()

@@ -1,8 +1,8 @@
-"""Validation of parameters, joint names and commands; one message form, `Controller.parameter: what is wrong`."""
+"""Checks of parameters, states and commands. One form of message: `Type.field: is VALUE, expected WHAT IS ACCEPTED`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -13,27 +13,25 @@ from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand,
 
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
-
-_FIRST_GAIN = COMMAND_FIELDS.index("stiffness")
-"""The gains are the last of the command's fields; they are not negative."""
+_FIRST_GAIN = COMMAND_FIELDS.index("stiffness")  # from here on fields are not negative
 
 
-def joint_tuple(
-    owner: str, joints: Iterable[str], name: str = "joints", *, may_be_empty: bool = False
-) -> tuple[str, ...]:
-    """Names of joints (or of terms, bodies) as a tuple; at least one unless `may_be_empty`, none twice."""
-    if isinstance(joints, str) or not isinstance(joints, Iterable):
-        raise FieldError(f"{owner}.{name}: is {joints!r}, expected a sequence of names")
-    result = tuple(joints)
-    if not result and not may_be_empty:
-        raise FieldError(f"{owner}.{name}: is empty, expected at least one name")
-    for joint in result:
-        if not isinstance(joint, str) or not joint:
-            raise FieldError(f"{owner}.{name}: holds {joint!r}, expected names")
-    twice = sorted({joint for joint in result if result.count(joint) > 1})
-    if twice:
-        raise FieldError(f"{owner}.{name}: names {', '.join(twice)} more than once")
-    return result
+def require(is_accepted: Any, field: str, value: object, accepted: str) -> None:
+    """Raise `FieldError` unless the value of a field is accepted."""
+    if not is_accepted:
+        raise FieldError(f"{field}: is {value}, expected {accepted}")
+
+
+def one_of(owner: str, name: str, value: object, choices: Any) -> None:
+    """Raise `FieldError` unless the value is one of the words of a `Literal`."""
+    require(value in get_args(choices), f"{owner}.{name}", repr(value), f"one of {', '.join(get_args(choices))}")
+
+
+def require_names(field: str, names: Sequence[str], known: Iterable[str] | None = None) -> None:
+    """Raise `FieldError` unless there is one name or more, none twice, and each is among those known, if given."""
+    wrong = sorted({name for name in names if names.count(name) > 1 or (known is not None and name not in known)})
+    accepted = "names" if known is None else f"names of {', '.join(known)}"
+    require(names and not wrong, field, ", ".join(wrong) or "empty", f"{accepted}: one or more, none twice")
 
 
 def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> IndexArray:
@@ -50,42 +48,22 @@ def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str
     return indices
 
 
-def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: bool = False) -> float:
-    """Return a finite number that is at least (or, with `above`, greater than) `minimum`."""
-    accepted = f"a finite number {'>' if above else '>='} {minimum:g}"
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-        raise FieldError(f"{owner}.{name}: is {value!r}, expected {accepted}")
-    result = float(value)
-    if not np.isfinite(result) or result < minimum or (above and result == minimum):
-        raise FieldError(f"{owner}.{name}: is {value}, expected {accepted}")
-    return result
-
-
-def one_of(owner: str, name: str, value: object, choices: Any) -> None:
-    """Raise `FieldError` unless the value is one of the words of a `Literal`."""
-    if value not in get_args(choices):
-        raise FieldError(f"{owner}.{name}: is {value!r}, expected one of {', '.join(get_args(choices))}")
-
-
 def per_joint(
     owner: str,
     name: str,
     values: npt.ArrayLike,
     joints: tuple[str, ...],
-    *,
-    minimum: float = -np.inf,
+    accepts: Callable[[FloatArray], npt.NDArray[np.bool_]] = np.isfinite,
+    accepted: str = "a finite number",
 ) -> FloatArray:
-    """Read-only array of shape (n,) from one finite number per joint, or from one for all of them."""
+    """Read-only array of shape (n,) from one number per joint, or from one for all of them."""
     array = frozen_array(owner, name, values)
     if array.ndim == 0:
         array = frozen_array(owner, name, np.full(len(joints), array))
     if array.shape != (len(joints),):
         raise FieldError(f"{owner}.{name}: has shape {array.shape}, expected ({len(joints)},), one value per joint")
-    wrong = ~np.isfinite(array) | (array < minimum)
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        accepted = "a finite number" if minimum == -np.inf else f"a finite number >= {minimum:g}"
-        raise FieldError(f"{owner}.{name}: is {array[i]} for {joints[i]}, expected {accepted}")
+    for joint, value, is_accepted in zip(joints, array, accepts(array), strict=True):
+        require(is_accepted, f"{owner}.{name}", f"{value} for {joint}", accepted)
     return array
 
 
@@ -111,7 +89,7 @@ def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
     sound[_FIRST_GAIN:] &= values[_FIRST_GAIN:] >= 0.0
     if sound.all():
         return ""
-    row, joint = (int(index[0]) for index in np.nonzero(~sound))
+    row, joint = np.argwhere(~sound)[0]
     least = 0.0 if row >= _FIRST_GAIN else -LARGEST_COMMAND
     return (
         f"command's {COMMAND_FIELDS[row]} of {joints[joint]} is {values[row, joint]}, "

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import JOINT_LIMITS, PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.phase import advance_phase
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
-from humanoid_sim.controllers.terms import ObservationContext, anchor_quaternion, live_command
+from humanoid_sim.controllers.terms import TermInput, anchor_quaternion, live_command
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     ANCHOR_ORIENTATION,
@@ -87,11 +89,11 @@ class PolicyWiring:
     def __post_init__(self) -> None:
         if isinstance(self.contract.position_clip, str):
             raise FieldError(f"position_clip: is '{JOINT_LIMITS}', and no robot is known whose they are")
-        set_field = object.__setattr__
-        set_field(self, "limit", action_limit_of(self.contract, self.action_limit))
-        set_field(self, "action_map", resolve_action(self.contract, self.joints))
-        set_field(self, "layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
-        set_field(self, "takes_velocity_command", self.contract.takes_velocity_command)
+        put = partial(object.__setattr__, self)
+        put("limit", action_limit_of(self.contract, self.action_limit))
+        put("action_map", resolve_action(self.contract, self.joints))
+        put("layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
+        put("takes_velocity_command", self.contract.takes_velocity_command)
 
     def activate(self, state: MITState, frame: Frame | None = None) -> PolicyMemory:
         """No last action, and the reference laid onto the robot as it stands.
@@ -103,9 +105,9 @@ class PolicyWiring:
             frame: shape (...), of the reference, to begin with; None: 0.
         """
         batch = state.joint_position.shape[:-1]
+        begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
         pose = _anchor_pose(state) if aligns else None
-        begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         return PolicyMemory(
             frame=begin,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
@@ -122,8 +124,8 @@ class PolicyWiring:
         if rule is not None:
             command = live_command(state, self.contract)
             walked, phase = advance_phase(rule, walked, command, self.contract.policy_dt)
-        context = ObservationContext(state, memory.last_action, self.reference, memory.frame, memory.alignment, phase)
-        observation, history = stack(self.layout, pack(self.layout, context), memory.history)
+        now = TermInput(state, memory.last_action, self.reference, memory.frame, memory.alignment, phase)
+        observation, history = stack(self.layout, pack(self.layout, now), memory.history)
         if history is None and rule is None:
             return observation, memory
         return observation, PolicyMemory(memory.frame, memory.last_action, history, walked, memory.alignment)
@@ -134,8 +136,7 @@ class PolicyWiring:
         if finite.all():
             return ""
         i = int(np.argmin(finite))
-        kind = self.contract.kind(self.layout.term_at(i).term)
-        is_missing = kind.topic != "" and np.isnan(observation[i])
+        is_missing = np.isnan(observation[i]) and self.layout.term_at(i).kind.topic
         why = ": no value has come, or the last one is too old" if is_missing else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
@@ -151,8 +152,8 @@ class PolicyWiring:
         if within.all():
             return ""
         i = int(np.argmin(within))
-        joint = self.contract.action_joint_names[i]
         hint = f": {_RAISE_IT}" if np.isfinite(action[i]) else ""
+        joint = self.contract.action_joint_names[i]
         return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
     def _within(self, action: Float32Array) -> BoolArray:
@@ -207,14 +208,14 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         sides = (("robot", missing), ("policy", surplus))
         parts = [f"the {side} lacks {', '.join(names)}" for side, names in sides if names]
         raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
-    robot_order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
+    order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
     assert contract.action_offset is not None  # filled in at construction
     return ActionMap(
         indices=joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy"),
         offset=contract.action_offset,
         scale=contract.action_scale,
-        stiffness=contract.joint_stiffness[robot_order],
-        damping=contract.joint_damping[robot_order],
+        stiffness=contract.joint_stiffness[order],
+        damping=contract.joint_damping[order],
         clip=contract.action_clip,
         position_clip=None if isinstance(contract.position_clip, str) else contract.position_clip,
     )
@@ -228,85 +229,11 @@ def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
     """
     if action_map.clip < np.inf:
         action = np.clip(action, -action_map.clip, action_map.clip)
-    shape = (*action.shape[:-1], action_map.stiffness.shape[0])
-    position = np.zeros(shape)
     driven = action_map.offset + action_map.scale * action
     if action_map.position_clip is not None:
         driven = np.clip(driven, action_map.position_clip[:, 0], action_map.position_clip[:, 1])
+    shape = (*action.shape[:-1], action_map.stiffness.shape[0])
+    position, zeros = np.zeros(shape), np.zeros(shape)
     position[..., action_map.indices] = driven
-    zeros = np.zeros(shape)
-    return MITCommand(
-        position=position,
-        velocity=zeros,
-        effort=zeros,
-        stiffness=np.broadcast_to(action_map.stiffness, shape),
-        damping=np.broadcast_to(action_map.damping, shape),
-    )
-
-
-def advance_phase(
-    rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float
-) -> tuple[FloatArray, FloatArray]:
-    """One policy step.
-
-    Args:
-        walked: shape (...), rad walked since activation, or since standing; 0 at activation.
-        command: shape (..., 3), the velocity command.
-        policy_dt: s.
-
-    Returns:
-        `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π), or the
-        standing value; NaN where that is None.
-    """
-    step, standing = _advance(rule, command, policy_dt)
-    moved = np.asarray(walked) + step
-    shown = moved if rule.advance_first else np.asarray(walked)
-    phase = _phase(rule, shown, standing, np.nan if rule.standing_value is None else rule.standing_value)
-    return np.where(standing & rule.standing_restarts, 0.0, moved), phase
-
-
-def _advance(rule: PhaseRule, command: FloatArray, policy_dt: float) -> tuple[FloatArray | float, BoolArray]:
-    """Return by how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
-    magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
-    step: FloatArray | float
-    if rule.period is None:
-        step = 2.0 * np.pi * policy_dt * _gait_frequency(rule, command, magnitude)
-    else:
-        step = 2.0 * np.pi * policy_dt / rule.period
-    return step, np.asarray(magnitude < rule.standing_threshold)
-
-
-def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float) -> FloatArray:
-    """Return the phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
-
-    Args:
-        walked: shape (...), rad, of the memory with that observation.
-        command: shape (..., 3), the velocity command in it.
-        policy_dt: s.
-    """
-    step, standing = _advance(rule, command, policy_dt)
-    return _phase(rule, np.asarray(walked) - (0.0 if rule.advance_first else step), standing, np.nan)
-
-
-def _phase(rule: PhaseRule, walked: FloatArray, standing: BoolArray, value: float) -> FloatArray:
-    """Shape (..., k), rad in [-π, π), of feet that have walked so far, shape (...); `value` while the robot stands."""
-    phase = np.mod(walked[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
-    return np.where(standing[..., None], value, phase)
-
-
-def _gait_frequency(rule: PhaseRule, command: FloatArray, magnitude: FloatArray) -> FloatArray:
-    """Shape (...), Hz, of commands of shape (..., 3) and this magnitude; a batch has the same bits as its robots."""
-    assert rule.frequency is not None  # a rule has it, or a period
-    speeds, hertz = rule.frequency[:, 0], rule.frequency[:, 1]
-    if len(speeds) == 1:
-        return np.broadcast_to(hertz[0], magnitude.shape)
-    match rule.speed:
-        case "forward":
-            magnitude = np.abs(command[..., 0])
-        case "planar":
-            magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2)
-    within = np.clip(magnitude, speeds[0], speeds[-1])
-    below = np.clip(np.searchsorted(speeds, within, side="right") - 1, 0, len(speeds) - 2)
-    share = (within - speeds[below]) / (speeds[below + 1] - speeds[below])
-    interpolated: FloatArray = hertz[below] + share * (hertz[below + 1] - hertz[below])
-    return interpolated
+    stiffness, damping = np.broadcast_to(action_map.stiffness, shape), np.broadcast_to(action_map.damping, shape)
+    return MITCommand(position, zeros, zeros, stiffness, damping)

@@ -17,6 +17,10 @@ from humanoid_sim.mit import Float32Array, FloatArray, IntArray
 Frame = int | npt.NDArray[np.integer]
 
 
+def _least(frame: Frame, last: Frame) -> Frame:
+    return min(frame, last) if isinstance(frame, int) and isinstance(last, int) else np.minimum(frame, last)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
     """A rotation about the vertical and a shift along the ground, from the motion's world to the robot's."""
@@ -54,38 +58,30 @@ class MotionReference:
     @classmethod
     def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
         """Several motions with the same terms, one after the other; raises `FieldError` if their terms differ."""
-        first = motions[0]
         widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in motions]
-        for other in widths[1:]:
-            if other != widths[0]:
-                raise FieldError(f"motions: their terms differ: {widths[0]} and {other}")
-        terms = {name: np.concatenate([motion.terms[name] for motion in motions]) for name in first.terms}
+        if any(other != widths[0] for other in widths):
+            raise FieldError(f"motions: their terms differ: {widths}")
+        terms = {name: np.concatenate([motion.terms[name] for motion in motions]) for name in widths[0]}
         lengths = tuple(motion.frame_count for motion in motions)
         return cls(sum(lengths), terms, lengths)
 
     def first(self, frame: Frame) -> Frame:
         """Return the first frame of the motion that a frame belongs to."""
-        return self._bound(0, frame)
+        bound = self._bounds[0, self.clamp(frame)]
+        return int(bound) if isinstance(frame, int) else bound
 
     def last(self, frame: Frame) -> Frame:
         """Return the last frame of the motion that a frame belongs to."""
-        return self._bound(1, frame)
-
-    def _bound(self, which: int, frame: Frame) -> Frame:
-        bound = self._bounds[which, self.clamp(frame)]
+        bound = self._bounds[1, self.clamp(frame)]
         return int(bound) if isinstance(frame, int) else bound
 
     def following(self, frame: Frame) -> Frame:
         """Return the next frame of the same motion, or its last one again."""
-        if isinstance(frame, int):
-            return min(frame + 1, int(self.last(frame)))
-        return np.minimum(frame + 1, self.last(frame))
+        return _least(frame + 1, self.last(frame))
 
     def clamp(self, frame: Frame) -> Frame:
         """Return the frame itself, or the last one from the end of the motion on: there it is held."""
-        if isinstance(frame, int):
-            return min(frame, self.frame_count - 1)
-        return np.minimum(frame, self.frame_count - 1)
+        return _least(frame, self.frame_count - 1)
 
     def term(self, name: str, frame: Frame) -> Float32Array:
         """Row of a term, shape (..., width) for frames of shape (...)."""
@@ -133,10 +129,7 @@ def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionRe
     if contract.task_type == "tracking":
         bodies = len(contract.body_names)
         if table.shape[1] != 9 * bodies:
-            raise FieldError(
-                f"motion: frames are {table.shape[1]} wide, expected {9 * bodies}, "
-                f"9 for each of the policy's {bodies} bodies ({', '.join(contract.body_names)})"
-            )
+            raise FieldError(f"motion: frames are {table.shape[1]} wide, expected 9 for each of {bodies} bodies")
         terms = {"motion_body_pos_b": table[:, : 3 * bodies], "motion_body_ori_b": table[:, 3 * bodies :]}
         return MotionReference(len(table), terms)
     if contract.task_type == "piano":
@@ -163,10 +156,7 @@ def build_world_reference(
     table = np.asarray(frames, dtype=np.float32)
     n, b = len(joint_names), len(body_names)
     if table.shape[1] != 2 * n + 7 * b:
-        raise FieldError(
-            f"motion: frames are {table.shape[1]} wide, expected {2 * n + 7 * b}, 2 for each of {n} joints and 7 for "
-            f"each of {b} bodies"
-        )
+        raise FieldError(f"motion: frames are {table.shape[1]} wide, expected 2 * {n} joints + 7 * {b} bodies")
     order = joint_indices(contract.joint_names, joint_names, "joints of the motion")
     terms = {"reference_joint_pos": table[:, order], "reference_joint_vel": table[:, n + order]}
     if contract.anchor_body in body_names:

@@ -21,12 +21,11 @@ class RemoteMemory(Memory):
 
     activation_time: float
     """s, robot's clock."""
-    ignored_stamp: float
-    """Arrival time of the command that was already there at activation; NaN for none."""
     time: float
     """s, robot's clock at the previous tick."""
-    stamp: float = math.nan
-    """Arrival time of the command in force, as given; tells one command from the next."""
+    stamp: float
+    """Arrival time of the latest command, as given; tells one command from the next. NaN before the first; that of a
+    command which was already there at activation and is not applied."""
     age: float = 0.0
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
     command: MITCommand | None = None
@@ -47,43 +46,36 @@ class RemotePolicyController:
     stale_command_policy: StaleCommandPolicy = "passive"
     """`passive`: K_p 0 and `damping` at the live position. `hold`: the last command stays in force."""
     stale_command_timeout_ms: float = 100.0
+    needs_producer: bool = False
+    """True where it may start only while commands arrive: nothing else keeps a floating base on its feet."""
 
     def unready(self, tick_input: TickInput) -> str:
-        """Return why a robot that must be balanced from the first tick on cannot start yet; '' if it can."""
+        """Return why it cannot start yet; '' if it can."""
         remote, timeout = tick_input.remote, 1e-3 * self.stale_command_timeout_ms
-        if remote is not None and abs(float(tick_input.state.time) - remote.arrival_time) <= timeout:
+        arrives = remote is not None and abs(float(tick_input.state.time) - remote.arrival_time) <= timeout
+        if arrives or not self.needs_producer:
             return ""
         silence = f"no remote command within the last {self.stale_command_timeout_ms:g} ms"
         return f"{silence}, and nothing else keeps a floating base on its feet; start a producer first"
 
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
-        problem = state_problem(tick_input.state, self.joints)
-        if problem:
+        if problem := state_problem(tick_input.state, self.joints):
             return Fault(problem)
         time, remote = float(tick_input.state.time), tick_input.remote
-        seen = math.nan if remote is None else remote.arrival_time
-        return RemoteMemory(activation_time=time, time=time, ignored_stamp=seen)
+        return RemoteMemory(activation_time=time, time=time, stamp=math.nan if remote is None else remote.arrival_time)
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """Return the command in force, or the damped hold in its place."""
-        problem = state_problem(tick_input.state, self.joints)
-        if problem:
+        if problem := state_problem(tick_input.state, self.joints):
             return Fault(problem)
         state, remote = tick_input.state, tick_input.remote
         time = float(state.time)
         command, stamp, age = memory.command, memory.stamp, memory.age + max(time - memory.time, 0.0)
-        if (
-            remote is not None
-            and remote.arrival_time > memory.activation_time
-            and remote.arrival_time != memory.ignored_stamp
-        ):
-            problem = "" if remote.command is command else command_problem(remote.command, self.joints)
-            if problem:
+        if remote is not None and remote.arrival_time != stamp and remote.arrival_time > memory.activation_time:
+            if problem := command_problem(remote.command, self.joints):
                 return Fault(f"remote {problem}")
-            if remote.arrival_time != stamp:
-                stamp, age = remote.arrival_time, max(time - remote.arrival_time, 0.0)
-            command = remote.command
+            command, stamp, age = remote.command, remote.arrival_time, max(time - remote.arrival_time, 0.0)
         fresh = command is not None and age <= self.stale_command_timeout_ms * 1e-3
         notice = "" if fresh == memory.is_fresh else self._news(fresh)
         memory = replace(memory, notice=notice, time=time, stamp=stamp, age=age, command=command, is_fresh=fresh)

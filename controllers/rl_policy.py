@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.parameters import joints_problem
-from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring, action_limit_of
+from humanoid_sim.controllers.parameters import joints_problem, require
+from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
@@ -54,22 +53,19 @@ class RLPolicyController:
     """s between two ticks; `policy_dt` is a whole multiple of it."""
     action_limit: float | None = None
     """Largest magnitude of a raw action; None: as `action_limit_of` says."""
-    extern: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    extern: Mapping[str, int] = field(default_factory=dict)
     """Name and width of the live observation terms."""
     decimation: int = field(init=False)
     """Ticks per inference."""
     wiring: PolicyWiring = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        limit = action_limit_of(self.contract, self.action_limit)
-        decimation, is_whole = ticks_per_step(self.contract.policy_dt, self.control_period)
-        if not is_whole:
-            raise FieldError(
-                f"RLPolicyController.control_period: is {self.control_period:g} s, "
-                f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"
-            )
+        policy_dt = self.contract.policy_dt
+        decimation, is_whole = ticks_per_step(policy_dt, self.control_period)
+        divisor = f"policy_dt ({policy_dt:g} s) to be a whole multiple of it"
+        require(is_whole, "RLPolicyController.control_period", f"{self.control_period:g} s", divisor)
+        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
         object.__setattr__(self, "decimation", decimation)
-        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, limit)
         object.__setattr__(self, "wiring", wiring)
 
     def unready(self, tick_input: TickInput) -> str:
@@ -86,15 +82,13 @@ class RLPolicyController:
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
         """Return a fresh memory, and an inference due at once."""
-        problem = joints_problem(tick_input.state, self.joints)
-        if problem:
+        if problem := joints_problem(tick_input.state, self.joints):
             return Fault(problem)
         return RLPolicyMemory(policy=self.wiring.activate(tick_input.state), held_ticks=self.decimation)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """Return the command of a new inference when one is due, else the last one."""
-        problem = joints_problem(tick_input.state, self.joints)
-        if problem:
+        if problem := joints_problem(tick_input.state, self.joints):
             return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
             held = RLPolicyMemory(policy=memory.policy, held_ticks=memory.held_ticks + 1, command=memory.command)
@@ -113,8 +107,7 @@ class RLPolicyController:
 def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame: int) -> PolicyStep | Fault:
     """Return the raw action of one robot's observation, shape (N,), or what is wrong with either of them."""
     observation.setflags(write=False)
-    problem = wiring.observation_problem(observation)
-    if problem:
+    if problem := wiring.observation_problem(observation):
         return Fault(problem)
     try:
         answer = np.asarray(policy(observation, frame))

@@ -6,9 +6,27 @@ Quaternions are (w, x, y, z), shape (..., 4); vectors are shape (..., 3); matric
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
+
+
+def _parts(array: FloatArray) -> tuple[FloatArray, ...]:
+    return tuple(array[..., i] for i in range(array.shape[-1]))
+
+
+def _rows(rows: list[list[FloatArray]]) -> FloatArray:
+    """Stack elements of shape (...) to matrices (..., r, c)."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    unit: FloatArray = vector / np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
+    return unit
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    (ax, ay, az), (bx, by, bz) = _parts(a), _parts(b)  # numpy.cross is three times slower on single vectors
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def conjugate(quaternion: FloatArray) -> FloatArray:
@@ -29,17 +47,12 @@ def continuous(quaternion: FloatArray) -> FloatArray:
 
 def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     """Hamilton product: the rotation `b` followed by `a`."""
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    (aw, ax, ay, az), (bw, bx, by, bz) = _parts(a), _parts(b)
+    w = aw * bw - ax * bx - ay * by - az * bz
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    return np.stack([w, x, y, z], axis=-1)
 
 
 def rotate(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
@@ -68,30 +81,31 @@ def seen_from(
     Returns:
         Shape (..., b, 3), m, and (..., b, 4), both in the base frame.
     """
-    turn = base_quaternion[..., None, :]
-    return rotate_inverse(turn, position - base_position[..., None, :]), multiply(conjugate(turn), quaternion)
+    base = base_quaternion[..., None, :]
+    return rotate_inverse(base, position - base_position[..., None, :]), multiply(conjugate(base), quaternion)
 
 
 def gravity_direction(quaternion: FloatArray) -> FloatArray:
     """Return the direction of gravity in the body frame, (0, 0, -1) when upright."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
+    w, x, y, z = _parts(quaternion)
     return np.stack([2.0 * (w * y - x * z), -2.0 * (w * x + y * z), 2.0 * (x * x + y * y) - 1.0], axis=-1)
 
 
 def matrix(quaternion: FloatArray) -> FloatArray:
     """Return the rotation matrix, shape (..., 3, 3); its columns are the body's axes in the world frame."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    w, x, y, z = _parts(quaternion)
+    return _rows(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
 
 
 def heading(quaternion: FloatArray) -> FloatArray:
     """Shape (...), rad, of the body's x axis in the horizontal plane, -π to π."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
+    w, x, y, z = _parts(quaternion)
     angle: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return angle
 
@@ -109,22 +123,18 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
     (Shepperd 1978, "Quaternion from rotation matrix").
     """
-    r = rotation
-    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
-    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
-    rows = [
-        [1.0 + xx + yy + zz, wx, wy, wz],
-        [wx, 1.0 + xx - yy - zz, xy, xz],
-        [wy, xy, 1.0 - xx + yy - zz, yz],
-        [wz, xz, yz, 1.0 - xx - yy + zz],
-    ]
-    product = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (_parts(rotation[..., i, :]) for i in range(3))
+    product = _rows(
+        [
+            [1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, 1.0 + xx - yy - zz, yx + xy, xz + zx],
+            [xz - zx, yx + xy, 1.0 - xx + yy - zz, zy + yz],
+            [yx - xy, xz + zx, zy + yz, 1.0 - xx - yy + zz],
+        ]
+    )
     best = np.argmax(np.diagonal(product, axis1=-2, axis2=-1), axis=-1)
-    row = np.take_along_axis(product, best[..., None, None], axis=-2)[..., 0, :]
-    quaternion = row / np.sqrt((row * row).sum(axis=-1, keepdims=True))
-    positive: FloatArray = np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
-    return positive
+    quaternion = _unit(np.take_along_axis(product, best[..., None, None], axis=-2)[..., 0, :])
+    return np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
 
 
 def slerp(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
@@ -133,14 +143,11 @@ def slerp(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
     near = np.where(cosine < 0.0, -b, b)
     angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
     sine = np.sin(angle)
-    # Below a microradian the chord is the arc.
-    small = sine < 1e-6
+    small = sine < 1e-6  # below a microradian the chord is the arc
     divisor = np.where(small, 1.0, sine)
     first = np.where(small, 1.0 - weight, np.sin((1.0 - weight) * angle) / divisor)
     second = np.where(small, weight, np.sin(weight * angle) / divisor)
-    mixed = first * a + second * near
-    unit: FloatArray = mixed / np.sqrt((mixed * mixed).sum(axis=-1, keepdims=True))
-    return unit
+    return _unit(first * a + second * near)
 
 
 def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -149,15 +156,14 @@ def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
     From the Frobenius norm of the difference, |A - B| = 2√2 sin(angle / 2): unlike the arc cosine of the trace it is
     accurate near zero.
     """
-    difference = a - b
-    norm = np.sqrt((difference * difference).sum(axis=(-2, -1)))
+    norm = np.sqrt(((a - b) ** 2).sum(axis=(-2, -1)))
     angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
     return angle
 
 
 def rotation_6d(rotation: FloatArray) -> FloatArray:
     """Rotation matrices (..., 3, 3) → (..., 6): the first two columns, row by row: R00, R01, R10, R11, R20, R21."""
-    return np.ascontiguousarray(rotation[..., :, :2]).reshape(*rotation.shape[:-2], 6)
+    return rotation[..., :2].reshape(*rotation.shape[:-2], 6)
 
 
 def rotation_from_6d(columns: FloatArray) -> FloatArray:
@@ -166,20 +172,6 @@ def rotation_from_6d(columns: FloatArray) -> FloatArray:
     Rounding to float32, and writers of other packages, leave the two columns not quite orthonormal.
     """
     pair = columns.reshape(*columns.shape[:-1], 3, 2)
-    x, y = pair[..., 0], pair[..., 1]
-    x = x / np.sqrt((x * x).sum(axis=-1, keepdims=True))
-    y = y - (x * y).sum(axis=-1, keepdims=True) * x
-    y = y / np.sqrt((y * y).sum(axis=-1, keepdims=True))
-    return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-def _cross(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> FloatArray:
-    # numpy.cross is three times slower on single vectors.
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        axis=-1,
-    )
+    x, y = _unit(pair[..., 0]), pair[..., 1]
+    y = _unit(y - (x * y).sum(axis=-1, keepdims=True) * x)
+    return np.stack([x, y, _cross(x, y)], axis=-1)

@@ -11,9 +11,7 @@ from humanoid_sim.controllers.parameters import state_problem
 from humanoid_sim.messages import StandbyState, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
-_LONGEST_STEP = (
-    0.05  # s of trajectory that one tick may cover: after a stall of the host the arms go on, without a jump
-)
+_LONGEST_STEP = 0.05  # s of trajectory that one tick may cover: after a stall of the host the arms do not jump
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,16 +46,14 @@ class StandbyController:
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""
         state = tick_input.state
-        problem = self._problem(state)
-        if problem:
+        if problem := self._problem(state):
             return Fault(problem)
         standby = StandbyState(0, len(self.segment_durations), 0.0, False)
         return StandbyMemory(standby=standby, start=state.joint_position, elapsed=0.0, time=float(state.time))
 
     def update(self, memory: StandbyMemory, tick_input: TickInput) -> tuple[StandbyMemory, MITCommand] | Fault:
         """Advance along the trajectory by the time that has passed."""
-        problem = self._problem(tick_input.state)
-        if problem:
+        if problem := self._problem(tick_input.state):
             return Fault(problem)
         time = float(tick_input.state.time)
         elapsed = memory.elapsed + min(max(time - memory.time, 0.0), _LONGEST_STEP)
@@ -67,12 +63,13 @@ class StandbyController:
         return StandbyMemory(standby=standby, start=memory.start, elapsed=elapsed, time=time), command
 
     def _problem(self, state: MITState) -> str:
-        problem = state_problem(state, self.joints)
-        unknown = [] if problem else np.flatnonzero(~np.isfinite(state.joint_position)).tolist()
-        if unknown:
-            name, value = self.joints[unknown[0]], state.joint_position[unknown[0]]
-            return f"position of {name} is {value}, expected a finite number"
-        return problem
+        if problem := state_problem(state, self.joints):
+            return problem
+        unknown = ~np.isfinite(state.joint_position)
+        if not unknown.any():
+            return ""
+        i = int(np.argmax(unknown))
+        return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
 
     def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
         """Progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Any
 
-from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
+from humanoid_sim.controllers.base import DAMPING, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
 from humanoid_sim.controllers.fsm import (
     MODES,
     MOVING,
     RESTING,
+    RULES,
     choose_intent,
     merge_safety,
     mode_names,
@@ -27,7 +27,7 @@ from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
 
 STARTED = "started"
@@ -61,26 +61,25 @@ class Supervisor:
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
     guards: Guards | None = field(default=None, kw_only=True)
     """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
-    needs_producer: bool = field(default=False, kw_only=True)
-    """True where START_REMOTE requires commands that already arrive: nothing else keeps a floating base on its feet."""
     policies: Mapping[str, Controller] = field(default_factory=dict, kw_only=True)
     """Controllers that `rl_policy_controller` can be, by the policy's name; the first is selected at the start. Empty:
     only the one in `controllers`."""
 
     def __post_init__(self) -> None:
-        controllers = dict(self.controllers)
         if self.policies:
-            controllers[RL_POLICY] = next(iter(self.policies.values()))
-        object.__setattr__(self, "controllers", MappingProxyType(controllers))
+            first = next(iter(self.policies.values()))
+            object.__setattr__(self, "controllers", {**self.controllers, RL_POLICY: first})
         for name in (ZERO_TORQUE, DAMPING):
-            if name not in controllers:
+            if name not in self.controllers:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
-        for name, controller in controllers.items():
+        for name, controller in self.controllers.items():
             if name not in MODES:
                 raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
             if controller.joints != self.joints:
-                given, wanted = ", ".join(controller.joints), ", ".join(self.joints)
-                raise FieldError(f"Supervisor.controllers['{name}']: joints are {given}, expected {wanted}")
+                raise FieldError(
+                    f"Supervisor.controllers['{name}']: joints are {', '.join(controller.joints)}, "
+                    f"expected {', '.join(self.joints)}"
+                )
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
         """Return the start, ZERO_TORQUE; `reason` is the first status message."""
@@ -93,36 +92,33 @@ class Supervisor:
         intent, superseded = choose_intent(tick_input.intents)
         standby = None if memory.controller_memory is None else memory.controller_memory.standby
         finished = standby is not None and standby.is_finished
-        policy, selection, policy_refusal = self._select(memory, tick_input.policy)
+        policy, selected, not_selected = self._select(memory, tick_input.policy)
         unready = self.unready(intent, tick_input, policy)
         decision = transition(memory.controller, safety, intent, finished, self.controllers, unready)
-        starts = f"{decision.message}, policy {policy}" if policy and decision.controller == RL_POLICY else ""
 
-        if decision.controller is None:
-            name, controller_memory = memory.controller, memory.controller_memory
-        else:
-            name, controller_memory = decision.controller, None
+        name, before = memory.controller, memory.controller_memory
+        if decision.controller is not None:
+            name, before = decision.controller, None
         faults: list[FaultReport] = []
-        policy_step: PolicyStep | None = None
-        policy_error: str | None = None
+        failed: Fault | None = None
         while True:
-            result = self._attempt(name, self._controller(name, policy), controller_memory, memory, tick_input)
+            result = self._attempt(name, policy, before, memory, tick_input)
             if not isinstance(result, Fault):
                 break
+            failed = failed or result
             fallback = ZERO_TORQUE if name in (DAMPING, ZERO_TORQUE) else DAMPING
-            if not faults:
-                policy_step, policy_error = result.policy_step, result.policy_error
             faults.append(FaultReport(name, fallback, result.message, result.is_bug))
             if name == ZERO_TORQUE:  # never this package's own
                 result = Memory(), MITCommand.zeros(len(self.joints)), None
                 break
             # A fallback that was in control goes on: the captured positions of DAMPING are as good as they were.
-            name, controller_memory = fallback, memory.controller_memory if fallback == memory.controller else None
+            name, before = fallback, memory.controller_memory if fallback == memory.controller else None
 
         after, command, guards = result
-        refusals = tuple(refused(other, f"{intent.name} came in the same tick") for other in superseded if intent)
-        refusals = tuple(filter(None, (decision.refusal, *refusals, policy_refusal)))
-        words = (selection, starts or decision.message, *map(_describe, faults), after.notice, *refusals)
+        others = [refused(other, f"{intent.name} came in the same tick") for other in superseded if intent]
+        refusals = tuple(filter(None, (decision.refusal, *others, not_selected)))
+        starts = f"{decision.message}, policy {policy}" if policy and decision.controller == RL_POLICY else ""
+        words = (selected, starts or decision.message, *map(_describe, faults), after.notice, *refusals)
         status = "; ".join(filter(None, words)) or memory.status_message
         output = TickOutput(
             command=command,
@@ -131,42 +127,40 @@ class Supervisor:
             quit=decision.quit,
             faults=tuple(faults),
             refusals=refusals,
-            policy_step=after.policy_step or policy_step,
-            policy_error=policy_error,
+            policy_step=after.policy_step or (failed.policy_step if failed else None),
+            policy_error=failed.policy_error if failed else None,
         )
         return SupervisorMemory(name, after, status, command, guards, policy), output
 
     def _select(self, memory: SupervisorMemory, wanted: str) -> tuple[str, str, str]:
         """Return the selected policy, what changed, and why `wanted` is refused; the last two '' for nothing."""
+        mode = MODES[memory.controller]
         if not wanted:
             return memory.policy, "", ""
         if wanted not in self.policies:
             return memory.policy, "", f"policy {wanted} refused: {known_names('policy', wanted, self.policies)}"
-        mode = MODES[memory.controller]
         if mode not in RESTING:
             return memory.policy, "", f"policy {wanted} refused: requires {mode_names(RESTING)}, mode is {mode.name}"
         return wanted, f"policy {wanted} selected", ""
 
-    def _controller(self, name: str, policy: str) -> Controller:
-        return self.policies[policy] if policy and name == RL_POLICY else self.controllers[name]
+    def _controller(self, name: str, policy: str) -> Controller | None:
+        return self.policies[policy] if policy and name == RL_POLICY else self.controllers.get(name)
 
     def unready(self, intent: Intent | None, tick_input: TickInput, policy: str = "") -> str:
         """Return why a policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
-        controller = None
-        if intent is Intent.START_REMOTE and self.needs_producer:
-            controller = self.controllers.get(REMOTE_POLICY)
-        elif intent is Intent.START_LOCOMOTION:
-            controller = self.policies.get(policy, self.controllers.get(RL_POLICY))
+        target = None if intent is None else RULES[intent].target
+        controller = None if target is None else self._controller(target, policy)
         if isinstance(controller, RemotePolicyController | RLPolicyController):
             return controller.unready(tick_input)
         return ""
 
     def _attempt(
-        self, name: str, controller: Controller, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput
+        self, name: str, policy: str, start: Any, before: SupervisorMemory, tick_input: TickInput
     ) -> tuple[Memory, MITCommand, GuardMemory | None] | Fault:
-        """Return a controller's result, or what keeps its command from being sent."""
+        """Return a controller's result, or what keeps its command from being sent; `start` is its memory, or None."""
         try:
-            answer = controller.activate(tick_input) if controller_memory is None else controller_memory
+            controller: Any = self._controller(name, policy)
+            answer = controller.activate(tick_input) if start is None else start
             if not isinstance(answer, Fault):
                 answer = controller.update(answer, tick_input)
             if isinstance(answer, Fault):
@@ -178,7 +172,7 @@ class Supervisor:
             guards = None
             if not problem and self.guards is not None and MODES[name] in MOVING:
                 guards = self.guards.watch(before.guards, tick_input.state, command)
-                problem = "" if guards is None else self.guards.problem(guards, tick_input.state, command)
+                problem = self.guards.problem(guards, tick_input.state, command)
             if problem:
                 return Fault(problem, memory.policy_step)
             if not isinstance(memory, Memory):

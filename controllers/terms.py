@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matrix, multiply, rotate, rotate_inverse
+from humanoid_sim.controllers.rotation import (
+    conjugate,
+    gravity_direction,
+    matrix,
+    multiply,
+    rotate,
+    rotate_inverse,
+    rotation_6d,
+)
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import (
     ANCHOR_ORIENTATION,
@@ -40,8 +48,8 @@ _COMMAND = "command"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObservationContext:
-    """Everything that a term may read."""
+class TermInput:
+    """Everything that a term may read in one policy step."""
 
     state: MITState
     last_action: Float32Array
@@ -73,7 +81,7 @@ class BoundTerm:
     """Place of the first value within one step's values."""
     stop: int
     is_plain: bool
-    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every tick is not free."""
+    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every step is not free."""
 
     @property
     def name(self) -> str:
@@ -87,23 +95,23 @@ class BoundTerm:
 
 
 Width = Callable[["BoundTerm"], int]
-Value = Callable[["BoundTerm", ObservationContext], Any]
+Value = Callable[["BoundTerm", TermInput], Any]
 """Shape (..., width), before clip and scale."""
 
 
 # --- values: joints and last action ---
 
 
-def _joint_position(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return context.state.joint_position[..., bound.order] - bound.zero
+def _joint_position(bound: BoundTerm, now: TermInput) -> FloatArray:
+    return now.state.joint_position[..., bound.order] - bound.zero
 
 
-def _joint_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return context.state.joint_velocity[..., bound.order]
+def _joint_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
+    return now.state.joint_velocity[..., bound.order]
 
 
-def _last_action(bound: BoundTerm, context: ObservationContext) -> Any:
-    action, clip = context.last_action, bound.contract.action_clip
+def _last_action(bound: BoundTerm, now: TermInput) -> Any:
+    action, clip = now.last_action, bound.contract.action_clip
     if clip < np.inf:  # trainers that clip actions keep, and show, the clipped ones
         action = np.clip(action, -clip, clip)
     return action * bound.contract.action_scale if bound.term.form == "scaled" else action
@@ -112,27 +120,27 @@ def _last_action(bound: BoundTerm, context: ObservationContext) -> Any:
 # --- values: IMU and base ---
 
 
-def _angular_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    velocity = context.state.imu_angular_velocity
-    return velocity if bound.term.frame == "body" else rotate(context.state.imu_quaternion, velocity)
+def _angular_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
+    velocity = now.state.imu_angular_velocity
+    return velocity if bound.term.frame == "body" else rotate(now.state.imu_quaternion, velocity)
 
 
-def _acceleration(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return context.state.imu_linear_acceleration
+def _acceleration(_bound: BoundTerm, now: TermInput) -> FloatArray:
+    return now.state.imu_linear_acceleration
 
 
-def _gravity(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return gravity_direction(context.state.imu_quaternion)
+def _gravity(_bound: BoundTerm, now: TermInput) -> FloatArray:
+    return gravity_direction(now.state.imu_quaternion)
 
 
-def _quaternion(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    quaternion = context.state.imu_quaternion
+def _quaternion(bound: BoundTerm, now: TermInput) -> FloatArray:
+    quaternion = now.state.imu_quaternion
     return quaternion if bound.term.quaternion == "wxyz" else quaternion[..., [1, 2, 3, 0]]
 
 
-def _linear_velocity(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    velocity = _live_or_nan(context.state, bound.kind.input(bound.term), 3)
-    return velocity if bound.term.frame == "world" else rotate_inverse(context.state.imu_quaternion, velocity)
+def _linear_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
+    velocity = _live_or_nan(now.state, bound.kind.input(bound.term), 3)
+    return velocity if bound.term.frame == "world" else rotate_inverse(now.state.imu_quaternion, velocity)
 
 
 # --- values: command, live inputs, clock ---
@@ -147,28 +155,21 @@ def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
 
 
 def _command(part: slice) -> Value:
-    return lambda bound, context: live_command(context.state, bound.contract)[..., part]
+    return lambda bound, now: live_command(now.state, bound.contract)[..., part]
 
 
 def _phase(*functions: Callable[[FloatArray], FloatArray]) -> Value:
     """Return functions of the phase of each foot, one after the other; 0 without a phase."""
 
-    def value(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
-        values = np.concatenate([function(context.phase) for function in functions], axis=-1)
+    def value(_bound: BoundTerm, now: TermInput) -> FloatArray:
+        values = np.concatenate([function(now.phase) for function in functions], axis=-1)
         return np.where(np.isnan(values), 0.0, values)
 
     return value
 
 
-def _extern(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    """Return what a robot reports beside its state, as it is; zeros while it is missing or too old."""
-    width = bound.stop - bound.start
-    live = _live_input(context.state, bound.kind.reads, width)
-    return np.zeros(width) if live is None else live.at(context.state.time)
-
-
-def _live(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return _live_or_nan(context.state, bound.kind.reads, bound.stop - bound.start)
+def _live(bound: BoundTerm, now: TermInput) -> FloatArray:
+    return _live_or_nan(now.state, bound.kind.reads, bound.stop - bound.start)
 
 
 def _live_input(state: MITState, name: str, width: int) -> Extern | None:
@@ -190,11 +191,11 @@ def _live_or_nan(state: MITState, name: str, width: int) -> FloatArray:
 # --- values: the motion ---
 
 
-def _motion_command(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    position: Any = context.reference.term("reference_joint_pos", context.frame)
+def _motion_command(bound: BoundTerm, now: TermInput) -> FloatArray:
+    position: Any = now.reference.term("reference_joint_pos", now.frame)
     if bound.kind.is_relative(bound.term):
         position = position - bound.contract.default_joint_pos
-    return np.concatenate([position, context.reference.term("reference_joint_vel", context.frame)], axis=-1)
+    return np.concatenate([position, now.reference.term("reference_joint_vel", now.frame)], axis=-1)
 
 
 def anchor_quaternion(state: MITState) -> FloatArray:
@@ -204,30 +205,28 @@ def anchor_quaternion(state: MITState) -> FloatArray:
     return _live_or_nan(state, ANCHOR_ORIENTATION, 4)
 
 
-def _anchor_position(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    pose = _live_or_nan(context.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
-    offset = context.reference.anchor(context.frame, context.alignment)[0] - pose[..., :3]
+def _anchor_position(bound: BoundTerm, now: TermInput) -> FloatArray:
+    pose = _live_or_nan(now.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
+    offset = now.reference.anchor(now.frame, now.alignment)[0] - pose[..., :3]
     return offset if bound.term.frame == "world" else rotate_inverse(pose[..., 3:], offset)
 
 
-def _anchor_orientation(bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    target = context.reference.anchor(context.frame, context.alignment)[1]
-    relative = multiply(conjugate(anchor_quaternion(context.state)), target)
+def _anchor_orientation(bound: BoundTerm, now: TermInput) -> FloatArray:
+    target = now.reference.anchor(now.frame, now.alignment)[1]
+    relative = multiply(conjugate(anchor_quaternion(now.state)), target)
     rotation = matrix(conjugate(relative) if bound.term.inverse else relative)
-    if bound.term.layout == "two_rows":
-        return rotation[..., :2, :].reshape(*rotation.shape[:-2], 6)
-    columns = rotation[..., :, :2]
-    if bound.term.layout == "columns":
-        columns = np.swapaxes(columns, -1, -2)
-    return columns.reshape(*rotation.shape[:-2], 6)
+    if bound.term.layout == "rows":
+        return rotation_6d(rotation)
+    six = rotation[..., :2, :] if bound.term.layout == "two_rows" else np.swapaxes(rotation[..., :2], -1, -2)
+    return six.reshape(*rotation.shape[:-2], 6)
 
 
-def _referenced(bound: BoundTerm, context: ObservationContext) -> Any:
-    return context.reference.term(bound.kind.name, context.frame)
+def _referenced(bound: BoundTerm, now: TermInput) -> Any:
+    return now.reference.term(bound.kind.name, now.frame)
 
 
-def _progress(_bound: BoundTerm, context: ObservationContext) -> FloatArray:
-    return np.asarray(context.reference.progress(context.frame))[..., None]
+def _progress(_bound: BoundTerm, now: TermInput) -> FloatArray:
+    return np.asarray(now.reference.progress(now.frame))[..., None]
 
 
 # --- widths ---
@@ -237,39 +236,28 @@ def _per_joint(bound: BoundTerm) -> int:
     return len(bound.order)
 
 
+def _per_policy_joint(bound: BoundTerm) -> int:
+    return len(bound.contract.joint_names)
+
+
 def _per_action(bound: BoundTerm) -> int:
     return bound.contract.action_count
 
 
-def _feet(times: int) -> Width:
-    def width(bound: BoundTerm) -> int:
-        if bound.contract.phase is None:
-            raise _needs(bound.term, "the contract's phase rule")
-        return times * len(bound.contract.phase.offsets)
-
-    return width
+def _per_foot(bound: BoundTerm) -> int:
+    return 0 if bound.contract.phase is None else len(bound.contract.phase.offsets)
 
 
 def _of_table(bound: BoundTerm) -> int:
     return int(bound.reference.terms[bound.kind.name].shape[1])
 
 
-def _of_live(bound: BoundTerm) -> int:
-    """Return the width that the live input has, which must be the one that a declaration or a scan says."""
-    name, term = bound.kind.reads, bound.term
-    expected = term.width if term.scan is None else term.scan.count
-    if name not in bound.extern:
-        if expected is None and not bound.kind.topic:
-            unknown = known_names("observation term", term.name, sorted({*TERM_NAMES, *bound.extern}))
-            raise FieldError(f"{unknown}; a width declares a live input: {{name: {term.name}, width: 2}}")
-        raise _needs(term, f"the live input '{name}'; a program sends it, or `live` from Python feeds it")
-    if expected not in (None, bound.extern[name]):
-        raise FieldError(f"observation term '{term.name}': is {expected} wide, but the input has {bound.extern[name]}")
-    return bound.extern[name]
+def _of_input(bound: BoundTerm) -> int:
+    return bound.extern[bound.kind.reads]
 
 
-def _needs(term: Term, what: str) -> FieldError:
-    return FieldError(f"observation term '{term.name}' needs {what}, and there is none")
+def _twice(width: Width) -> Width:
+    return lambda bound: 2 * width(bound)
 
 
 # --- the table ---
@@ -283,11 +271,11 @@ class TermKind:
     meaning: str
     """Meaning in words, with its unit."""
     width: int | Width
-    """Number of values of one step. Raises `FieldError` where what it needs is not there."""
+    """Number of values of one step."""
     value: Value
     _: KW_ONLY
     names: tuple[str, ...] = ()
-    """Names that exporters use for it; empty: its own name."""
+    """Names that exporters use for it, beside its own."""
     reads: str = ""
     """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
     estimate: str = ""
@@ -320,193 +308,65 @@ class TermKind:
         """Return the field of `MITState`, or the live input, that such a term is made of; empty as in `reads`."""
         return point_velocity(term.at) if "at" in self.conventions else self.reads
 
-    def check_sources(self, bound: BoundTerm) -> None:
-        """Raise `FieldError` if what a term is made of is not there."""
-        term = bound.term
-        if term.kind == _COMMAND and not bound.contract.command_names:
-            raise FieldError(f"observation term '{term.name}': means a command, and command_names is empty")
-        inputs = (self.input(term), ANCHOR_ORIENTATION if self.name == "motion_anchor_ori" else "")
-        if self.estimate and not any(name in bound.extern for name in inputs):
-            raise _needs(term, f"{self.estimate}: a simulation knows it, a robot needs an estimator for it")
-        lacking = [table for table in self.tables if table not in bound.reference.terms]
-        if lacking or (self.name == "progress" and not bound.reference.terms):
-            raise _needs(term, f"a motion with {', '.join(lacking)}" if lacking else "a motion")
 
-
+_KEYS, _ANCHOR = ("target_keys",), ("anchor_pos",)
 _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
-    TermKind(
-        "base_lin_vel",
-        "velocity of the base, m/s: needs an estimator",
-        3,
-        _linear_velocity,
-        reads=BASE_LINEAR_VELOCITY,
-        estimate="the velocity of the base",
-        conventions=("frame", "at"),
-        scales=(1.0, 2.0),
-    ),
-    TermKind(
-        "base_ang_vel",
-        "angular velocity of the IMU, rad/s",
-        3,
-        _angular_velocity,
-        names=("base_ang_vel", "imu_ang_vel", "imu_angular_velocity"),
-        reads="imu_angular_velocity",
-        conventions=("frame",),
-        scales=(1.0, 0.25, 0.2),
-    ),
-    TermKind(
-        "projected_gravity",
-        "direction of gravity in the body frame, (0, 0, -1) upright",
-        3,
-        _gravity,
-        reads="imu_quaternion",
-        conventions=("sign",),
-    ),
-    TermKind(
-        "imu_quaternion", "orientation of the IMU", 4, _quaternion, reads="imu_quaternion", conventions=("quaternion",)
-    ),
-    TermKind(
-        "velocity_command",
-        "commanded vx, vy in m/s and yaw rate in rad/s",
-        3,
-        _command(slice(0, 3)),
-        names=("velocity_command", "velocity_commands", "twist"),
-        reads=VELOCITY_COMMAND,
-    ),
-    TermKind(
-        "command_lin_vel",
-        "commanded vx, vy, m/s",
-        2,
-        _command(slice(0, 2)),
-        reads=VELOCITY_COMMAND,
-        scales=(1.0, 2.0),
-    ),
-    TermKind(
-        "command_ang_vel",
-        "commanded yaw rate, rad/s",
-        1,
-        _command(slice(2, 3)),
-        reads=VELOCITY_COMMAND,
-        scales=(1.0, 0.25),
-    ),
-    TermKind(
-        "motion_command",
-        "reference's joint positions and velocities, rad and rad/s",
-        lambda bound: 2 * len(bound.contract.joint_names),
-        _motion_command,
-        names=("motion_command", "motion"),
-        tables=("reference_joint_pos", "reference_joint_vel"),
-        conventions=("relative",),
-    ),
-    TermKind(
-        "motion_anchor_pos",
-        "reference's anchor body from the robot's, m: needs an estimator",
-        3,
-        _anchor_position,
-        names=("motion_anchor_pos", "motion_anchor_pos_b"),
-        reads=ANCHOR_POSE,
-        estimate="the position of the anchor body",
-        tables=("anchor_pos",),
-        conventions=("frame",),
-        requires="anchor_body",
-    ),
-    TermKind(
-        "motion_anchor_ori",
-        "reference's anchor orientation from the robot's, two columns of the matrix",
-        6,
-        _anchor_orientation,
-        names=("motion_anchor_ori", "motion_anchor_ori_b", "motion_ref_ori_b"),
-        reads=ANCHOR_POSE,
-        estimate="the orientation of the anchor body",
-        tables=("anchor_pos",),
-        conventions=("layout", "inverse"),
-        requires="anchor_body",
-    ),
-    TermKind(
-        "joint_pos",
-        "joint positions, rad",
-        _per_joint,
-        _joint_position,
-        names=("joint_pos", "joint_pos_rel", "dof_pos"),
-        reads="joint_position",
-        conventions=("relative",),
-        relative=True,
-    ),
-    TermKind(
-        "joint_vel",
-        "joint velocities, rad/s",
-        _per_joint,
-        _joint_velocity,
-        names=("joint_vel", "joint_vel_rel", "dof_vel"),
-        reads="joint_velocity",
-        scales=(1.0, 0.05, 0.1),
-    ),
-    TermKind(
-        "actions", "last action", _per_action, _last_action, names=("actions", "last_action"), conventions=("form",)
-    ),
-    TermKind("sin_phase", "sine of the gait phase of each foot", _feet(1), _phase(np.sin), requires="phase"),
-    TermKind("cos_phase", "cosine of the gait phase of each foot", _feet(1), _phase(np.cos), requires="phase"),
-    TermKind(
-        "gait_phase",
-        "sines, then cosines of the gait phase",
-        _feet(2),
-        _phase(np.sin, np.cos),
-        names=("gait_phase", "phase"),
-        requires="phase",
-    ),
-    TermKind(
-        "imu_linear_acceleration", "acceleration of the IMU, m/s²", 3, _acceleration, reads="imu_linear_acceleration"
-    ),
-    TermKind(
-        "motion_body_pos_b",
-        "reference's body positions in the base frame, m",
-        _of_table,
-        _referenced,
-        tables=("motion_body_pos_b",),
-        requires="body_names",
-    ),
-    TermKind(
-        "motion_body_ori_b",
-        "reference's body orientations in the base frame",
-        _of_table,
-        _referenced,
-        tables=("motion_body_ori_b",),
-        requires="body_names",
-    ),
+    TermKind("base_lin_vel", "velocity of the base, m/s: needs an estimator", 3, _linear_velocity,
+             reads=BASE_LINEAR_VELOCITY, estimate="the velocity of the base", conventions=("frame", "at"),
+             scales=(1.0, 2.0)),
+    TermKind("base_ang_vel", "angular velocity of the IMU, rad/s", 3, _angular_velocity,
+             names=("imu_ang_vel", "imu_angular_velocity"), reads="imu_angular_velocity", conventions=("frame",),
+             scales=(1.0, 0.25, 0.2)),
+    TermKind("projected_gravity", "direction of gravity in the body frame, (0, 0, -1) upright", 3, _gravity,
+             reads="imu_quaternion", conventions=("sign",)),
+    TermKind("imu_quaternion", "orientation of the IMU", 4, _quaternion,
+             reads="imu_quaternion", conventions=("quaternion",)),
+    TermKind("velocity_command", "commanded vx, vy in m/s and yaw rate in rad/s", 3, _command(slice(0, 3)),
+             names=("velocity_commands", "twist"), reads=VELOCITY_COMMAND),
+    TermKind("command_lin_vel", "commanded vx, vy, m/s", 2, _command(slice(0, 2)),
+             reads=VELOCITY_COMMAND, scales=(1.0, 2.0)),
+    TermKind("command_ang_vel", "commanded yaw rate, rad/s", 1, _command(slice(2, 3)),
+             reads=VELOCITY_COMMAND, scales=(1.0, 0.25)),
+    TermKind("motion_command", "reference's joint positions and velocities, rad and rad/s",
+             _twice(_per_policy_joint), _motion_command, names=("motion",),
+             tables=("reference_joint_pos", "reference_joint_vel"), conventions=("relative",)),
+    TermKind("motion_anchor_pos", "reference's anchor body from the robot's, m: needs an estimator", 3,
+             _anchor_position, names=("motion_anchor_pos_b",), reads=ANCHOR_POSE,
+             estimate="the position of the anchor body", tables=_ANCHOR, conventions=("frame",),
+             requires="anchor_body"),
+    TermKind("motion_anchor_ori", "reference's anchor orientation from the robot's, two columns of the matrix", 6,
+             _anchor_orientation, names=("motion_anchor_ori_b", "motion_ref_ori_b"), reads=ANCHOR_POSE,
+             estimate="the orientation of the anchor body", tables=_ANCHOR, conventions=("layout", "inverse"),
+             requires="anchor_body"),
+    TermKind("joint_pos", "joint positions, rad", _per_joint, _joint_position,
+             names=("joint_pos_rel", "dof_pos"), reads="joint_position", conventions=("relative",), relative=True),
+    TermKind("joint_vel", "joint velocities, rad/s", _per_joint, _joint_velocity,
+             names=("joint_vel_rel", "dof_vel"), reads="joint_velocity", scales=(1.0, 0.05, 0.1)),
+    TermKind("actions", "last action", _per_action, _last_action, names=("last_action",), conventions=("form",)),
+    TermKind("sin_phase", "sine of the gait phase of each foot", _per_foot, _phase(np.sin), requires="phase"),
+    TermKind("cos_phase", "cosine of the gait phase of each foot", _per_foot, _phase(np.cos), requires="phase"),
+    TermKind("gait_phase", "sines, then cosines of the gait phase", _twice(_per_foot), _phase(np.sin, np.cos),
+             names=("phase",), requires="phase"),
+    TermKind("imu_linear_acceleration", "acceleration of the IMU, m/s²", 3, _acceleration,
+             reads="imu_linear_acceleration"),
+    TermKind("motion_body_pos_b", "reference's body positions in the base frame, m", _of_table, _referenced,
+             tables=("motion_body_pos_b",), requires="body_names"),
+    TermKind("motion_body_ori_b", "reference's body orientations in the base frame", _of_table, _referenced,
+             tables=("motion_body_ori_b",), requires="body_names"),
     TermKind("target_keys", "keys to press now, 0 or 1", _of_table, _referenced, tables=("target_keys",)),
-    TermKind(
-        "target_keys_future",
-        "keys to press in the steps ahead",
-        _of_table,
-        _referenced,
-        tables=("target_keys_future",),
-        requires="lookahead_steps",
-    ),
+    TermKind("target_keys_future", "keys to press in the steps ahead", _of_table, _referenced,
+             tables=("target_keys_future",), requires="lookahead_steps"),
     TermKind("progress", "progress of the motion, 0 to 1", 1, _progress),
-    TermKind(
-        "key_pressed",
-        "keys that are down, 0 or 1",
-        _of_live,
-        _live,
-        reads=KEY_PRESSED,
-        topic="/piano/key_state",
-    ),
-    TermKind(
-        "height_scan",
-        "height above the ground at the points of a grid, m",
-        _of_live,
-        _live,
-        names=("height_scan", "height_scanner"),
-        reads=HEIGHT_SCAN,
-        scales=(1.0, 0.2),
-        topic="/height_scan",
-    ),
-)
+    TermKind("key_pressed", "keys that are down, 0 or 1", _of_input, _live,
+             reads=KEY_PRESSED, topic="/piano/key_state"),
+    TermKind("height_scan", "height above the ground at the points of a grid, m", _of_input, _live,
+             names=("height_scanner",), reads=HEIGHT_SCAN, scales=(1.0, 0.2), topic="/height_scan"),
+)  # fmt: skip
 
 TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
 """Every kind by its name."""
 TERM_NAMES: Mapping[str, str] = MappingProxyType(
-    {name: kind.name for kind in _KINDS for name in kind.names or (kind.name,)}
+    {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
 )
 """Every known name of a term, and its kind's."""
 
@@ -521,23 +381,55 @@ def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     if name == _COMMAND:
         name = "motion_command" if "motion" in command_names else "velocity_command"
     known = TERM_KINDS.get(TERM_NAMES.get(name, name))
-    return known or TermKind(name, "live input", _of_live, _extern, reads=name)
+    return known or TermKind(name, "live input", _of_input, _live, reads=name)
 
 
 def live_kind(name: str) -> TermKind:
     """Return the kind of a live input of that name, whose width a term declares."""
     usual = TERM_KINDS.get(name)
     if usual is not None and usual.topic:
-        return replace(usual, width=_of_live, value=_live)
+        return usual
     plain = "".join(letter if f"_{letter}".isidentifier() and letter.isascii() else "_" for letter in name)
-    topic = f"/{plain}" if plain.isidentifier() else f"/_{plain}"
-    return TermKind(name, "live input", _of_live, _live, reads=name, topic=topic)
+    return replace(term_kind(name), topic=f"/{plain}" if plain.isidentifier() else f"/_{plain}")
 
 
-def is_known(name: str) -> bool:
-    """Tell whether a kind of term, or something that a robot reports, has this name, which no live input may have."""
-    is_reported = name in EXTERN_WIDTHS or name.startswith(BASE_LINEAR_VELOCITY)
-    return name == _COMMAND or name in TERM_KINDS or name in TERM_NAMES or is_reported
+def may_be_sent(name: str, *, is_declared: bool) -> bool:
+    """Return whether other programs may send a live input of this name: a term's `kind`, which may declare its width.
+
+    What a robot reports, and what the table makes of a state, is nobody else's to send.
+    """
+    usual = TERM_KINDS.get(TERM_NAMES.get(name, name))
+    if usual is not None or name == _COMMAND:
+        return usual is not None and usual.topic != ""
+    return is_declared and name not in EXTERN_WIDTHS and not name.startswith(BASE_LINEAR_VELOCITY)
+
+
+def check_sources(bound: BoundTerm) -> None:
+    """Raise `FieldError` if what a term is made of is not there, or is of another width."""
+    term, kind, contract, extern = bound.term, bound.kind, bound.contract, bound.extern
+    where, none = f"observation term '{term.name}'", "and there is none"
+    if term.kind == _COMMAND and not contract.command_names:
+        raise FieldError(f"{where}: means a command, and command_names is empty")
+    if kind.requires == "phase" and contract.phase is None:
+        raise FieldError(f"{where} needs the contract's phase rule, {none}")
+    lacking = [table for table in kind.tables if table not in bound.reference.terms]
+    if lacking or (kind.name == "progress" and not bound.reference.terms):
+        raise FieldError(f"{where} needs a motion{' with ' if lacking else ''}{', '.join(lacking)}, {none}")
+    inputs = {kind.input(term), ANCHOR_ORIENTATION if kind.name == "motion_anchor_ori" else ""}
+    if kind.estimate and not inputs & set(extern):
+        known = "a simulation knows it, a robot needs an estimator for it"
+        raise FieldError(f"{where} needs {kind.estimate}: {known}, {none}")
+    if kind.width is not _of_input:
+        return
+    declared = term.width if term.scan is None else term.scan.count
+    if kind.reads not in extern and declared is None and not kind.topic:
+        unknown = known_names("observation term", term.name, sorted({*TERM_NAMES, *extern}))
+        raise FieldError(f"{unknown}; a width declares a live input: {{name: {term.name}, width: 2}}")
+    if kind.reads not in extern:
+        source = "a program sends it, or `live` from Python feeds it"
+        raise FieldError(f"{where} needs the live input '{kind.reads}', {none}; {source}")
+    if declared not in (None, extern[kind.reads]):
+        raise FieldError(f"{where}: is {declared} wide, but the input has {extern[kind.reads]}")
 
 
 def value_names(term: Term, contract: PolicyContract) -> tuple[str, ...]:

@@ -49,7 +49,6 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
     action_limit: float
     guards: bool | dict[str, Any] | None
     """True for the guards of the robot's description; older recordings hold their parameters."""
-    needs_producer: bool = False
 
 
 def build_supervisor(
@@ -62,7 +61,6 @@ def build_supervisor(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
     guards: bool = True,
-    needs_producer: bool = False,
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
 
@@ -76,7 +74,6 @@ def build_supervisor(
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
-        needs_producer: START_REMOTE requires commands that already arrive.
     """
     joints = description.joint_names
     remote_settings = description.remote_policy_controller
@@ -100,9 +97,10 @@ def build_supervisor(
             description.passive_damping,
             remote_settings.stale_command_policy,
             remote_settings.stale_command_timeout_ms,
+            needs_producer=description.is_floating,
         )
     watching = guards_of(description) if guards else None
-    return Supervisor(joints, controllers, guards=watching, needs_producer=needs_producer, policies=named)
+    return Supervisor(joints, controllers, guards=watching, policies=named)
 
 
 def policy_controller(
@@ -152,7 +150,6 @@ def run_header(
     remote: bool = False,
     action_limit: float | None = None,
     guards: bool = True,
-    needs_producer: bool = False,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
@@ -167,7 +164,7 @@ def run_header(
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     shown = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
     limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
-    controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards, needs_producer)
+    controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards)
     documents = body_documents(description) | {
         "robot": description.to_json(),
         "settings": json.dumps(shown, indent=1),
@@ -267,5 +264,4 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         remote=controllers.remote,
         action_limit=None if policies else controllers.action_limit,
         guards=bool(controllers.guards),
-        needs_producer=controllers.needs_producer,
     )

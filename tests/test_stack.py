@@ -93,7 +93,7 @@ def test_a_policy_that_does_not_fit_the_robot(robot, period, live, contract):
 @cache
 def header():
     loaded = load_policy(lite_contract(), zero_policy(14), motion())
-    options = {"remote": True, "needs_producer": True}
+    options = {"remote": True}
     head = run_header(LITE, 0.005, loaded, motion(), settings={"policy": "p.onnx"}, **options)
     return head, build_supervisor(LITE, 0.005, loaded, **options)
 
@@ -101,7 +101,7 @@ def header():
 def test_a_recordings_header_gives_the_same_stack_again():
     head, first = header()
     again = rebuild_supervisor(head, zero_policy(14))
-    assert (again.joints, again.needs_producer) == (first.joints, True)
+    assert again.joints == first.joints
     assert fingerprint(again.guards) == fingerprint(first.guards)
     assert set(again.controllers) == set(first.controllers)
     for name, controller in first.controllers.items():
@@ -130,4 +130,3 @@ def test_a_run_without_guards_or_policy_is_rebuilt_without():
     again = rebuild_supervisor(head, zero_policy(0))
     assert again.guards is None
     assert RL_POLICY not in again.controllers
-    assert not again.needs_producer

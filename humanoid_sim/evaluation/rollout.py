@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.live_inputs import LiveInputs
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, shown_phase
+from humanoid_sim.controllers.phase import shown_phase
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
 from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.messages import SafetyStatus

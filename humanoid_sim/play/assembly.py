@@ -281,6 +281,5 @@ def _header(plan: Plan) -> SessionHeader:
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
         remote=True,
-        needs_producer=plan.supervisor.needs_producer,
         action_limit=config.action_limit,
     )

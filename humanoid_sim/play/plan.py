@@ -61,7 +61,6 @@ class Plan:
             remote=True,
             live=live,
             action_limit=config.action_limit,
-            needs_producer=description.is_floating,
         )
         warnings = [line for one in self.policy.contracts for line in setup.check_policy(one)]
         pads = look_for_gamepad(config)

@@ -34,12 +34,10 @@ def guards_of(robot: RobotDescription) -> Guards | None:
     given = [np.inf if bound is None else bound for bound in following.effort]
     effort = np.array(given) if given else following.effort_share * robot.effort_limit
     fastest = speed_limit(robot)
-    is_assumed = (fastest >= _crossing_speed(robot)) & (settings.speed is not None and not speed.limit)
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
         upper=robot.upper,
-        effort_limit=robot.effort_limit,
         following_effort=effort if settings.following else off,
         following_time=following.time or _FOLLOWING_TIME[kind],
         following_progress=following.progress,
@@ -48,7 +46,6 @@ def guards_of(robot: RobotDescription) -> Guards | None:
         limit_time=limit.time,
         speed_limit=fastest if settings.speed else off,
         speed_time=speed.time,
-        speed_assumed=tuple(np.array(robot.joint_names)[is_assumed].tolist()),
     )
 
 

@@ -35,7 +35,7 @@ def contract(**changes: Any) -> PolicyContract:
         "joint_stiffness": [31.0, 32.0, 33.0],
         "joint_damping": [3.1, 3.2, 3.3],
         "default_joint_pos": [0.01, 0.02, 0.03],
-        "observation": ("motion_body_pos_b", "joint_pos", "joint_vel", "actions", "progress", "velocity"),
+        "observation": ("motion_body_pos_b", "joint_pos", "joint_vel", "actions", "progress", "velocity_command"),
         "command_names": (),
         "action_scale": [0.5, 0.25],
         "policy_dt": 0.04,
@@ -69,7 +69,7 @@ def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Sup
         "standby_controller_a": standby([10.0, 11.0, 12.0], [1.0, 1.1, 1.2], POSE_A),
         "standby_controller_b": standby([20.0, 21.0, 22.0], [2.0, 2.1, 2.2], POSE_B),
         "rl_policy_controller": RLPolicyController(
-            JOINTS, contract(), reference(), policy, control_period=PERIOD, extern={"velocity": 3}
+            JOINTS, contract(), reference(), policy, control_period=PERIOD, extern={"velocity_command": 3}
         ),
         "remote_policy_controller": RemotePolicyController(JOINTS, np.array(PASSIVE_KD)),
     }

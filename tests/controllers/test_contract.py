@@ -17,30 +17,30 @@ from humanoid_sim.mit import Extern, MITState
     [
         ({"task_type": "dance"}, "task_type: is 'dance', expected one of tracking, piano, locomotion"),
         ({"joint_names": ()}, "joint_names: is empty"),
-        ({"joint_names": ("wrist", "elbow", "elbow")}, "joint_names: names elbow more than once"),
-        ({"action_joint_names": ("elbow", "neck")}, "action_joint_names: neck not in joint_names"),
+        ({"joint_names": ("wrist", "elbow", "elbow")}, "joint_names: is elbow, .* none twice"),
+        ({"action_joint_names": ("elbow", "neck")}, "action_joint_names: is neck, expected names of wrist, elbow, sho"),
         ({"joint_stiffness": [1.0, 2.0]}, r"joint_stiffness: has shape \(2,\), expected \(3,\)"),
         ({"joint_stiffness": [1.0, -2.0, 3.0]}, "joint_stiffness: is -2.0 for elbow"),
         ({"joint_damping": [1.0, 2.0, np.nan]}, "joint_damping: is nan for shoulder"),
         ({"default_joint_pos": [0.0, np.inf, 0.0]}, "default_joint_pos: is inf for elbow"),
         ({"observation": ()}, "observation: is empty"),
-        ({"observation": ("joint_pos", "joint_pos")}, "observation: names joint_pos more than once"),
+        ({"observation": ("joint_pos", "joint_pos")}, "observation: is joint_pos, .* none twice"),
         ({"action_scale": [0.5, 0.5, 0.5]}, r"action_scale: has shape \(3,\), expected \(2,\)"),
-        ({"policy_dt": 0.0}, "policy_dt: is 0.0, expected a finite number > 0"),
-        ({"effort_limit": [5.0, -1.0, 5.0]}, "effort_limit: is"),
+        ({"policy_dt": 0.0}, "policy_dt: is 0.0, expected seconds > 0"),
+        ({"effort_limit": [5.0, -1.0, 5.0]}, "effort_limit: is -1.0 for elbow"),
         ({"action_clip": 0.0}, "action_clip: is 0.0"),
         ({"position_clip": [[1.0, 0.0]]}, "position_clip: is"),
         ({"position_clip": "any"}, "position_clip: is 'any'"),
         ({"command_ranges": [[0, 1]]}, "command_ranges: is"),
-        ({"observation": [Term("joint_pos", joints=("neck",))]}, "observation: term 'joint_pos' shows neck"),
+        ({"observation": [Term("joint_pos", joints=("neck",))]}, "observation: term 'joint_pos': is neck"),
         (
             {"observation": [Term("joint_pos", history=2), Term("actions")], "history_layout": "per_step"},
-            r"history_layout: per_step needs one history for all terms, they have \[1, 2\]",
+            "history_layout: is per_step",
         ),
-        ({"observation": ("target_keys_future",)}, "lookahead_steps: is empty"),
+        ({"observation": ("target_keys_future",)}, r"lookahead_steps: is \(\)"),
     ],
 )
-def test_what_is_wrong_is_named(changes, message):
+def test_a_field_that_does_not_fit_is_named(changes, message):
     with pytest.raises(FieldError, match=rf"^PolicyContract\.{message}"):
         contract(**changes)
 
@@ -58,13 +58,13 @@ def test_what_is_wrong_is_named(changes, message):
         (lambda: Term("foot_contact", width=2, topic="feet"), "expected a ROS 2 name"),
         (lambda: Term("foot_contact", width=2, timeout=0.0), "expected seconds > 0"),
         (lambda: HeightScan(grid=(1.6,)), "expected two lengths"),
-        (lambda: HeightScan(resolution=0.01), "16261 rays, at most 2000"),
-        (PhaseRule, "neither is given"),
-        (lambda: PhaseRule(1.0, frequency=[[0.0, 1.0]]), "both are given"),
+        (lambda: HeightScan(resolution=0.01), "16261 rays, expected at most 2000"),
+        (PhaseRule, "period: is None"),
+        (lambda: PhaseRule(1.0, frequency=[[0.0, 1.0]]), "a period > 0, or else a frequency"),
         (lambda: PhaseRule(frequency=[[1.0, 1.0], [0.0, 2.0]]), "speeds ascending"),
     ],
 )
-def test_parts_that_cannot_be_are_refused(make, message):
+def test_a_part_that_cannot_be_is_refused(make, message):
     with pytest.raises(FieldError, match=message):
         make()
 
@@ -97,7 +97,7 @@ def wired(*terms, extern):
 def test_a_policy_has_one_scan_of_the_robots_width():
     again = Term("again", kind="height_scan", scan=TWO.scan, history=3)
     assert wired(TWO, again, extern={"height_scan": 2}).layout.width == 2 + 6 + 3
-    with pytest.raises(FieldError, match="'height_scan' has scans"):
+    with pytest.raises(FieldError, match="height_scan and other differ in width, topic, timeout or scan"):
         wired(TWO, Term("other", kind="height_scan"), extern={"height_scan": 2})
     with pytest.raises(FieldError, match="is 2 wide, but the input has 187"):
         wired(TWO, extern={"height_scan": 187})
@@ -105,7 +105,9 @@ def test_a_policy_has_one_scan_of_the_robots_width():
         wired(TWO, extern={})
 
 
-@pytest.mark.parametrize(("term", "name"), [(TWO, "height_scan"), (FOOT, "foot_contact")])
+@pytest.mark.parametrize(
+    ("term", "name"), [(TWO, "height_scan"), (FOOT, "foot_contact"), (Term("key_pressed", scale=2.0), "key_pressed")]
+)
 def test_a_live_input_that_is_missing_or_stale_stops_the_policy_and_is_never_zeros(term, name):
     wiring = wired(term, extern={name: 2})
     values = {name: Extern([0.3, 0.5], 1.0, timeout=0.5)}
@@ -151,5 +153,5 @@ def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise(
     }
     assert dict(made.live_timeouts) == {"left-hand 2": np.inf, "height_scan": 0.1}
     twice = (FOOT, Term("toe", width=1, topic="/foot_contact"))
-    with pytest.raises(FieldError, match="two live inputs have the topic /foot_contact"):
+    with pytest.raises(FieldError, match="topics: is /foot_contact"):
         contract(task_type="locomotion", body_names=(), observation=twice)

@@ -21,7 +21,6 @@ def guards(**changes):
         "joints": rig.JOINTS,
         "lower": -np.ones(3),
         "upper": np.ones(3),
-        "effort_limit": np.full(3, 10.0),
         "following_effort": np.full(3, 8.0),
         "following_time": 0.1,
         "following_progress": 0.02,
@@ -57,19 +56,10 @@ def trip(watching, positions, sent, **measured):
     return INF, ""
 
 
-@pytest.mark.parametrize(
-    ("at", "wanted", "cause"),
-    [
-        (0.3, 0.5, "something in the way of elbow"),
-        (0.95, 0.0, "direction of elbow"),
-        (0.98, 1.3, "the command is beyond the limits of elbow"),
-    ],
-)
-def test_a_joint_that_comes_no_nearer_trips_the_following_guard_with_the_likely_cause(at, wanted, cause):
-    after, text = trip(guards(), [at] * 30, command(wanted))
+def test_a_joint_that_comes_no_nearer_trips_the_following_guard():
+    after, text = trip(guards(), [0.3] * 30, command(0.5))
     assert after == 0.1
-    assert text.startswith(f"following guard: elbow does not follow: it is at {at:.2f} rad, asked to {wanted:.2f}")
-    assert cause in text
+    assert text.startswith("following guard: elbow does not follow: it is at 0.30 rad, asked to 0.50")
 
 
 @pytest.mark.parametrize(
@@ -108,8 +98,7 @@ def test_a_joint_pushed_out_of_its_limits_trips_the_limit_guard(side):
 def test_a_joint_that_races_trips_the_speed_guard():
     after, text = trip(guards(), [0.0] * 30, command(), velocity=-6.0)
     assert after == 0.02
-    assert text.startswith("speed guard: elbow turns at -6.0 rad/s, its limit is 5.0; ")
-    assert "not your motor's" in trip(guards(speed_assumed=("elbow",)), [0.0] * 30, command(), velocity=-6.0)[1]
+    assert text == "speed guard: elbow turns at -6.0 rad/s, its limit is 5.0"
     assert trip(guards(speed_time=0.7), [0.0] * 30, command(), velocity=-6.0)[0] == INF
 
 

@@ -64,6 +64,6 @@ def test_bindings_that_cannot_work_are_refused(changes, field):
 
 def test_a_gamepad_without_a_bound_button_is_refused():
     JoyBindings().check(7)
-    for count, field in ((6, "quit_button: is .* buttons 0 to 5"), (2, "damp_button: is "), (0, "damp_button: .* no ")):
+    for count, field in ((6, "quit_button"), (2, "damp_button"), (0, "damp_button")):
         with pytest.raises(FieldError, match=rf"^JoyBindings.{field}"):
             JoyBindings().check(count)

@@ -1,4 +1,4 @@
-"""One policy step: by itself as the controller does it, in a batch as its robots do it, bit for bit."""
+"""One policy step: a batch as its robots one by one, bit for bit; actions, their limits, and the gait clock."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from humanoid_sim.controllers import policy_step
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
+from humanoid_sim.controllers.phase import advance_phase
 from humanoid_sim.controllers.reference import build_world_reference
-from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
 
 JOINTS = ("a", "b", "c")
@@ -74,36 +74,6 @@ def row(state, i):
 def wiring_of(contract):
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
     return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
-
-
-def test_a_robot_by_itself_does_what_the_controller_does():
-    rng, wiring, seen = np.random.default_rng(0), wiring_of(contract()), []
-
-    def policy(observation, frame):
-        seen.append((observation.copy(), frame))
-        return actions[len(seen) - 1]
-
-    actions = rng.normal(size=(STEPS, 2)).astype(np.float32)
-    controller = RLPolicyController(JOINTS, wiring.contract, wiring.reference, policy, 0.02, extern=EXTERN_WIDTHS)
-    first = states(rng, ())
-    controls, memory = controller.activate(TickInput(first)), wiring.activate(first)
-    for step in range(STEPS):
-        state = first if step == 0 else states(rng, ())
-        assert isinstance(controls, RLPolicyMemory)
-        result = controller.update(controls, TickInput(state))
-        assert isinstance(result, tuple)
-        controls, expected = result
-        observation, memory = wiring.observe(memory, state)
-        assert memory.frame == seen[-1][1]
-        assert observation.tobytes() == seen[-1][0].tobytes()
-        memory, command = wiring.act(memory, actions[step])
-        for name in ("position", "velocity", "effort", "stiffness", "damping"):
-            np.testing.assert_array_equal(getattr(command, name), getattr(expected, name))
-        assert (memory.frame, memory.walked) == (controls.policy.frame, controls.policy.walked)
-        np.testing.assert_array_equal(memory.history, controls.policy.history)
-    assert len(seen) == STEPS
-    assert controls.policy.frame == 4  # the last frame is held
-    assert len({observation.tobytes() for observation, _ in seen}) == STEPS
 
 
 def test_a_batch_does_what_its_robots_do():
@@ -194,7 +164,7 @@ def test_commands_of_a_batch_are_those_of_its_robots(actions):
 def phases(rule, commands):
     walked, shown = 0.0, []
     for command in commands:
-        walked, phase = policy_step.advance_phase(rule, walked, command, 0.02)
+        walked, phase = advance_phase(rule, walked, command, 0.02)
         shown.append(phase.tolist())
     return shown
 

@@ -19,8 +19,8 @@ PURE = [
 """The functional core; a new file in `controllers/` belongs to it without being named here."""
 
 STANDARD_LIBRARY = {
-    "__future__", "collections", "contextlib", "dataclasses", "difflib", "enum", "itertools", "math", "re", "types",
-    "typing",
+    "__future__", "collections", "contextlib", "dataclasses", "difflib", "enum", "functools", "itertools", "math", "re",
+    "types", "typing",
 }  # fmt: skip
 OURS = {"humanoid_sim.mit", "humanoid_sim.messages", "humanoid_sim.errors", "humanoid_sim.names"}
 FORBIDDEN_CALLS = {"open", "print", "input", "exec", "eval", "compile", "__import__", "globals", "id", "hash", "vars"}

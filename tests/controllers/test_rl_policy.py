@@ -24,7 +24,7 @@ def controller(policy=zeros, **changes):
         "contract": contract(),
         "reference": reference(),
         "control_period": PERIOD,
-        "extern": {"velocity": 3},
+        "extern": {"velocity_command": 3},
     }
     return RLPolicyController(**{**values, "policy": policy, **changes})
 
@@ -41,7 +41,7 @@ def run(rl, count):
 
 def test_the_policy_sees_its_own_joint_order():
     policy = ScriptedPolicy(zeros)
-    state = tick(0.0, position=(0.4, 0.5, 0.6), extern={"velocity": Extern([7.0, 8.0, 9.0], 0.0)}).state
+    state = tick(0.0, position=(0.4, 0.5, 0.6), extern={"velocity_command": Extern([7.0, 8.0, 9.0], 0.0)}).state
     rl, moving = controller(policy), replace(tick(), state=replace(state, joint_velocity=[1.0, 2.0, 3.0]))
     rl.update(rl.activate(moving), moving)
     ((observation, frame),) = policy.calls
@@ -96,7 +96,7 @@ OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the 
         ({"control_period": 0.08}, f"{OWN}.control_period: is 0.08 s"),
         ({"joints": ("shoulder", "elbow", "hand")}, f"{OTHERS}: the robot lacks wrist; the policy lacks hand"),
         ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a motion"),
-        ({"extern": {}}, "unknown observation term 'velocity'"),
+        ({"contract": contract(observation=("mood",))}, "unknown observation term 'mood'"),
     ],
 )
 def test_a_policy_that_does_not_fit_is_refused(changes, message):

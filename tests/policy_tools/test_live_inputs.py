@@ -51,7 +51,7 @@ def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, file,
     ("options", "problem"),
     [
         ("topic: /tf", "live input 'foot_contact': its topic is /tf, which a session uses itself"),
-        ("topic: feet", "topic: is 'feet', expected a ROS 2 name such as"),
+        ("topic: feet", "topic: is feet, expected a ROS 2 name such as"),
         ("timeout: -1", "timeout: is -1.0, expected seconds > 0, or .inf"),
     ],
 )

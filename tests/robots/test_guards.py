@@ -73,11 +73,5 @@ def test_the_description_decides():
     guards = of(replace(LITE, guards=GuardSettings(following=following, limit=None, speed=speed)))
     assert (guards.following_effort[ELBOW], guards.following_time) == (7.0, 1.0)
     assert np.isinf(guards.limit_margin).all()
-    assert (guards.speed_limit.tolist(), guards.speed_assumed) == ([3.0] * 14, ())
+    assert guards.speed_limit.tolist() == [3.0] * 14
     assert guards_of(replace(LITE, guards=GuardSettings(following=None, limit=None, speed=None))) is None
-
-
-def test_a_speed_limit_that_is_neither_given_nor_a_motors_is_marked():
-    robot = replace(LITE, joints=tuple(replace(joint, motor=None) for joint in LITE.joints))
-    assert of(robot).speed_assumed == robot.joint_names
-    assert "left_shoulder_roll" not in of(LITE).speed_assumed

@@ -98,7 +98,10 @@ def supervisor(config: StackConfig) -> Any:
             joints, _contract(config), no_reference(), config.policy, config.period, extern=_live_inputs(config)
         ),
         "remote_policy_controller": RemotePolicyController(
-            joints, np.full(len(joints), config.passive_damping), stale_command_policy=config.stale_command_policy
+            joints,
+            np.full(len(joints), config.passive_damping),
+            stale_command_policy=config.stale_command_policy,
+            needs_producer=config.is_floating,
         ),
     }
     for name, pose in config.poses.items():
@@ -110,7 +113,7 @@ def supervisor(config: StackConfig) -> Any:
             pose_segments=np.array([zeros, [pose[joint] for joint in joints]]),
         )
     controllers.update(config.replaced or {})
-    return Supervisor(joints, controllers, guards=_guards(config), needs_producer=config.is_floating)
+    return Supervisor(joints, controllers, guards=_guards(config))
 
 
 def _contract(config: StackConfig) -> PolicyContract:
@@ -130,6 +133,7 @@ def _guards(config: StackConfig) -> Guards | None:
     times = ("following_time", "following_progress", "limit_time", "speed_time")
     n = len(config.joints)
     bounds = {name: value if name in times else np.full(n, value) for name, value in config.guards.items()}
+    del bounds["effort_limit"]  # no guard's
     return Guards(config.joints, **bounds)
 
 
