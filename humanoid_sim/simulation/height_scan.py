@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.mit import BASE, IMU, FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, named_frame
-from humanoid_sim.simulation.stance import fixed_geoms
+from humanoid_sim.simulation.stance import DOWN, FLOOR_GROUP, fixed_geoms, floor_alone
 
 _STEEP = 0.1
 """Length of an axis' horizontal part below which it has no heading."""
@@ -108,3 +109,32 @@ def _add_geom(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, i
         spec.add_mesh(name=name, uservert=vertices, userface=faces, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         shape = {"meshname": name}
     spec.worldbody.add_geom(type=kind, pos=data.geom_xpos[i], quat=quaternion, **shape)
+
+
+class GroundScanner:
+    """Casts the rays of N robots' grids on everything that stands still and can be touched, except the robot."""
+
+    def __init__(self, model: mujoco.MjModel, robot: int, scan: HeightScan, count: int, threads: int) -> None:
+        """Set up; `robot` is the id of the robot's base body, on `threads` in MuJoCo."""
+        geoms = [i for i in fixed_geoms(model) if model.body_rootid[model.geom_bodyid[i]] != robot]
+        self._ground = Batch(floor_alone(model, geoms), count, threads)
+        self._scan = scan
+        self._points = np.concatenate([scan.points, np.full((scan.count, 1), scan.above)], axis=1)
+
+    def scan(self, pose: FloatArray) -> FloatArray:
+        """Return the values, shape (..., rays), m, of grids around poses (..., 7), m and w x y z, world frame."""
+        w, x, y, z = np.moveaxis(pose[..., 3:], -1, 0)
+        forward = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+        leftward = 2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z)
+        is_steep = np.hypot(*forward) < _STEEP  # where x points up or down, y has the heading
+        yaw = np.where(is_steep, np.arctan2(-leftward[0], leftward[1]), np.arctan2(forward[1], forward[0]))
+        cos, sin = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+        px, py, pz = self._points.T
+        origin = np.stack(
+            [cos * px - sin * py, sin * px + cos * py, np.broadcast_to(pz, (*yaw.shape, len(pz)))], axis=-1
+        )
+        origin = (origin + pose[..., None, :3]).reshape(-1, len(px), 3)
+        distance, _ = self._ground.ray(origin, DOWN, FLOOR_GROUP)
+        distance = distance.reshape(*yaw.shape, len(px))
+        is_hit = (distance >= 0.0) & (distance <= self._scan.range)
+        return np.where(is_hit, distance - self._scan.above - self._scan.offset, self._scan.missed)

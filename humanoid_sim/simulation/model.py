@@ -1,35 +1,111 @@
-"""From a robot description to a compiled MuJoCo model, and from joint names to addresses in it."""
+"""From a robot description to a compiled MuJoCo model, and from names to addresses in it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import mujoco
 import numpy as np
 
+from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
+from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.floating_base import add_support
+from humanoid_sim.simulation.push import Push
 from humanoid_sim.simulation.scene import add_floor, add_scene
+
+StateSampling = Literal["now", "on_command"]
+IMPLICIT_TIMESTEP = 0.0025  # s, physics step of implicit damping, unless another is given or the robot's own is longer
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
+@dataclass(frozen=True, slots=True)
+class SimConfig:
+    """Settings of a simulated robot, or of each in a batch."""
+
+    control_period: float | None = None
+    """s; None for the description's."""
+    physics_timestep: float | None = None
+    """s, divides the control period; None for the description's, or `IMPLICIT_TIMESTEP`."""
+    command_delay: float = 0.0
+    """s from a command to its effect, beside the mean of the description's own delays; whole physics steps."""
+    state_delay: float = 0.0
+    """s from a state to its being read, whole physics steps; of one robot only, as is the next."""
+    state_sampling: StateSampling = "now"
+    """`on_command`: joints answer commands only, as motors on a bus do; the IMU is sampled all the time."""
+    support: bool = True
+    """Start a floating base held, as the next four only of one robot."""
+    base_position: tuple[float, float] = (0.0, 0.0)
+    """m, world frame."""
+    base_yaw: float = 0.0
+    """rad, about the vertical, beside the MJCF's own orientation."""
+    base_height: float | None = None
+    """m, of the base's origin; None for the description's, and if that has none, on its feet."""
+    drop: float = 0.0
+    """m, by which a floating base then hangs above its feet."""
+    anchor_body: str = ""
+    """MJCF body whose pose the state has as `anchor_pose`; empty for none."""
+    velocity_at: tuple[str, ...] = ()
+    """`imu`, or MJCF sites, whose velocity the state of a floating base's robot has."""
+    height_scan: HeightScan | None = None
+    """Of the ground, which the state then has."""
+    bodies: tuple[str, ...] = ()
+    """MJCF bodies whose poses `body_poses` gives."""
+    pushes: tuple[Push, ...] = ()
+    """Of one robot's floating base, each at its time."""
+
+    def period(self, description: RobotDescription) -> float:
+        """Return the control period, s."""
+        own = 1.0 / description.simulation.control_frequency
+        return own if self.control_period is None else self.control_period
+
+    def timestep(self, description: RobotDescription, *, implicit: bool = False) -> float:
+        """Return the physics step, s."""
+        if self.physics_timestep is not None:
+            return self.physics_timestep
+        own = description.simulation.physics_timestep
+        return max(own, IMPLICIT_TIMESTEP) if implicit else own
+
+    def physics_steps(self, description: RobotDescription, *, implicit: bool = False) -> int:
+        """Return the physics steps in a control period. Raises `InputError` if it is no whole number."""
+        return steps_per_period(self.period(description), self.timestep(description, implicit=implicit))
+
+    def delay(self, description: RobotDescription, timestep: float) -> int:
+        """Return the physics steps from a command to its effect. Raises `InputError` if it is no whole number."""
+        own = round(float(description.delay.mean()) / timestep)
+        return own + delay_steps("command_delay", self.command_delay, timestep)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAddresses:
-    """Indices of joints in MuJoCo's arrays, in the order in which they were asked for."""
+    """Indices of joints in MuJoCo's arrays, in the order in which they were requested."""
 
     qpos: IndexArray
     """Shape (n,), indices into `qpos`."""
     dof: IndexArray
     """Shape (n,), indices into `qvel`, `qfrc_applied` and the rows of the mass matrix."""
+    qpos_slice: slice | IndexArray = field(init=False)
+    """The same as a slice, where the joints are adjacent and in order: indexing with it makes a view."""
+    dof_slice: slice | IndexArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "qpos_slice", _as_slice(self.qpos))
+        object.__setattr__(self, "dof_slice", _as_slice(self.dof))
+
+
+def _as_slice(index: IndexArray) -> slice | IndexArray:
+    if np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return slice(int(index[0]), int(index[0]) + len(index))
+    return index
 
 
 def build_model(
@@ -39,25 +115,28 @@ def build_model(
     affine_actuators: bool = False,
     implicit: bool = False,
     scene: bool | Literal["floor"] = True,
+    sensors: SimConfig | None = None,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """Return the robot in a room, ready for the MIT law.
 
-    The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
-    longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
-    Euler integration unless it is to be implicit, and no automatic reset of a bad state. Joints that the MJCF has and
-    the description does not stay passive. Whatever else the MJCF says about contacts and the solver stays as it is. A
-    floating base gets a support, see `humanoid_sim.simulation.floating_base`. Raises `InputError` if the MJCF cannot be
-    read, or does not have what the description names.
+    The MJCF loses its own actuators, the sensors of them, and its keyframes. Joint and effort limits are the
+    description's, which also says whether joints keep damping of their own. Joints that the description does not have
+    stay passive. Euler integration unless `implicit`, and no automatic reset of a bad state. A floating base gets a
+    support, see `floating_base`.
 
     Args:
+        description: of the robot.
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
-            limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
+            limit; the gains start at 0.
         implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
-        scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
-            textures are 2 MB.
-        edit: changes the model before it is compiled, when all else is in it.
+        scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at.
+        edit: changes the model before it is compiled.
+        sensors: add the sensors that `sensing.Sensors` reads for these settings.
+
+    Raises:
+        InputError: the MJCF cannot be read, or lacks what the description names.
     """
     spec = read_spec(description.mjcf_path)
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
@@ -76,6 +155,10 @@ def build_model(
     if scene:
         bare = compile_spec(spec, description.mjcf_path)
         (add_floor if scene == "floor" else add_scene)(spec, bare, description)
+    if sensors is not None:
+        from humanoid_sim.simulation.sensing import add_sensors  # noqa: PLC0415 - which finds addresses in models
+
+        add_sensors(spec, description, sensors)
     if edit is not None:
         edit(spec)
     model = compile_spec(spec, description.mjcf_path)
@@ -138,18 +221,13 @@ def joints_of(model: mujoco.MjModel, bodies: Iterable[int], names: tuple[str, ..
 
 def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
     """Ids of bodies by name. Raises `InputError` for others, listing those that there are."""
-    known = [model.body(i).name for i in range(1, model.nbody)]
-    require_known("body", names, known)
+    require_known("body", names, [model.body(i).name for i in range(1, model.nbody)])
     return tuple(int(model.body(name).id) for name in names)
 
 
 def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjtObj, int]:
-    """Return kind and id of the frame of that name: a site, or else a body.
-
-    Raises `InputError` if there is neither; the line begins with `what`.
-    """
-    # A body's own axes; mjOBJ_BODY stands for those of its inertia.
-    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):
+    """Return kind and id of the site, or else the body, of that name. Raises `InputError` if there is neither."""
+    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):  # mjOBJ_BODY is the frame of the inertia
         i = mujoco.mj_name2id(model, kind, name)
         if i >= 0:
             return kind, i
@@ -157,33 +235,26 @@ def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjt
 
 
 def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
-    path = description.mjcf_path
+    path, robot = description.mjcf_path, f"of '{description.name}'"
     joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
-    for i, name in enumerate(description.joint_names):
-        require_known("joint", [name], joints, f"{path}: joints[{i}] of '{description.name}': ")
     bodies = [body.name for body in spec.bodies if body.name]
-    for i, name in enumerate(description.hands):
-        require_known("body", [name], bodies, f"{path}: hands[{i}] of '{description.name}': ")
     sites = [site.name for site in spec.sites if site.name]
-    require_known("site or body", [description.imu], [*sites, *bodies], f"{path}: imu of '{description.name}': ")
+    for i, name in enumerate(description.joint_names):
+        require_known("joint", [name], joints, f"{path}: joints[{i}] {robot}: ")
+    for i, name in enumerate(description.hands):
+        require_known("body", [name], bodies, f"{path}: hands[{i}] {robot}: ")
+    require_known("site or body", [description.imu], [*sites, *bodies], f"{path}: imu {robot}: ")
     if description.is_floating:
-        _check_base(description, spec)
+        free = [
+            body.name
+            for body in spec.worldbody.bodies
+            if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+        ]
+        require_known("body with a free joint", [description.base.body], free, f"{path}: base.body {robot}: ")
     if description.piano is not None:
-        for i, name in enumerate(key_joint_names()):
-            if name not in joints:
-                raise InputError(f"{path}: has no joint '{name}', key {i} of the piano of '{description.name}'")
+        require_known("joint", key_joint_names(), joints, f"{path}: piano {robot}: ")
         for i, name in enumerate(description.piano.fingers):
-            require_known("site", [name], sites, f"{path}: piano.fingers[{i}] of '{description.name}': ")
-
-
-def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
-    free = [
-        body.name
-        for body in spec.worldbody.bodies
-        if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
-    ]
-    where = f"{description.mjcf_path}: base.body of '{description.name}': "
-    require_known("body with a free joint", [description.base.body], free, where)
+            require_known("site", [name], sites, f"{path}: piano.fingers[{i}] {robot}: ")
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
@@ -204,9 +275,9 @@ def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) ->
 
 
 def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
-    """Limits and damping, on the compiled model, where angles are radians: a spec in degrees would shrink them.
+    """Set limits and damping on the compiled model, where angles are radians: a spec in degrees would shrink them.
 
-    The joint's own force range goes: the law saturates at the description's effort limit, in both of its forms.
+    The joint's own force range goes: the law saturates at the description's effort limit.
     """
     for joint in description.joints:
         i = model.joint(joint.name).id

@@ -32,7 +32,7 @@ class Floor:
         elif (is_plane & is_level).all() and np.ptp(levels) < _FLAT:
             self._level = float(levels.max())
         else:
-            self._cast = _floor_alone(model, geoms)
+            self._cast = floor_alone(model, geoms)
             self._data = mujoco.MjData(self._cast)
             mujoco.mj_kinematics(self._cast, self._data)
             # Beyond the edge of a floor that has one, its own lowest part is what a robot sinks to.
@@ -48,7 +48,7 @@ class Floor:
         return levels.reshape(position.shape[:-1])
 
     def _below(self, point: FloatArray) -> float:
-        distance = mujoco.mj_ray(self._cast, self._data, point, _DOWN, _FLOOR_GROUP, True, -1, None)
+        distance = mujoco.mj_ray(self._cast, self._data, point, DOWN, FLOOR_GROUP, True, -1, None)
         return self._lowest if distance < 0.0 else float(point[2]) - distance
 
 
@@ -63,12 +63,12 @@ def fixed_geoms(model: mujoco.MjModel) -> list[int]:
     ]
 
 
-_DOWN = np.array([0.0, 0.0, -1.0])
-_FLOOR_GROUP: npt.NDArray[np.uint8] = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+DOWN = np.array([0.0, 0.0, -1.0])
+FLOOR_GROUP: npt.NDArray[np.uint8] = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
 
 
-def _floor_alone(model: mujoco.MjModel, geoms: list[int]) -> mujoco.MjModel:
-    """Give a model of which a ray of `_FLOOR_GROUP` hits these geoms only: however they look, and planes everywhere."""
+def floor_alone(model: mujoco.MjModel, geoms: list[int]) -> mujoco.MjModel:
+    """Give a model of which a ray of `FLOOR_GROUP` hits these geoms only: however they look, and planes everywhere."""
     model = copy.copy(model)
     model.geom_group[:] = 1
     model.geom_group[geoms] = 0

@@ -1,0 +1,355 @@
+"""Many robots in MuJoCo at once, stepped by `mujoco.batch` on several threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from mujoco.batch import Batch
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.floating_base import BaseState, StartPose
+from humanoid_sim.simulation.model import SimConfig, base_body, body_ids, build_model
+from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
+from humanoid_sim.simulation.sensing import Sensors
+from humanoid_sim.simulation.stability import DampingStability
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+_VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
+_UNSOUND = [
+    int(warning)
+    for warning in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+        mujoco.mjtWarning.mjWARN_BADCTRL,
+    )
+]
+
+
+class BatchSim:
+    """N robots under the MIT law as `SimRobot` has it, to 1e-9; `step` advances all of them by one control period.
+
+    MuJoCo's affine actuators apply the law. A command's gains hold from its own step on, however late its targets
+    arrive. With `implicit`, MuJoCo integrates damping implicitly at longer steps: an approximation, made for training.
+    A floating base has no support. Every robot does what it would do alone. One whose simulation is no longer finite
+    has a fault: it stands still, as it was before the step, until it is reset. Not thread-safe.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        count: int,
+        config: SimConfig | None = None,
+        *,
+        implicit: bool = False,
+        threads: int | None = None,
+        push_body: str = "",
+        randomisation: Randomisation | None = None,
+        seeds: npt.ArrayLike | None = None,
+    ) -> None:
+        """Build the model.
+
+        Args:
+            description: of the robots.
+            count: N.
+            config: of each; support, start and pushes are those of a `SimRobot` alone.
+            implicit: integrate damping implicitly.
+            threads: that step physics; None for one per processor that this process may use.
+            push_body: MJCF body that the wrenches of `step` act on; empty for the base.
+            randomisation: ranges of the robots' differences; None for none.
+            seeds: shape (N,), whole numbers, of those; None: 0, 1, 2, ….
+
+        Raises:
+            InputError: settings, MJCF or damping do not fit the physics step, or a fixed base is to be pushed.
+        """
+        config = SimConfig() if config is None else config
+        if config.state_delay or config.state_sampling != "now":
+            raise InputError("state_delay, state_sampling: a batch reports states as they are, expected 0 and now")
+        self.description = description
+        self.joints = description.joint_names
+        """Names of the n joints, in the order of all per-joint arrays."""
+        self.count = count
+        self.control_period = config.period(description)
+        """s"""
+        self.physics_steps = config.physics_steps(description, implicit=implicit)
+        """Physics steps in one control period."""
+        self.threads = min(_usable_processors() if threads is None else threads, count)
+        self.randomisation = Randomisation() if randomisation is None else randomisation
+        self._is_varied = self.randomisation != Randomisation(push_interval=self.randomisation.push_interval)
+        timestep = config.timestep(description, implicit=implicit)
+        self._timestep, self._command_steps = timestep, config.delay(description, timestep)
+        self._model = model = build_model(
+            description,
+            physics_timestep=timestep,
+            affine_actuators=True,
+            implicit=implicit,
+            scene="floor",
+            sensors=config,
+        )
+        DampingStability(model, description).check_description()
+        self._sensors = Sensors(model, description, config, count=count, threads=self.threads)
+        self.extern: Mapping[str, int] = self._sensors.widths
+        """Names and widths of the live inputs that the state has."""
+        self.start_pose = StartPose(model, description, self._sensors.joints)
+        """Pose in which a robot starts, for any joint positions."""
+        self._push_body = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
+        self._random_pushes: RandomPushes | None = None
+        if self.randomisation.push[1] > 0.0:
+            if not description.is_floating:
+                raise InputError(f"randomisation: push: '{description.name}' has a fixed base, which no push moves")
+            mass = float(model.body_subtreemass[model.body(description.base.body).id])
+            self._random_pushes = RandomPushes(count, mass, self.randomisation.push_interval, self.control_period)
+
+        self._allocate()
+        self.reseed(np.arange(count) if seeds is None else seeds)
+        self.reset()
+
+    def _allocate(self) -> None:
+        model, count, n = self._model, self.count, len(self.joints)
+        self._batch = Batch(model, count, self.threads)
+        self._gains = self._batch.expand("actuator_biasprm")[:, :, 1:3]
+        self._sensordata, self._force = self._batch.bind("sensordata"), self._batch.bind("actuator_force")
+        self._effort = np.zeros((count, n))
+        self._step = np.zeros(count, dtype=np.int64)
+        self._fault = np.zeros(count, dtype=np.bool_)
+        self._touch = np.zeros(count)
+        self._state: MITState | None = None
+        scale = np.broadcast_to(self.description.torque_scale, (count, n))
+        self._effort_scale, self._stiffness_scale, self._damping_scale = scale, scale.copy(), scale.copy()
+        self._encoder_offset = np.zeros((count, n))
+        self._delay = np.full(count, self._command_steps)
+        longest = self._command_steps + round(self.randomisation.delay[1] / self._timestep)
+        # targets of the latest commands, the newest first: as many as can be under way, and the one in force
+        self._targets = np.zeros((1 + -(-longest // self.physics_steps), count, 3, n))
+        self.generators: list[np.random.Generator] = []
+        """The random numbers of each robot."""
+        self.variations: list[Variation] = []
+        """The robots of this episode; empty without a randomisation."""
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Shape (N, nq), MuJoCo's generalised position; a read-only view."""
+        return _read_only(self._batch.qpos)
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Shape (N, nv), MuJoCo's generalised velocity; a read-only view."""
+        return _read_only(self._batch.qvel)
+
+    @property
+    def effort(self) -> FloatArray:
+        """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view."""
+        return _read_only(self._effort)
+
+    @property
+    def fault(self) -> BoolArray:
+        """Shape (N,), robots that stand still because their simulation broke; a read-only view."""
+        return _read_only(self._fault)
+
+    @property
+    def base(self) -> BaseState | None:
+        """Pose and motion of floating bases, shape (N, …); None for fixed ones."""
+        return self._sensors.base(self._batch.qpos, self._batch.qvel, self._sensordata)
+
+    @property
+    def key_force(self) -> FloatArray:
+        """Shape (N,), N, hardest touch of any key in any physics step of the latest `step`; 0 for none."""
+        return _read_only(self._touch)
+
+    @property
+    def is_closed(self) -> bool:
+        """Return whether `close` was called."""
+        return self._batch is None
+
+    def model(self, i: int) -> mujoco.MjModel:
+        """Return a copy of the model of robot i, with the gains in force."""
+        return self._batch.get_model(i)
+
+    def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
+        """Begin the random numbers of some robots anew and draw them; they are to be reset then.
+
+        Args:
+            seeds: shape (k,) or scalar, whole numbers >= 0.
+            indices: shape (k,), which; None for all.
+        """
+        where = self._where(indices)
+        fresh = [np.random.default_rng(int(seed)) for seed in np.broadcast_to(np.asarray(seeds), where.shape)]
+        if indices is None:
+            self.generators = fresh
+        else:
+            for i, generator in zip(where.tolist(), fresh, strict=True):
+                self.generators[i] = generator
+        self.redraw(where)
+
+    def redraw(self, indices: npt.ArrayLike | None = None) -> None:
+        """Draw some robots for their next episode; they are to be reset then."""
+        if not self._is_varied:
+            return
+        where, nominal, scale = self._where(indices), self._model, self.description.torque_scale
+        self.variations = self.variations or [None] * self.count  # type: ignore[list-item]  # the first draws all
+        for i in where.tolist():
+            variation = self.randomisation.draw(self.generators[i], nominal, len(self.joints))
+            self.variations[i] = variation
+            for name, values in variation.model_fields(nominal, self._sensors.joints.dof).items():
+                self._batch.expand(name)[i] = values
+            self._stiffness_scale[i], self._damping_scale[i] = scale * variation.stiffness, scale * variation.damping
+            self._encoder_offset[i] = variation.encoder_offset
+            self._delay[i] = self._command_steps + round(variation.delay / self._timestep)
+        self._batch.set_const(np.sort(where))
+
+    def reset(
+        self,
+        indices: npt.ArrayLike | None = None,
+        *,
+        qpos: FloatArray | None = None,
+        qvel: FloatArray | None = None,
+        **pose: Any,
+    ) -> None:
+        """Start some robots anew, at time 0, as `SimRobot.reset`.
+
+        Args:
+            indices: shape (k,), which; None for all.
+            qpos: shape (k, nq), instead of a pose.
+            qvel: shape (k, nv), likewise.
+            pose: where the robots start, and how they move, as `StartPose.arrays` takes it, shape (k, …) each.
+        """
+        self._require_open()
+        where, batch = self._where(indices), self._batch
+        position, velocity = self.start_pose.arrays(where.shape, **pose)
+        position = position if qpos is None else qpos
+        ids = np.sort(where)
+        batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        batch.qpos[where], batch.qvel[where] = position, velocity if qvel is None else qvel
+        self._gains[where] = 0.0
+        batch.forward(ids)
+        self._targets[:, where] = 0.0
+        self._targets[:, where, 0] = position[:, self._sensors.joints.qpos]
+        self._effort[where] = 0.0
+        self._touch[where] = 0.0
+        self._step[where] = 0
+        self._fault[where] = False
+        self._state = None
+
+    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
+        """Advance by one control period.
+
+        Raises `RobotError` if the command has another shape, or the simulation is closed.
+
+        Args:
+            command: shape (N, n). A row that is not finite is a fault of its robot.
+            wrench: shape (N, 6), N and N·m, force and torque on the push body at its centre of mass, world frame, for
+                the whole period; None for none.
+            where: shape (N,), the robots that advance; None for all. The others stand still, as do those with a fault.
+        """
+        self._require_open()
+        if command.position.shape != self._effort.shape:
+            name, shape = self.description.name, command.position.shape
+            raise RobotError(f"{name}: command has shape {shape}, expected {self._effort.shape}")
+        moving = ~self._fault if where is None else where & ~self._fault
+        if not moving.any():
+            return
+        ids = None if moving.all() else np.flatnonzero(moving)
+        rows: slice | IndexArray = slice(None) if ids is None else ids
+        self._state = None
+        self._push(wrench)
+        before = self._batch.state[rows].copy()
+        self._send(command, rows)
+        self._advance(ids, rows)
+        warned = self._batch.warning[rows][:, _UNSOUND, 1].any(axis=1)
+        if warned.any():
+            broken = np.flatnonzero(warned) if ids is None else ids[warned]
+            self._fault[broken] = True
+            self._batch.state[broken] = before[warned]
+            self._batch.forward(broken)
+        moved = moving & ~self._fault
+        self._effort[moved] = self._force[moved]
+        self._step += moved
+
+    def state(self) -> MITState:
+        """Return the state of the robots now, shape (N, …)."""
+        if self._state is None:
+            self._require_open()
+            batch = self._batch
+            offset = self._encoder_offset if self._is_varied else None
+            self._state = self._sensors.state(
+                batch.time, batch.qpos, batch.qvel, self._sensordata, self._effort, encoder_offset=offset
+            )
+        return self._state
+
+    def truth(self) -> MITState:
+        """Return `state`: a batch reports states as they are."""
+        return self.state()
+
+    def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Positions (N, b, 3), m, and quaternions (N, b, 4) of the bodies, in the base's frame or the world's."""
+        return self._sensors.body_poses(self._sensordata, in_base=in_base)
+
+    def close(self) -> None:
+        """Stop the threads. May be called twice."""
+        self._batch = None
+
+    def _require_open(self) -> None:
+        if self._batch is None:
+            raise RobotError(f"{self.description.name}: the batch simulation is closed")
+
+    def _where(self, indices: npt.ArrayLike | None) -> IndexArray:
+        return np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
+
+    def _push(self, wrench: FloatArray | None) -> None:
+        """Put the forces of the coming control period in force."""
+        forces = self._batch.xfrc_applied
+        forces[:, self._push_body] = 0.0 if wrench is None else wrench
+        if self._random_pushes is not None:
+            base = self._model.body(self.description.base.body).id
+            if base != self._push_body:
+                forces[:, base] = 0.0
+            forces[:, base] += self._random_pushes.wrench(self._step, self.variations)
+
+    def _send(self, command: MITCommand, rows: slice | IndexArray) -> None:
+        """Put a command's gains in force, and its targets under way."""
+        gains = self._gains
+        gains[rows, :, 0] = -(command.stiffness * self._stiffness_scale)[rows]
+        gains[rows, :, 1] = -(command.damping * self._damping_scale)[rows]
+        position = command.position - self._encoder_offset if self._is_varied else command.position
+        newest = np.stack([position, command.velocity, command.effort * self._effort_scale], axis=1)
+        self._targets[1:, rows] = self._targets[:-1, rows]
+        self._targets[0, rows] = newest[rows]
+
+    def _advance(self, ids: IndexArray | None, rows: slice | IndexArray) -> None:
+        """Take the physics steps of a control period, as many at a time as are under the same targets."""
+        touch, batch = self._sensors.touch, self._batch
+        one_by_one = bool(touch.stop) or len(self._targets) > 1
+        count = 1 if one_by_one else self.physics_steps
+        ctrl, everyone = batch.ctrl, np.arange(self.count)
+        self._touch[rows] = 0.0
+        for step in range(0, self.physics_steps, count):
+            if step == 0 or len(self._targets) > 1:
+                # control periods since the command in force at this step was written
+                age = np.maximum(-(-(self._delay - step) // self.physics_steps), 0)
+                position, velocity, effort = np.moveaxis(self._targets[age, everyone], 1, 0)
+                ctrl[:] = effort - self._gains[:, :, 0] * position - self._gains[:, :, 1] * velocity
+            is_last = step + count >= self.physics_steps
+            batch.step(ids, nstep=count, stage=_VELOCITY_STAGE if is_last else 0)
+            if touch.stop:
+                self._touch[rows] = np.maximum(self._touch[rows], self._sensordata[rows][:, touch].max(axis=1))
+
+
+def _usable_processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # Linux
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+    view = array.view()
+    view.setflags(write=False)
+    return view

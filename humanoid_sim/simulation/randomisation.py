@@ -1,0 +1,186 @@
+"""Differences between simulated robots: their ranges, a draw from them, and what it changes in a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.mit import FloatArray, IndexArray, IntArray
+from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
+
+Range = tuple[float, float]
+"""Least and greatest of a uniform distribution."""
+
+_LONGEST_DELAY = 1.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Randomisation:
+    """Ranges from which each episode's robot is drawn. By default it is the one that the description has."""
+
+    mass: Range = (1.0, 1.0)
+    """Factor on mass and inertia, body by body."""
+    centre_of_mass: float = 0.0
+    """m, greatest shift along each axis of the body's frame, of every body that the robot moves."""
+    friction: Range = (1.0, 1.0)
+    """Factor on the friction of all contacts."""
+    gains: Range = (1.0, 1.0)
+    """Factor between the commanded K_p and the motor's, and between the K_d, motor by motor."""
+    effort: Range = (1.0, 1.0)
+    """Factor on the effort limit, motor by motor."""
+    armature: Range = (1.0, 1.0)
+    """Factor on the inertia of motor and gear, joint by joint."""
+    delay: Range = (0.0, 0.0)
+    """s from a command to its effect, rounded to whole physics steps."""
+    push: Range = (0.0, 0.0)
+    """m/s by which a push would speed up the whole robot: a force of 0.1 s on a floating base, in any horizontal
+    direction."""
+    push_interval: float = 5.0
+    """s: there is one push in each such stretch of time, at a random moment."""
+    encoder_offset: float = 0.0
+    """rad, greatest error of each encoder's zero: what it reports is off by it, and the motor's own loop is, too."""
+
+    def __post_init__(self) -> None:
+        """Check every field. Raises `InputError` naming the field, its value and what is accepted."""
+        for field in fields(self):
+            value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
+            bounds = tuple(value) if is_range and isinstance(value, Sequence) else (value,)
+            are_numbers = all(isinstance(bound, int | float) and not isinstance(bound, bool) for bound in bounds)
+            if len(bounds) != (2 if is_range else 1) or not (are_numbers and 0.0 <= bounds[0] <= bounds[-1] < math.inf):
+                accepted = "two finite numbers >= 0, the least and the greatest" if is_range else "a finite number >= 0"
+                raise InputError(f"randomisation: {field.name} is {value!r}, expected {accepted}")
+            if is_range:
+                object.__setattr__(self, field.name, (float(bounds[0]), float(bounds[1])))
+        if self.delay[1] > _LONGEST_DELAY:
+            raise InputError(f"randomisation: delay is {self.delay}, expected at most {_LONGEST_DELAY:g} s")
+        if self.push_interval < 2.0 * PUSH_DURATION:
+            accepted = f"at least {2.0 * PUSH_DURATION:g} s: a push takes {PUSH_DURATION:g} s"
+            raise InputError(f"randomisation: push_interval is {self.push_interval:g}, expected {accepted}")
+
+    @classmethod
+    def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
+        """Return the randomisation itself, one with these fields, or one without differences for None.
+
+        Raises `InputError` where there is no such field, or its value is not accepted.
+        """
+        if isinstance(values, Randomisation):
+            return values
+        require_known("field", values or (), [field.name for field in fields(cls)], "randomisation: ")
+        return cls(**(values or {}))
+
+    def draw(self, generator: np.random.Generator, model: mujoco.MjModel, joints: int) -> Variation:
+        """Return one robot of n `joints`. Takes as many numbers whatever the ranges are."""
+
+        def between(bounds: Range, *shape: int) -> FloatArray:
+            return bounds[0] + (bounds[1] - bounds[0]) * generator.random(shape)
+
+        def within(most: float, *shape: int) -> FloatArray:
+            return most * (2.0 * generator.random(shape) - 1.0)
+
+        return Variation(
+            mass=between(self.mass, model.nbody),
+            centre_of_mass=within(self.centre_of_mass, model.nbody, 3),
+            friction=float(between(self.friction)),
+            stiffness=between(self.gains, joints),
+            damping=between(self.gains, joints),
+            effort=between(self.effort, joints),
+            armature=between(self.armature, joints),
+            delay=float(between(self.delay)),
+            encoder_offset=within(self.encoder_offset, joints),
+            push=self.push,
+            push_interval=self.push_interval,
+            push_seed=int(generator.integers(2**32)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variation:
+    """One robot drawn from a randomisation, for one episode; fields as there."""
+
+    mass: FloatArray
+    """Shape (nbody,)."""
+    centre_of_mass: FloatArray
+    """Shape (nbody, 3), m."""
+    friction: float
+    stiffness: FloatArray
+    """Shape (n,), factor on K_p."""
+    damping: FloatArray
+    """Shape (n,), factor on K_d."""
+    effort: FloatArray
+    """Shape (n,)."""
+    armature: FloatArray
+    """Shape (n,)."""
+    delay: float
+    """s"""
+    encoder_offset: FloatArray
+    """Shape (n,), rad."""
+    push: Range
+    """m/s"""
+    push_interval: float
+    """s"""
+    push_seed: int
+    """Of all its pushes."""
+
+    def model_fields(self, nominal: mujoco.MjModel, dof: IndexArray) -> dict[str, FloatArray]:
+        """Return the fields of its model, by name; `mj_setConst` is to follow.
+
+        Args:
+            nominal: the robot as it is described.
+            dof: shape (n,), the joints' indices into `qvel`; actuators, if there are any, are in their order.
+        """
+        armature = nominal.dof_armature.copy()
+        armature[dof] *= self.armature
+        # Loose bodies keep their centre of mass: MuJoCo's compiler laid the mass matrix out for it.
+        is_robot = nominal.body_rootid == nominal.body_rootid[nominal.dof_bodyid[dof[0]]]
+        movable = is_robot & (nominal.body_weldid != 0) & (nominal.body_simple == 0) & (nominal.body_mass > 0.0)
+        movable &= self.centre_of_mass.any(axis=1)
+        changed = {
+            "body_mass": nominal.body_mass * self.mass,
+            "body_inertia": nominal.body_inertia * self.mass[:, None],
+            "body_ipos": nominal.body_ipos + np.where(movable[:, None], self.centre_of_mass, 0.0),
+            "body_sameframe": np.where(movable, int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE), nominal.body_sameframe),
+            "geom_friction": nominal.geom_friction * self.friction,
+            "pair_friction": nominal.pair_friction * self.friction,
+            "dof_armature": armature,
+        }
+        if nominal.nu:
+            changed["actuator_forcerange"] = nominal.actuator_forcerange * self.effort[:, None]
+        return {name: values for name, values in changed.items() if values.size}
+
+    def push_in(self, stretch: int) -> tuple[float, FloatArray]:
+        """Return when the push in a stretch begins, as a share of the time that it can, and its velocity (2,), m/s."""
+        moment, direction, strength = np.random.default_rng([self.push_seed, stretch]).random(3)
+        speed = self.push[0] + (self.push[1] - self.push[0]) * strength
+        angle = 2.0 * np.pi * direction
+        return float(moment), speed * np.array([np.cos(angle), np.sin(angle)])
+
+
+class RandomPushes:
+    """The pushes of N robots' variations, of which all have the same interval."""
+
+    def __init__(self, count: int, mass: float, interval: float, control_period: float) -> None:
+        """Set up; `mass`, kg, is of the whole robot."""
+        self._mass = mass
+        self._interval = max(round(interval / control_period), 1)
+        self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
+        self._strength = PUSH_DURATION / (self._duration * control_period)
+        self._begin = np.zeros(count, dtype=np.int64)
+        self._velocity = np.zeros((count, 2))
+
+    def wrench(self, step: IntArray, variations: Sequence[Variation]) -> FloatArray:
+        """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
+
+        `step`, shape (N,), counts control periods since each robot's start.
+        """
+        stretch, since = np.divmod(step, self._interval)
+        for i in np.flatnonzero(since == 0).tolist():
+            moment, self._velocity[i] = variations[i].push_in(int(stretch[i]))
+            self._begin[i] = math.floor(moment * (self._interval - self._duration + 1))
+        acts = (self._begin <= since) & (since < self._begin + self._duration)
+        return push_wrench(np.where(acts[:, None], self._strength * self._velocity, 0.0), self._mass)

@@ -1,0 +1,236 @@
+"""Sensors of a simulated robot, ordinary ones of MuJoCo, and the state that their readings make, of one or a batch.
+
+The simulations leave `sensordata` as of the present: positions and velocities of the state reached, accelerations of
+the physics step that led there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+
+from humanoid_sim import mit
+from humanoid_sim.errors import require_known
+from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT, key_joint_names
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, base_addresses
+from humanoid_sim.simulation.height_scan import GroundScanner
+from humanoid_sim.simulation.keys import PianoKeys
+from humanoid_sim.simulation.model import SimConfig, base_body, joint_addresses
+
+_PREFIX = "humanoid_sim_"
+_SITE, _BODY = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY
+_KEY_SIZE = [1.0, 1.0, 1.0]  # m, half edges of a touch sensor's box: every contact of its key is inside
+
+
+def add_sensors(spec: mujoco.MjSpec, description: RobotDescription, config: SimConfig) -> None:
+    """Add the sensors of IMU, base, points, bodies and keys. Raises `InputError` if the model lacks one of them."""
+    bodies = [body.name for body in spec.bodies if body.name]
+    require_known("body", [config.anchor_body] if config.anchor_body else [], bodies, "anchor body: ")
+    require_known("body", config.bodies, bodies)
+    base = spec.joint(description.joints[0].name).parent
+    while base.parent.name != spec.worldbody.name:
+        base = base.parent
+    base.name = base.name or f"{_PREFIX}base"
+    imu = _site(spec, description.imu)
+    sensor = mujoco.mjtSensor
+    _add(spec, "imu_quaternion", sensor.mjSENS_FRAMEQUAT, _SITE, imu)
+    _add(spec, "imu_angular_velocity", sensor.mjSENS_GYRO, _SITE, imu)
+    if _moves(spec, spec.site(imu).parent):  # on what is fixed to the world MuJoCo's accelerometer measures nothing
+        _add(spec, "imu_linear_acceleration", sensor.mjSENS_ACCELEROMETER, _SITE, imu)
+    if description.is_floating:
+        _add(spec, "centre_of_mass", sensor.mjSENS_SUBTREECOM, mujoco.mjtObj.mjOBJ_BODY, description.base.body)
+        for point in config.velocity_at:
+            site = imu if point == mit.IMU else point
+            _add(spec, point_velocity(point), sensor.mjSENS_FRAMELINVEL, _SITE, site)
+    if config.anchor_body:
+        _add_pose(spec, "anchor", _BODY, config.anchor_body)
+    if config.height_scan is not None:
+        at = config.height_scan.at
+        named = spec.site(at) is not None
+        frame = {mit.BASE: (_BODY, base.name), mit.IMU: (_SITE, imu)}.get(at, (_SITE if named else _BODY, at))
+        if frame[0] == _BODY:
+            require_known("site or body", [frame[1]], bodies, "height scan: ")
+        _add_pose(spec, "scan", *frame)
+    for i, body in enumerate(config.bodies):
+        _add_pose(spec, f"body_{i}", _BODY, body)
+        _add_pose(spec, f"body_{i}_in_base", _BODY, body, base.name)
+    if description.piano is not None:
+        for i, name in enumerate(key_joint_names()):
+            site = spec.joint(name).parent.add_site(
+                name=f"{_PREFIX}key_{i}", type=mujoco.mjtGeom.mjGEOM_BOX, size=_KEY_SIZE, group=5
+            )
+            _add(spec, f"key_{i}", sensor.mjSENS_TOUCH, _SITE, site.name)
+
+
+def _moves(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
+    while body.name != spec.worldbody.name:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
+
+
+def _site(spec: mujoco.MjSpec, name: str) -> str:
+    """Return the site of that name, or a new one in the frame of that body."""
+    if spec.site(name) is not None:
+        return name
+    return str(spec.body(name).add_site(name=f"{_PREFIX}imu").name)
+
+
+def _add(
+    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, objtype: mujoco.mjtObj, objname: str, base: str = ""
+) -> None:
+    frame = {"reftype": _BODY, "refname": base} if base else {}
+    spec.add_sensor(name=_PREFIX + name, type=kind, objtype=objtype, objname=objname, **frame)
+
+
+def _add_pose(spec: mujoco.MjSpec, name: str, objtype: mujoco.mjtObj, objname: str, base: str = "") -> None:
+    """Add position and quaternion, which lie side by side in `sensordata`; in the world, or in the base's frame."""
+    _add(spec, f"{name}_position", mujoco.mjtSensor.mjSENS_FRAMEPOS, objtype, objname, base)
+    _add(spec, f"{name}_quaternion", mujoco.mjtSensor.mjSENS_FRAMEQUAT, objtype, objname, base)
+
+
+def live_inputs(description: RobotDescription, config: SimConfig) -> Mapping[str, int]:
+    """Return names and widths of the live inputs that a simulated robot's state has."""
+    widths = {}
+    if description.is_floating:
+        widths[mit.BASE_LINEAR_VELOCITY] = 3
+        widths |= {point_velocity(point): 3 for point in config.velocity_at}
+    if config.anchor_body:
+        widths[mit.ANCHOR_POSE] = 7
+    if description.piano is not None:
+        widths[mit.KEY_PRESSED] = KEY_COUNT
+    if config.height_scan is not None:
+        widths[mit.HEIGHT_SCAN] = config.height_scan.count
+    return MappingProxyType(widths)
+
+
+class Sensors:
+    """Reads the sensors that `add_sensors` added; arrays are (...), of one robot or of a batch. Not thread-safe."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        description: RobotDescription,
+        config: SimConfig,
+        *,
+        count: int = 1,
+        threads: int = 1,
+    ) -> None:
+        """Find the addresses; `count` robots are scanned for ground at a time, on `threads`."""
+        self.widths = live_inputs(description, config)
+        """Names and widths of the live inputs."""
+        self.joints = joint_addresses(model, description.joint_names)
+        self._quaternion = self._address(model, "imu_quaternion")
+        self._angular_velocity = self._address(model, "imu_angular_velocity")
+        site = model.sensor(f"{_PREFIX}imu_quaternion").objid[0]
+        self._acceleration: slice | None = None
+        self._gravity: FloatArray = np.zeros(3)
+        if model.body_weldid[model.site_bodyid[site]]:
+            self._acceleration = self._address(model, "imu_linear_acceleration")
+        else:
+            data = mujoco.MjData(model)
+            mujoco.mj_kinematics(model, data)
+            self._gravity = -data.site_xmat[site].reshape(3, 3).T @ model.opt.gravity
+        self._observer = BaseObserver(model, description) if description.is_floating else None
+        self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
+        self._centre_of_mass = self._address(model, "centre_of_mass") if description.is_floating else slice(0)
+        points = [point_velocity(point) for point in config.velocity_at] if description.is_floating else []
+        self._points = {name: self._address(model, name) for name in points}
+        self._anchor = self._pose_address(model, "anchor") if config.anchor_body else None
+        self._keys = None if description.piano is None else PianoKeys(model)
+        self._scanner: GroundScanner | None = None
+        if config.height_scan is not None:
+            self._scan = self._pose_address(model, "scan")
+            self._scanner = GroundScanner(model, base_body(model, description), config.height_scan, count, threads)
+        many = range(len(config.bodies))
+        self._bodies = self._columns(model, [f"body_{i}" for i in many])
+        self._bodies_in_base = self._columns(model, [f"body_{i}_in_base" for i in many])
+        self.touch = slice(0)
+        """Columns of `sensordata` with the force on each key, N, normal to the surfaces; none without a piano."""
+        if self._keys is not None:
+            first = self._address(model, "key_0").start
+            self.touch = slice(first, first + KEY_COUNT)
+
+    def state(
+        self,
+        time: float | FloatArray,
+        qpos: FloatArray,
+        qvel: FloatArray,
+        sensordata: FloatArray,
+        effort: FloatArray,
+        *,
+        age: float = 0.0,
+        sampled: float = 0.0,
+        encoder_offset: FloatArray | None = None,
+    ) -> MITState:
+        """Return the state that these make.
+
+        Args:
+            time: s, of the state, shape () or (...).
+            qpos: shape (..., nq).
+            qvel: shape (..., nv).
+            sensordata: shape (..., nsensordata).
+            effort: shape (..., n), N·m.
+            age: s, of what the joints report.
+            sampled: s, when the live inputs were.
+            encoder_offset: shape (..., n), rad, by which the encoders show too much; None for none.
+        """
+        live = {}
+        if self._base_velocity is not None:
+            live[mit.BASE_LINEAR_VELOCITY] = qvel[..., self._base_velocity]
+        for name, columns in self._points.items():
+            live[name] = sensordata[..., columns]
+        if self._anchor is not None:
+            live[mit.ANCHOR_POSE] = sensordata[..., self._anchor]
+        if self._keys is not None:
+            live[mit.KEY_PRESSED] = self._keys.pressed(qpos)
+        if self._scanner is not None:
+            live[mit.HEIGHT_SCAN] = self._scanner.scan(sensordata[..., self._scan])
+        position = qpos[..., self.joints.qpos_slice]
+        if self._acceleration is not None:
+            acceleration = sensordata[..., self._acceleration]
+        else:
+            acceleration = self._gravity if effort.ndim == 1 else np.broadcast_to(self._gravity, (len(effort), 3))
+        return MITState(
+            time=time,
+            joint_position=position if encoder_offset is None else position + encoder_offset,
+            joint_velocity=qvel[..., self.joints.dof_slice],
+            joint_effort=effort,
+            joint_age=np.full(effort.shape, age),
+            imu_quaternion=sensordata[..., self._quaternion],
+            imu_angular_velocity=sensordata[..., self._angular_velocity],
+            imu_linear_acceleration=acceleration,
+            extern={name: Extern(value, sampled) for name, value in live.items()},
+        )
+
+    def base(self, qpos: FloatArray, qvel: FloatArray, sensordata: FloatArray) -> BaseState | None:
+        """Return pose and motion of a floating base; None for a fixed one."""
+        if self._observer is None:
+            return None
+        return self._observer.at(qpos, qvel, sensordata[..., self._centre_of_mass].copy())
+
+    def body_poses(self, sensordata: FloatArray, *, in_base: bool) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., b, 3), m, and quaternions (..., b, 4), w x y z, of the bodies, in the base or the world."""
+        poses = sensordata[..., self._bodies_in_base if in_base else self._bodies]
+        return poses[..., :3], poses[..., 3:]
+
+    def _columns(self, model: mujoco.MjModel, names: Sequence[str]) -> np.ndarray:
+        """Return the columns of poses, shape (b, 7)."""
+        return np.array([np.arange(7) + self._pose_address(model, name).start for name in names], np.intp).reshape(
+            -1, 7
+        )
+
+    def _pose_address(self, model: mujoco.MjModel, name: str) -> slice:
+        first = self._address(model, f"{name}_position").start
+        return slice(first, first + 7)
+
+    @staticmethod
+    def _address(model: mujoco.MjModel, name: str) -> slice:
+        sensor = model.sensor(_PREFIX + name)
+        return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))

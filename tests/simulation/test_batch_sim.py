@@ -1,0 +1,225 @@
+"""Many robots at once: each does what the reference, one `SimRobot`, does alone."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.contract import HeightScan
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
+from humanoid_sim.robots.description import load_robot, shipped_robots
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.push import push_wrench
+from humanoid_sim.simulation.randomisation import Randomisation
+from humanoid_sim.simulation.sim_robot import SimRobot
+
+STATE = (
+    "joint_position",
+    "joint_velocity",
+    "joint_effort",
+    "joint_age",
+    "imu_quaternion",
+    "imu_angular_velocity",
+    "imu_linear_acceleration",
+)
+EVERYTHING = Randomisation(
+    mass=(0.8, 1.2),
+    centre_of_mass=0.01,
+    friction=(0.5, 1.5),
+    gains=(0.9, 1.1),
+    effort=(0.5, 1.0),
+    armature=(0.8, 1.2),
+    delay=(0.0, 0.012),
+    encoder_offset=0.02,
+)
+
+
+def rows(command, count):
+    return MITCommand(*(np.tile(getattr(command, name), (count, 1)) for name in COMMAND_FIELDS))
+
+
+def waving(robot, step, spread=0.1):
+    position = np.array(robot.initial_position) + spread * np.sin(0.05 * step + np.arange(robot.joint_count))
+    zeros = np.zeros_like(position)
+    return MITCommand(position, zeros, zeros, robot.stiffness, robot.damping)
+
+
+def assert_equal(batch, i, robot):
+    state, expected = batch.state(), robot.read()[0]
+    pairs = [(name, getattr(state, name)[i], getattr(expected, name)) for name in STATE]
+    assert set(state.extern) == set(expected.extern) == set(batch.extern)
+    pairs += [(name, state.extern[name].value[i], live.value) for name, live in expected.extern.items()]
+    for in_base in (False, True):
+        pairs += [
+            (f"bodies, {in_base}", of_batch[i], of_one)
+            for of_batch, of_one in zip(
+                batch.body_poses(in_base=in_base), robot.body_poses(in_base=in_base), strict=True
+            )
+        ]
+    if robot.base is not None:
+        pairs.append(("centre of mass", batch.base.centre_of_mass[i], robot.base.centre_of_mass))
+    for name, found, wanted in pairs:
+        # an acceleration is a velocity divided by the timestep
+        tolerance = 1e-6 if "acceleration" in name else 1e-9
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_shipped_robot_moves_as_the_reference_does(name):
+    robot = load_robot(name)
+    config = SimConfig(
+        anchor_body=robot.hands[0],
+        bodies=robot.hands,
+        velocity_at=("imu",),
+        height_scan=HeightScan(resolution=0.4) if robot.is_floating else None,
+    )
+    alone, batch = SimRobot(robot, config), BatchSim(robot, 2, config, threads=1)
+    alone.reset()
+    for step in range(200):
+        command = waving(robot, step)
+        alone.write(command)
+        batch.step(rows(command, 2))
+        if step % 20 == 19:
+            assert_equal(batch, 1, alone)
+    assert not batch.fault.any()
+    assert np.abs(batch.qpos[1] - np.array(alone.start_pose.arrays()[0])).max() > 0.05
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_biped"])
+def test_a_drawn_robot_is_the_same_alone_and_in_a_batch(name):
+    robot, generator = load_robot(name), np.random.default_rng(6)
+    pushed = {"push": (0.1, 0.3), "push_interval": 0.4} if robot.is_floating else {}
+    ranges = Randomisation(**{field: getattr(EVERYTHING, field) for field in EVERYTHING.__slots__} | pushed)
+    alone, batch = SimRobot(robot), BatchSim(robot, 3, randomisation=ranges, seeds=[5, 6, 7], threads=1)
+    for _ in range(2):
+        alone.vary(ranges.draw(generator, alone.model, robot.joint_count))
+        alone.reset()
+        batch.reset()
+        for step in range(100):
+            alone.write(waving(robot, step))
+            batch.step(rows(waving(robot, step), 3))
+        assert_equal(batch, 1, alone)
+        assert np.abs(batch.qpos[0] - batch.qpos[1]).max() > 1e-3
+        batch.redraw()
+
+
+def test_gains_may_differ_between_robots_and_change():
+    robot = load_robot("lite")
+    batch, alone = BatchSim(robot, 2, threads=1), [SimRobot(robot) for _ in range(2)]
+    for one in alone:
+        one.reset()
+    for step, factors in enumerate([(1.0, 1.0), (0.5, 0.8), (0.5, 0.2), (1.0, 1.0)]):
+        command = rows(waving(robot, step, 0.5), 2)
+        stiffness = command.stiffness * np.array(factors)[:, None]
+        command = MITCommand(command.position, command.velocity, command.effort, stiffness, command.damping)
+        batch.step(command)
+        for i, one in enumerate(alone):
+            one.write(MITCommand(*(getattr(command, name)[i] for name in COMMAND_FIELDS)))
+            assert_equal(batch, i, one)
+
+
+def test_robots_outside_the_choice_stand_still_and_miss_nothing():
+    robot = load_robot("lite_biped")
+    late = SimConfig(command_delay=0.015)
+    batch, alone = BatchSim(robot, 2, late, threads=1), SimRobot(robot, late)
+    alone.reset()
+    for step in range(6):
+        before, command = batch.qpos[0].copy(), waving(robot, step)
+        batch.step(rows(command, 2), where=np.array([step % 2 == 0, True]))
+        if step % 2:
+            np.testing.assert_array_equal(batch.qpos[0], before)
+        else:
+            alone.write(command)
+        np.testing.assert_allclose(batch.qpos[0], alone.qpos, rtol=0, atol=1e-9)
+
+
+def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would leave its MUJOCO_LOG.TXT
+    robot = load_robot("lite")
+    batch, alone = BatchSim(robot, 4, threads=2), SimRobot(robot)
+    alone.reset()
+    batch.reset([1], joint_velocity=np.full((1, 14), 1e12))
+    for step in range(3):
+        command, before = rows(waving(robot, step), 4), batch.qpos.copy()
+        position = command.position.copy()
+        position[2, 3] = np.nan if step == 1 else position[2, 3]
+        batch.step(MITCommand(position, *(getattr(command, name) for name in COMMAND_FIELDS[1:])))
+        alone.write(waving(robot, step))
+        assert batch.fault.tolist() == [False, True, step >= 1, False]
+        np.testing.assert_array_equal(batch.qpos[1], before[1])
+        np.testing.assert_allclose(batch.qpos[0], alone.qpos, rtol=0, atol=1e-9)
+        assert np.isfinite(batch.qpos).all()
+        assert np.isfinite(batch.state().joint_position).all()
+    batch.reset([2, 1])
+    batch.step(rows(waving(robot, 0), 4))
+    assert not batch.fault.any()
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_starts():
+    robot = load_robot("lite_biped")
+    batch, turned = BatchSim(robot, 3), SimRobot(robot, SimConfig(base_yaw=0.7))
+    joints = np.linspace(0.0, 0.2, robot.joint_count)
+    batch.reset([2], joint_position=joints[None], joint_velocity=np.ones((1, 14)), base_yaw=np.array([0.7]))
+    np.testing.assert_allclose(batch.qpos[2, :7], turned.qpos[:7], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(batch.state().joint_position[2], joints)
+    np.testing.assert_array_equal(batch.qvel[2], [0.0] * 6 + [1.0] * 14)
+    np.testing.assert_array_equal(batch.state().joint_position[1], robot.initial_position)
+    qpos, qvel = batch.qpos[2:].copy(), np.arange(20.0)[None]
+    batch.reset([0], qpos=qpos, qvel=qvel)
+    np.testing.assert_array_equal(batch.qpos[0], qpos[0])
+    np.testing.assert_array_equal(batch.state().extern["base_linear_velocity"].value[0], qvel[0, :3])
+
+
+@pytest.mark.parametrize("implicit", [False, True])
+def test_a_push_moves_what_it_pushes(implicit):
+    robot = load_robot("lite_biped")
+    batch, foot = (BatchSim(robot, 2, implicit=implicit, push_body=body) for body in ("", "left_foot"))
+    wrench = push_wrench(np.array([[0.4, 0.0], [0.0, 0.0]]), float(batch.model(0).body_mass.sum()))
+    for simulation in (batch, foot):
+        for step in range(round(0.1 / batch.control_period)):
+            simulation.step(rows(waving(robot, step, 0.0), 2), wrench=wrench)
+    assert batch.qvel[0, 0] - batch.qvel[1, 0] > 0.3
+    assert batch.qvel[0, 4] > 0.03  # the pelvis is above the centre of mass
+    np.testing.assert_array_equal(batch.qvel[1], foot.qvel[1])
+    assert np.abs(foot.qvel[0] - batch.qvel[0]).max() > 1e-3
+
+
+def test_implicit_damping_takes_longer_steps_and_stays_close():
+    robot = load_robot("lite")
+    batch, exact = BatchSim(robot, 1, implicit=True), BatchSim(robot, 1)
+    assert batch.model(0).opt.timestep == 0.0025
+    assert batch.model(0).opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for step in range(100):
+        for simulation in (batch, exact):
+            simulation.step(rows(waving(robot, step), 1))
+    assert 0.0 < np.abs(batch.qpos - exact.qpos).max() < 3e-3  # rad
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (SimConfig(physics_timestep=0.003), "physics_timestep: 0.003 s does not divide"),
+        (SimConfig(anchor_body="nose"), "anchor body: unknown body 'nose'"),
+        (SimConfig(bodies=("nose",)), "unknown body 'nose'"),
+        (SimConfig(state_delay=0.01), "state_delay"),
+    ],
+)
+def test_bad_settings_are_named(config, message):
+    with pytest.raises(InputError, match=message):
+        BatchSim(load_robot("lite"), 1, config)
+
+
+def test_wrong_commands_writing_and_a_closed_simulation_are_refused():
+    batch = BatchSim(load_robot("lite"), 2, threads=2)
+    for array in (batch.qpos, batch.qvel, batch.effort, batch.fault):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 1
+    with pytest.raises(RobotError, match=r"lite: command has shape \(14,\), expected \(2, 14\)"):
+        batch.step(MITCommand.zeros(14))
+    batch.close()
+    batch.close()
+    with pytest.raises(RobotError, match="closed"):
+        batch.step(MITCommand.zeros(2, 14))
