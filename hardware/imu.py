@@ -11,8 +11,7 @@ import numpy as np
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, frozen_array
-from humanoid_sim.simulation.sensors import ImuSample
+from humanoid_sim.mit import FloatArray, MITState, frozen_array
 
 SOURCE = "imu"
 OK = SafetyStatus(source=SOURCE)
@@ -64,8 +63,8 @@ def silent(message: str) -> SafetyStatus:
 class SimulatedImu(Imu):
     """An ideal IMU of a simulation that runs on another thread."""
 
-    def __init__(self, sample: Callable[[], ImuSample]) -> None:
-        self._sample = sample
+    def __init__(self, truth: Callable[[], MITState]) -> None:
+        self._truth = truth
 
     def open(self) -> None:
         """Do nothing."""
@@ -75,8 +74,8 @@ class SimulatedImu(Imu):
 
     def read(self, time: float) -> ImuReading:
         """Return the simulation's present reading."""
-        sample = self._sample()
-        return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration)
+        truth = self._truth()
+        return ImuReading(truth.imu_quaternion, truth.imu_angular_velocity, truth.imu_linear_acceleration)
 
 
 def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:

@@ -18,7 +18,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.faults import BUS_FAULTS, Fault
 from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, MockMotor
@@ -269,8 +269,7 @@ class MockMotors:
         plant.step(mit_torque(self._command, position, plant.velocity, drive[5]))
         self._steps += 1
         if self._steps % self._steps_between_checks == 0:
-            if problem := plant.fault():
-                raise RobotError(f"{plant.description.name}: {problem} (t = {self.time:.3f} s)")
+            plant.check()
             self._check_at = 0.0
         if self.time < self._check_at:
             return

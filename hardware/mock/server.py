@@ -22,7 +22,7 @@ from humanoid_sim.hardware.bus.address import (
 )
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors, MockSettings
-from humanoid_sim.hardware.mock.plant import PlantTruth
+from humanoid_sim.mit import MITState
 from humanoid_sim.robots.schema import RobotDescription
 
 _POLL_PERIOD = 0.0005
@@ -82,8 +82,8 @@ class MockServer:
         self._thread.start()
 
     @property
-    def truth(self) -> PlantTruth:
-        """The latest snapshot, at most a few ms old; its time is on the host's clock."""
+    def truth(self) -> MITState:
+        """The latest true state, as no motor or bus changes it, at most a few ms old; its time is on the host's clock."""
         return self._truth
 
     @property

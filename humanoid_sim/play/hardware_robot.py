@@ -66,7 +66,7 @@ def real_robot(
         left.callback(motors.close)
     imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
     if imu is None and motors is not None:
-        imu = SimulatedImu(lambda: motors.truth.imu)
+        imu = SimulatedImu(lambda: motors.truth)
     anchor = _anchor(description, contracts)
     has_keys = motors is not None and description.piano is not None
     robot = HardwareRobot(
@@ -76,7 +76,7 @@ def real_robot(
         control_period=control_period,
         imu=imu,
         anchor=anchor,
-        live=(lambda: {KEY_PRESSED: motors.truth.live[KEY_PRESSED]}) if motors is not None and has_keys else dict,
+        live=(lambda: {KEY_PRESSED: motors.truth.extern[KEY_PRESSED].value}) if motors is not None and has_keys else dict,
         allow_no_timeout=config.allow_no_timeout,
         dry_run=config.dry_run,
         host_id=config.host_id,

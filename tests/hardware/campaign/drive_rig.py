@@ -19,7 +19,6 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.events import ChannelCounters
-from humanoid_sim.hardware.mock.plant import PlantTruth
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -122,7 +121,7 @@ class _Ticks:
     backlog = 0
     backlog_limit = 0
 
-    def __init__(self, robot: _Timed, truth: Callable[[], PlantTruth] | None) -> None:
+    def __init__(self, robot: _Timed, truth: Callable[[], MITState] | None) -> None:
         self._robot, self._truth = robot, truth
         self.all: list[Tick] = []
 
@@ -212,7 +211,7 @@ def driven(
     *,
     clock: Clock = time.monotonic,
     open_bus: Callable[[BusAddress], can.BusABC] = open_python_can,
-    truth: Callable[[], PlantTruth] | None = None,
+    truth: Callable[[], MITState] | None = None,
     before_closing: Callable[[], None] = lambda: None,
     description: RobotDescription | None = None,
 ) -> Iterator[Drive]:
