@@ -83,7 +83,7 @@ class MockServer:
 
     @property
     def truth(self) -> MITState:
-        """The latest true state, as no motor or bus changes it, at most a few ms old; its time is on the host's clock."""
+        """The true state, at most a few ms old; its time is on the host's clock."""
         return self._truth
 
     @property

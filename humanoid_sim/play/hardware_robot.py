@@ -68,7 +68,7 @@ def real_robot(
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth)
     anchor = _anchor(description, contracts)
-    has_keys = motors is not None and description.piano is not None
+    keys = None if motors is None or description.piano is None else motors
     robot = HardwareRobot(
         description,
         addresses,
@@ -76,7 +76,7 @@ def real_robot(
         control_period=control_period,
         imu=imu,
         anchor=anchor,
-        live=(lambda: {KEY_PRESSED: motors.truth.extern[KEY_PRESSED].value}) if motors is not None and has_keys else dict,
+        live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
         allow_no_timeout=config.allow_no_timeout,
         dry_run=config.dry_run,
         host_id=config.host_id,
@@ -88,7 +88,7 @@ def real_robot(
     question = f"Enable the motors of {description.name} on {channels}, without torque?"
     return RobotSetup(
         robot,
-        live=({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({KEY_PRESSED: KEY_COUNT} if has_keys else {}),
+        live=({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({} if keys is None else {KEY_PRESSED: KEY_COUNT}),
         qpos=MeasuredPose(description),
         model=lambda: build_model(description),
         simulated=False,
