@@ -1,7 +1,4 @@
-"""Address of a bus, `can0` or `interface:channel` for any interface of python-can, how it is opened, and its messages.
-
-Whatever is wrong with a channel is one line that says what to do.
-"""
+"""Address of a bus, `can0` or `interface:channel` for any interface of python-can, and how it is opened."""
 
 from __future__ import annotations
 
@@ -12,7 +9,6 @@ import os
 import re
 import socket
 import sys
-from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,9 +16,8 @@ from typing import Any
 import can
 
 from humanoid_sim.errors import InputError, RobotError, require_known
-from humanoid_sim.hardware.bus.frame import BITRATE, Frame
+from humanoid_sim.hardware.bus.frame import BITRATE
 
-_SOCKETCAN = "socketcan"
 _ACCEPTED = "expected a network interface such as can0, or interface:channel such as virtual:lite"
 
 
@@ -37,23 +32,22 @@ class BusAddress:
 
     def __str__(self) -> str:
         """As an operator writes it; a safety status names its source by it."""
-        return self.channel if self.interface == _SOCKETCAN else f"{self.interface}:{self.channel}"
+        return self.channel if self.interface == "socketcan" else f"{self.interface}:{self.channel}"
 
 
 def parse_address(text: str) -> BusAddress:
-    """Return the channel that a text such as `can0` or `udp_multicast:239.74.163.2` names.
+    """Return the channel that a text such as `can0` or `udp_multicast:239.74.163.2` names, or raise `InputError`.
 
     Everything after the first colon belongs to the channel, so that IPv6 groups and device paths need no quoting.
-    Raises `InputError` if no channel is named, or python-can has no such interface.
     """
     text = text.strip()
     interface, colon, channel = text.partition(":")
     if not colon:
-        interface, channel = _SOCKETCAN, text
+        interface, channel = "socketcan", text
     if not interface or not channel:
         raise InputError(f"bus '{text}': names no {'channel' if interface else 'interface'}; {_ACCEPTED}")
     require_known("interface", (interface,), sorted(can.VALID_INTERFACES), f"bus '{text}': ")
-    if interface == _SOCKETCAN and not re.fullmatch(r"[^\s/]{1,15}", channel):  # the kernel's own rule (IFNAMSIZ)
+    if interface == "socketcan" and not re.fullmatch(r"[^\s/]{1,15}", channel):  # the kernel's own rule (IFNAMSIZ)
         raise InputError(f"bus '{text}': '{channel}' cannot be a network interface's name; {_ACCEPTED}")
     return BusAddress(interface, channel)
 
@@ -67,19 +61,14 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
     return addresses
 
 
-_ECHOING = frozenset({"udp_multicast"})
-"""Interfaces on which a sender hears itself."""
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
 """Interfaces that either have none or are given theirs elsewhere."""
-_IP_MULTICAST_ALL = 49
-_IPV6_MULTICAST_ALL = 29
-"""Constants of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
-_MOST_WAITING = 1000
-"""Frames that a socket's buffer can hold, and more."""
+_IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
+_IPV6_MULTICAST_ALL = 29  # linux/in6.h
+_MOST_WAITING = 1000  # frames that a socket's buffer can hold, and more
 _NETWORK = Path("/sys/class/net")
-_CAN_HARDWARE = "280"
-"""ARPHRD_CAN, the kernel's number for a CAN interface."""
-
+_CAN_HARDWARE = "280"  # ARPHRD_CAN, the kernel's number for a CAN interface
+_SHORT_QUEUE = 64  # frames; a control period sends up to 20 at once, and the default of a CAN interface is 10
 
 # python-can logs what it then raises; without a handler of its own that would be printed beside our one line.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -93,15 +82,15 @@ def open_bus(address: BusAddress) -> can.BusABC:
     except Exception as error:  # every driver has exceptions of its own
         raise RobotError(f"{address}: cannot be opened: {_reason(address, error)}") from error
     if address.interface == "udp_multicast":
-        _hear_own_group_only(bus)
+        _receive_own_group_only(bus)
     return bus
 
 
-def _hear_own_group_only(bus: can.BusABC) -> None:
+def _receive_own_group_only(bus: can.BusABC) -> None:
     """Keep the groups of a machine apart.
 
     python-can binds every group to one port on all addresses, and Linux then hands each socket what comes for any group
-    that anybody has joined: two buses would hear each other's motors. Elsewhere a socket hears its own groups only.
+    that anybody has joined: two buses would receive each other's motors.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -117,7 +106,7 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
 
 
 class PassingBus(can.BusABC):
-    """Passes everything on to another bus that is shut down with it, for whoever wants to see or refuse what passes."""
+    """Passes everything on to another bus, which is shut down with it; subclasses refuse some of it."""
 
     def __init__(self, bus: can.BusABC, channel: str) -> None:
         """Take over an open bus; `channel` is its name."""
@@ -143,29 +132,25 @@ class PassingBus(can.BusABC):
         self._bus.shutdown()
 
 
-def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
-    """Return what the kernel says against an open channel that gets `burst` frames at once, one line each."""
+def queue_warning(address: BusAddress) -> str:
+    """Return what to do where the kernel's outgoing queue is too short for a control period; empty: nothing."""
     if address.interface != "socketcan":
-        return ()
+        return ""
     length = _attribute(address.channel, "tx_queue_len")
-    if not length.isdigit() or int(length) >= 2 * burst:
-        return ()
-    return (
-        f"its outgoing queue takes {length} frames, a control period sends {burst}: "
-        f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}",
-    )
+    if not length.isdigit() or int(length) >= _SHORT_QUEUE:
+        return ""
+    return f"its outgoing queue takes {length} frames: sudo ip link set {address.channel} txqueuelen 128"
 
 
 def error_number(error: BaseException) -> int | None:
     """Return the `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
-    seen: BaseException | None = error
-    while seen is not None:
-        number = getattr(seen, "error_code", None)
-        if number is None:
-            number = getattr(seen, "errno", None)
-        if isinstance(number, int):
-            return number
-        seen = seen.__cause__
+    cause: BaseException | None = error
+    while cause is not None:
+        for name in ("error_code", "errno"):
+            number = getattr(cause, name, None)
+            if isinstance(number, int):
+                return number
+        cause = cause.__cause__
     return None
 
 
@@ -199,45 +184,3 @@ def _attribute(interface: str, name: str) -> str:
         return (_NETWORK / interface / name).read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError):
         return ""
-
-
-def frame_of(message: can.Message) -> Frame:
-    """Return a frame from what python-can received; some senders leave NumPy's integers in it."""
-    identifier = int(message.arbitration_id)
-    return Frame(identifier, bytes(message.data), message.is_extended_id, message.is_remote_frame)
-
-
-def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
-    """Return a frame for python-can; `timestamp` in s, of the system's wall clock."""
-    return can.Message(
-        timestamp=timestamp,
-        arbitration_id=frame.arbitration_id,
-        data=frame.data,
-        is_extended_id=frame.is_extended,
-        is_remote_frame=frame.is_remote,
-        is_error_frame=frame.is_error,
-    )
-
-
-class Echoes:
-    """A sender's own frames, which come back to it on some interfaces, and are nobody else's."""
-
-    def __init__(self, address: BusAddress, capacity: int) -> None:
-        """Remember at most `capacity` frames: some get lost on the way, and are forgotten."""
-        self._has_echoes = address.interface in _ECHOING
-        self._sent: deque[tuple[int, bytes]] = deque(maxlen=capacity)
-
-    def expect(self, frame: Frame) -> None:
-        """Expect an answer to a frame that is sent."""
-        if self._has_echoes:
-            self._sent.append((frame.arbitration_id, frame.data))
-
-    def take(self, frame: Frame) -> bool:
-        """Return whether a frame is an echo; each is one once."""
-        if not self._has_echoes:
-            return False
-        try:
-            self._sent.remove((frame.arbitration_id, frame.data))
-        except ValueError:
-            return False
-        return True

@@ -1,11 +1,13 @@
-"""CAN frames as plain data, and the load that they are for a bus."""
+"""CAN frames as plain data, and as python-can has them."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
-BITRATE = 1_000_000
-"""bit/s, the motors' default."""
+import can
+
+BITRATE = 1_000_000  # bit/s, the motors' default
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +28,43 @@ class Frame:
         return f"{self.arbitration_id:0{8 if self.is_extended else 3}X}#{self.data.hex().upper()}"
 
 
-FRAME_BITS = 145
-"""Bits of an extended frame of 8 bytes, which is what motors speak: 131 without stuff bits, 160 with the most."""
+def frame_of(message: can.Message) -> Frame:
+    """Return a frame from what python-can received; some senders leave NumPy's integers in it."""
+    identifier = int(message.arbitration_id)
+    return Frame(identifier, bytes(message.data), message.is_extended_id, message.is_remote_frame)
 
 
-def bus_load(frames_per_second: float) -> float:
-    """Get the share of a 1 Mbit/s bus that so many frames of 8 bytes take, to within 10 % of itself: 0 idle, 1 full."""
-    return frames_per_second * FRAME_BITS / BITRATE
+def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
+    """Return a frame for python-can; `timestamp` in s, of the system's wall clock."""
+    return can.Message(
+        timestamp=timestamp,
+        arbitration_id=frame.arbitration_id,
+        data=frame.data,
+        is_extended_id=frame.is_extended,
+        is_remote_frame=frame.is_remote,
+        is_error_frame=frame.is_error,
+    )
+
+
+class Echoes:
+    """A sender's own frames, which come back to it on `udp_multicast`, and are nobody else's."""
+
+    def __init__(self, interface: str, capacity: int) -> None:
+        """Remember at most `capacity` frames: some get lost on the way, and are forgotten."""
+        self._has_echoes = interface == "udp_multicast"
+        self._sent: deque[tuple[int, bytes]] = deque(maxlen=capacity)
+
+    def expect(self, frame: Frame) -> None:
+        """Expect the echo of a frame that is sent."""
+        if self._has_echoes:
+            self._sent.append((frame.arbitration_id, frame.data))
+
+    def take(self, frame: Frame) -> bool:
+        """Return whether a frame is an echo; each is one once."""
+        if not self._has_echoes:
+            return False
+        try:
+            self._sent.remove((frame.arbitration_id, frame.data))
+        except ValueError:
+            return False
+        return True

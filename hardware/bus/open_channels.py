@@ -11,23 +11,22 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 from humanoid_sim.errors import RobotError, blaming
-from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, open_bus
-from humanoid_sim.hardware.bus.channel import Channel, OpenBus
-from humanoid_sim.hardware.bus.events import BusEvent, ChannelNotes
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus, queue_warning
+from humanoid_sim.hardware.bus.channel import NEVER, Burst, BusEvent, Channel, Note, OpenBus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 
 _SHARED = Path("/tmp")
 """Folder of all users, whatever TMPDIR says: two sessions that look in different folders would both drive the robot."""
-
-_WITHIN_PROCESS = "virtual"
 _held: set[BusAddress] = set()
-"""Virtual channels in use."""
+"""Channels of the interface `virtual`, which exist within one process only: their locks are no files."""
 _guard = threading.Lock()
 
 
@@ -35,47 +34,46 @@ class ChannelLock:
     """Holds a channel for this process until `release`, or until the kernel lets go of it when the process has ended.
 
     `flock` belongs to the open file and not to the process, so two sessions in one process exclude each other as well.
-    A channel of the interface `virtual` exists within one process only, and its lock is not a file.
     """
 
     def __init__(self, address: BusAddress) -> None:
         """Take the channel; a `RobotError` where another session, which it names, drives it, or no lock can be made."""
         self._address = address
-        self._descriptor = -1
+        self.descriptor = -1
+        """The lock's open file, through which a child process holds it as well; -1 where it is not a file."""
         self._is_released = False
-        if address.interface == _WITHIN_PROCESS:
+        if address.interface == "virtual":
             with _guard:
                 if address in _held:
                     raise RobotError(f"{address}: is in use by another session (of this process)")
                 _held.add(address)
             return
-        self._descriptor = _open(_lock_path(address), address)
+        self.descriptor = _open(_lock_path(address), address)
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self.descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
-            os.close(self._descriptor)
+            holder = os.pread(self.descriptor, 200, 0).decode(errors="replace").strip()
+            os.close(self.descriptor)
             raise RobotError(f"{address}: is in use by another session ({holder or 'unknown process'})") from None
         # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
-        with contextlib.suppress(OSError):  # a full disk keeps nobody from driving; the next one is told less
-            os.ftruncate(self._descriptor, 0)
-            os.pwrite(self._descriptor, f"process {os.getpid()}, {_program()}\n".encode(), 0)
-
-    @property
-    def descriptor(self) -> int:
-        """Return the lock's open file, through which a child process holds it as well; -1 where it is not a file."""
-        return self._descriptor
+        with contextlib.suppress(OSError):  # a full disk keeps nobody from driving
+            os.ftruncate(self.descriptor, 0)
+            path = Path(sys.argv[0])
+            program = path.parent.name if path.name == "__main__.py" else path.name  # started by `python -m`
+            os.pwrite(self.descriptor, f"process {os.getpid()}, {program or 'python'}\n".encode(), 0)
 
     def release(self) -> None:
         """Let others have the channel. May be called twice."""
-        if self._descriptor >= 0:
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, 0)
-            os.close(self._descriptor)
-            self._descriptor = -1
-        elif self._address.interface == _WITHIN_PROCESS and not self._is_released:
-            _held.discard(self._address)
+        if self._is_released:
+            return
         self._is_released = True
+        if self.descriptor < 0:
+            _held.discard(self._address)
+            return
+        with contextlib.suppress(OSError):
+            os.ftruncate(self.descriptor, 0)
+        os.close(self.descriptor)
+        self.descriptor = -1
 
     def __enter__(self) -> Self:
         return self
@@ -103,22 +101,6 @@ def _open(path: Path, address: BusAddress) -> int:
             descriptor = os.open(path, flags | os.O_CREAT, 0o666)
             os.fchmod(descriptor, 0o666)  # the umask would shut other users out, and they must see the lock
             return descriptor
-
-
-def _program() -> str:
-    """Return what this process runs, in a word: the package's name where it was started by `python -m`."""
-    path = Path(sys.argv[0])
-    return (path.parent.name if path.name == "__main__.py" else path.name) or "python"
-
-
-Listener = Callable[[int, Frame, float], bool]
-"""Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; whether it knows
-the frame, which is then nobody else's."""
-
-_POLL = 0.001
-"""s"""
-_PATIENCE = 0.8
-"""Share of a control period after which a queue that refused a frame must be empty again."""
 
 
 class Locks:
@@ -151,45 +133,76 @@ class Locks:
         self._held.clear()
 
 
+_FLOOD = 600
+"""Frames within 0.2 s that concern none of our motors: two fifths of a bus of 1 Mbit/s."""
+
+
+@dataclass(slots=True)
+class ChannelNotes:
+    """What was received on one channel and belongs to none of its motors. Written by its receiver's thread."""
+
+    intruder: Note = NEVER
+    """The latest sign of another host that commands our motors."""
+    strangers: Counter[str] = field(default_factory=Counter)
+    """Frames that concern none of our motors, by what they are."""
+    flood: Note = NEVER
+    _burst: Burst = field(default_factory=lambda: Burst(_FLOOD))
+
+    def add_stranger(self, what: str, time: float) -> None:
+        """Count a frame that concerns none of our motors, at `time`, s, robot's clock."""
+        self.strangers[what] += 1
+        if self._burst.add(time):
+            self.flood = Note(time, f"more than {self._burst.rate:g} frames a second that concern none of its motors")
+
+
+Listener = Callable[[int, Frame, float], bool]
+"""Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; True if it knows
+the frame, which is then nobody else's."""
+
+_POLL = 0.001  # s
+_PATIENCE = 0.8  # share of a control period after which a queue that refused a frame must be empty again
+
+
 class OpenChannels:
     """Channels that are open; a frame goes to the first listener that knows it."""
 
     def __init__(
         self,
         addresses: Sequence[BusAddress],
-        bursts: Sequence[int],
         checks: CheckList,
         *,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
         period: float = 0.02,
+        locks: tuple[int, ...] = (),
     ) -> None:
         """Open every channel, if nothing was wrong before.
 
         Raises `RobotError` with everything that is wrong; no channel is open then.
 
         Args:
-            bursts: frames that a control period puts into each channel's queue at once.
             clock: the robot's clock, s.
             period: s between commands.
+            locks: open files that lock the channels, for a child process that sends on them as well.
         """
         checks.refuse()
+        self.locks = locks
         self.clock = clock
-        """s, the robot's."""
         self.opened = clock()
+        """s, robot's clock."""
         self.listeners: list[Listener] = []
         """In the order in which they are asked."""
         self.sources = tuple(str(address) for address in addresses)
         opened: list[Channel] = []
-        for index, (address, burst) in enumerate(zip(addresses, bursts, strict=True)):
+        for index, address in enumerate(addresses):
             try:
                 receive = functools.partial(self._receive, index)
                 opened.append(Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
                 continue
-            for hint in bus_hints(address, burst):
-                checks.warn(str(address), hint)
+            if warning := queue_warning(address):
+                checks.warn(str(address), warning)
         self.channels = tuple(opened)
         self.forget_notes()
         if checks.problems:
@@ -199,28 +212,35 @@ class OpenChannels:
     def _receive(self, channel: int, frame: Frame, when: float) -> None:
         any(listener(channel, frame, when) for listener in self.listeners)
 
-    def check_intruders(self, checks: CheckList) -> None:
-        """Report another master of the motors on a channel as a problem."""
-        for source, notes in zip(self.sources, self.notes, strict=True):
-            if notes.intrusions:
-                checks.problem(source, f"another master drives these motors: {notes.intruder.text}")
+    @property
+    def has_intruders(self) -> bool:
+        """Return whether another host commands the motors."""
+        return any(notes.intruder is not NEVER for notes in self.notes)
 
     def check(self, checks: CheckList) -> None:
         """Report another master, and each channel that is down, as a problem."""
-        self.check_intruders(checks)
-        for source, channel in zip(self.sources, self.channels, strict=True):
+        for source, channel, notes in zip(self.sources, self.channels, self.notes, strict=True):
+            if notes.intruder is not NEVER:
+                checks.problem(source, f"another master drives these motors: {notes.intruder.text}")
             if channel.down:
                 checks.problem(source, f"down: {channel.down}")
+
+    def warn_of_strangers(self, checks: CheckList) -> None:
+        """Report frames of other programs, or of motors that speak another protocol."""
+        for source, notes in zip(self.sources, self.notes, strict=True):
+            for what, count in notes.strangers.items():
+                checks.warn(source, f"{count} × {what}: another program, or a motor in another protocol")
 
     def troubles(self, index: int) -> tuple[str, ...]:
         """Return what a channel itself says about why nothing comes back, the most telling first."""
         channel = self.channels[index]
         kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
-        texts = (channel.down, *(channel.recent(event, self.opened) for event in kinds))
+        strangers = (f"{count} × {what}" for what, count in self.notes[index].strangers.items())
+        texts = (channel.down, *(channel.recent(event, self.opened) for event in kinds), *strangers)
         return tuple(text for text in texts if text)
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait for what the receivers hear, `timeout` s at most; whether it came."""
+        """Wait for what the receivers take, `timeout` s at most; True if it came."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
@@ -236,11 +256,6 @@ class OpenChannels:
     def forget_notes(self) -> None:
         """Forget frames that belong to no motor."""
         self.notes = tuple(ChannelNotes() for _ in self.channels)
-
-    def forget_events(self) -> None:
-        """Drop past events of every channel."""
-        for channel in self.channels:
-            channel.forget_events()
 
     def close(self) -> None:
         """Close all channels. May be called twice."""

@@ -20,8 +20,8 @@ import can
 import msgspec
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, message_of, open_bus
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
+from humanoid_sim.hardware.bus.frame import Frame, message_of
 from humanoid_sim.hardware.guardian.protocol import GuardianPlan, Heartbeat, Phase, Stage
 from humanoid_sim.session.realtime import real_time
 

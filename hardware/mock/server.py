@@ -11,15 +11,8 @@ from typing import Self
 
 import can
 
-from humanoid_sim.hardware.bus.address import (
-    BusAddress,
-    Echoes,
-    PassingBus,
-    frame_of,
-    message_of,
-    open_bus,
-    parse_address,
-)
+from humanoid_sim.hardware.bus.address import BusAddress, PassingBus, open_bus, parse_address
+from humanoid_sim.hardware.bus.frame import Echoes, frame_of, message_of
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors, MockSettings
 from humanoid_sim.mit import MITState
@@ -72,7 +65,7 @@ class MockServer:
             self._opened = opened.pop_all()
         self._clock, self._begin = clock, clock()
         self._lock, self._closing = threading.Lock(), threading.Event()
-        self._echoes = tuple(Echoes(address, _MOST_ECHOES) for address in self.addresses)
+        self._echoes = tuple(Echoes(address.interface, _MOST_ECHOES) for address in self.addresses)
         self._truth = self._motors.plant.truth(self._begin)
         self.slipped = 0.0
         """s for which the motors' world stood still."""

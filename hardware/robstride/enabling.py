@@ -1,9 +1,8 @@
 """The one way to a motor that executes commands, and back: examine, make ready, enable, stop.
 
-The adapter goes it with a robot's motors, a bench tool with one. A session takes its motors over: it clears their
-faults and writes run mode and limits. A tool takes a motor as it is: one that has a fault, or another run mode, is
-refused, and only its CAN timeout is written, and the torque limit by a tool that moves it. All else that is checked is
-the same.
+A robot takes its motors over: it clears their faults and writes run mode and limits. A tool takes one motor as it is: a
+motor that has a fault, or another run mode, is refused, and only its CAN timeout is written, and the torque limit by a
+tool that moves it. All else is the same.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
+from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, flag_names
-from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     CanTimeout,
@@ -26,28 +24,9 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
     unpack_value,
 )
-from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 
-CAN_TIMEOUT = 0.1
-"""s without a command after which a motor stops by itself, unless somebody asks for another time."""
-_LISTENING = 0.05
-"""s of silence in which another host would be heard, before anything is sent."""
-_LONGEST = 1.0
-"""s in which every motor must run and have confirmed its CAN timeout."""
-_PERIOD = 0.02
-"""s between two rounds of commands meanwhile, well within the CAN timeout."""
-_POLL = 0.001
-"""s"""
-_TRIALS = 4
-"""Times that a motor may show that its CAN timeout stops it."""
-_SILENCE = 1.5
-"""CAN timeouts without a command after which it must have stopped."""
-_TOO_LONG = 2.5
-"""CAN timeouts after which that shows nothing: the silence, and as much again for enabling."""
-_FLOAT32 = 1e-6
-"""Relative; values travel as float32."""
-_LIMITS = {"limit_torque": ("torque limit", "peak_torque"), "limit_cur": ("current limit", "peak_current")}
-"""By parameter: its name for a person, and the field of a model that has its peak."""
+CAN_TIMEOUT = 0.1  # s without a command after which a motor stops by itself, unless another time is wanted
+_LISTENING = 0.05  # s of silence in which another host would be noticed, before anything is sent
 _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
@@ -60,31 +39,28 @@ def examine(
     takes_over: bool,
     is_limp: bool = False,
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Return whether these motors may be touched: nobody else drives them, and they are those that were expected.
+    """Check that nobody else drives these motors, and that they are those that were expected.
 
     Asks only; nothing is written to any motor, and none is stopped. Raises `RobotError` with everything that is wrong.
 
     Args:
         known_uids: unique ids at an earlier activation, by joint.
         takes_over: whether they are all motors of their channels, and their run mode will be written.
-        is_limp: no torque will be asked for, see `identify`.
+        is_limp: no torque will be commanded, see `identify`.
 
     Returns:
         Unique ids and firmware versions, by joint.
     """
     time.sleep(_LISTENING)
-    link.line.check_intruders(checks)
+    link.line.check(checks)
     checks.refuse()
     found = identify(link, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)
     checks.refuse()
     if not takes_over:
         for joint, mode in link.read(dict.fromkeys(joints, _RUN_MODE)).items():
-            name = link.motors.names[joint]
-            if isinstance(mode, Unreadable):
-                checks.problem(name, "does not tell its run_mode")
-            elif mode != RunMode.OPERATION:
-                text = f"run_mode is {mode:g}, in which enabling may move it; set run_mode 0 first"
-                checks.problem(name, text)
+            if mode != RunMode.OPERATION:
+                text = f"run_mode is {mode.reason if isinstance(mode, Unreadable) else f'{mode:g}'}, expected 0"
+                checks.problem(link.motors.names[joint], f"{text}: enabling may move it")
         checks.refuse()
     return found
 
@@ -98,11 +74,11 @@ def make_ready(
     takes_over: bool,
     torque: float | None = None,
 ) -> None:
-    """Stop these motors, see to their faults, and configure them; leaves them stopped.
+    """Stop these motors, clear their faults, and configure them; leaves them stopped.
 
     Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not confirm it
     is not enabled; nor is one that would take another kind of command, or more torque than it was given, or answer its
-    commands to somebody else.
+    commands to another host.
 
     Args:
         can_timeout: s without a command after which a motor stops by itself.
@@ -115,13 +91,12 @@ def make_ready(
     if takes_over:
         _write_run_mode(link, joints, checks)
     _write_timeout(link, joints, can_timeout, checks)
+    torques, currents = link.motors.torque_limit, link.motors.current_limit
     if takes_over:
-        torques, currents = link.motors.torque_limit, link.motors.current_limit
-        _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks, is_needed=True)
-        # Documented for the velocity and position modes only: operation mode is held by the torque limit.
-        _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks, is_needed=False)
+        _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks)
+        _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks)
     elif torque is not None:
-        _write_limit(link, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
+        _write_limit(link, "limit_torque", dict.fromkeys(joints, torque), checks)
     _check_stored_hosts(link, joints, checks)
 
 
@@ -129,7 +104,7 @@ def make_ready(
 
 
 def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
-    """Stop these motors, and clear their faults if so asked; those that did not confirm it."""
+    """Stop these motors, and clear their faults on request; returns those that did not confirm it."""
     motor_id = link.motors.motor_id
     commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=link.host_id)] for i in joints}
 
@@ -141,11 +116,11 @@ def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: boo
 
 
 def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckList, *, clears_faults: bool) -> None:
-    """Stop these motors, clear the faults of those that report some if so told; what is left of them is a problem.
+    """Stop these motors, and clear their faults if that is wanted; what is left of them is a problem.
 
-    The fault words are asked for as well: they show what no status does, overvoltage.
+    The fault words are read as well: they show what no status does, overvoltage.
     """
-    names, slots = link.motors.names, link.table.slots
+    names, slots = link.motors.names, link.slots
     silent = stop_motors(link, joints)
     words = _fault_words(link, joints)
 
@@ -162,7 +137,7 @@ def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckLis
         words.update(_fault_words(link, faulty))
     for i in joints:
         if i in silent:
-            checks.problem(names[i], f"does not confirm that it is stopped ({mode_text(slots[i])})")
+            checks.problem(names[i], f"does not confirm that it is stopped ({slots[i].mode_text})")
         elif left := faults(i):
             checks.problem(names[i], f"faults do not clear: {left}" if clears_faults else f"reports {left}")
         if i not in words:
@@ -179,15 +154,12 @@ def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
 
 
 def _write_run_mode(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
-    wanted = float(RunMode.OPERATION)
-    for joint, found in link.write(_RUN_MODE, dict.fromkeys(joints, wanted)).items():
+    for joint, found in link.write(_RUN_MODE, dict.fromkeys(joints, float(RunMode.OPERATION))).items():
         motor = link.motors.names[joint]
         if isinstance(found, Unreadable):
             checks.problem(motor, f"run_mode cannot be verified ({found.reason})")
-        elif found != wanted:
-            checks.problem(motor, f"run_mode reads {found:g} after {wanted:g} was written")
-        else:
-            checks.passed(motor, f"run_mode {found:g}")
+        elif found != RunMode.OPERATION:
+            checks.problem(motor, f"run_mode reads {found:g} after 0 was written")
 
 
 def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
@@ -195,47 +167,39 @@ def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: floa
     ticks = float(CanTimeout.to_ticks(can_timeout))
     for joint, found in link.write(_TIMEOUT, dict.fromkeys(joints, ticks)).items():
         motor = link.motors.names[joint]
-        link.table.slots[joint].hides_timeout = isinstance(found, Unreadable)
+        link.slots[joint].hides_timeout = isinstance(found, Unreadable)
         if isinstance(found, Unreadable):
-            text = (
-                f"does not tell its CAN timeout ({found.reason}): it must show it, without torque, once it is enabled"
-            )
-            checks.warn(motor, text)
+            checks.warn(motor, f"canTimeout cannot be read ({found.reason}): it is tried out, without torque")
         elif found != ticks:
             checks.problem(motor, f"canTimeout reads {found:g} after {ticks:g} was written")
         else:
-            checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
+            checks.passed(motor, f"stops {1000.0 * can_timeout:g} ms after the last command")
 
 
-def _write_limit(
-    link: RobstrideLink, name: str, limits: Mapping[int, float], checks: CheckList, *, is_needed: bool
-) -> None:
-    """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own."""
-    parameter, (title, peak) = PARAMETERS[name], _LIMITS[name]
-    models = link.motors.model
-    values = {i: min(limit, getattr(models[i], peak)) for i, limit in limits.items() if limit > 0.0}
+def _write_limit(link: RobstrideLink, name: str, limits: Mapping[int, float], checks: CheckList) -> None:
+    """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own.
+
+    `limit_cur` is documented for the velocity and position modes only, so that it need not be readable.
+    """
+    parameter, is_torque = PARAMETERS[name], name == "limit_torque"
+    peaks = [model.peak_torque if is_torque else model.peak_current for model in link.motors.model]
+    values = {i: min(limit, peaks[i]) for i, limit in limits.items() if limit > 0.0}
     for joint, found in link.write(parameter, values).items():
         motor, wanted = link.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
-            note = checks.problem if is_needed else checks.warn
+            note = checks.problem if is_torque else checks.warn
             note(motor, f"{name} cannot be verified ({found.reason})")
-        elif not found <= wanted * (1.0 + _FLOAT32):  # NaN too
+        elif not found <= wanted * (1.0 + 1e-6):  # NaN too; values travel as float32
             checks.problem(motor, f"{name} reads {found:g} {parameter.unit} after {wanted:g} was written")
-        elif found < wanted * (1.0 - _FLOAT32):
-            checks.warn(motor, f"{name} reads {found:g} {parameter.unit}: the motor allows no {wanted:g}")
         else:
-            asked = limits[joint]
-            sheet = f" (data sheet; robot file says {asked:g})" if wanted < asked else ""
-            checks.passed(motor, f"{title} {found:g} {parameter.unit}{sheet}")
-
-
-def set_reports(link: RobstrideLink, joints: Iterable[int], *, is_on: bool) -> None:
-    """Switch the active reports of these motors on or off; not verified."""
-    motor_id = link.motors.motor_id
-    link.send({i: [messages.SetActiveReport(motor_id[i], is_on, host_id=link.host_id)] for i in joints})
+            checks.passed(motor, f"{name} {found:g} {parameter.unit}")
 
 
 # --- enabling
+
+_LONGEST = 1.0  # s in which every motor must run and have confirmed its CAN timeout
+_PERIOD = 0.02  # s between two rounds of commands meanwhile, well within the CAN timeout
+_POLL = 0.001  # s
 
 
 def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
@@ -245,10 +209,10 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
     nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
     run already, or their CAN timeout would stop them while others are still asked. The timeout is read back once more
     from each motor that runs: one whose supply failed for a moment since it was configured has lost it, and would
-    execute its last command for ever. A motor that does not tell its timeout must show it first, see `_try_timeouts`,
-    and gets it once more right before it is enabled. All were made ready with this timeout, s.
+    execute its last command for ever. A motor whose timeout cannot be read must show it first, see `_try_timeouts`, and
+    gets it once more right before it is enabled. All were made ready with this timeout, s.
     """
-    motors, slots = link.motors, link.table.slots
+    motors, slots = link.motors, link.slots
     _try_timeouts(link, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
     if checks.problems:
         return
@@ -259,7 +223,7 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
     link.take_answers()
     deadline = time.monotonic() + _LONGEST
     while True:
-        running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i])]
+        running = [i for i in joints if slots[i].sample is not before[i] and slots[i].runs]
         confirmed = {i: found for i, found in confirmed.items() if i in running}
         confirmed.update((i, ticks) for i in running if slots[i].hides_timeout)
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
@@ -274,23 +238,37 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
             elif i not in confirmed:
                 commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=link.host_id))
             link.send({i: commands})
-        _listen(link, joints, confirmed)
+        _take_timeouts(link, joints, confirmed)
     for i in joints:
         name = motors.names[i]
         if i not in running:
-            checks.problem(name, f"was not enabled ({mode_text(slots[i])})")
+            checks.problem(name, f"was not enabled ({slots[i].mode_text})")
         elif i not in confirmed:
-            checks.problem(name, "does not tell its CAN timeout after it was enabled")
+            checks.problem(name, "its canTimeout cannot be read after it was enabled")
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
     _note_stored_hosts(link, joints, checks)
 
 
+def _take_timeouts(link: RobstrideLink, joints: Sequence[int], confirmed: dict[int, float]) -> None:
+    """Take answers for one round, or until all motors have answered."""
+    end = time.monotonic() + _PERIOD
+    while time.monotonic() < end and len(confirmed) < len(joints):
+        for joint, reply in link.take_answers():
+            if joint in joints and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
+                confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
+        time.sleep(_POLL)
+
+
+_TRIALS = 4
+_SILENCE = 1.5  # CAN timeouts without a command after which a motor must have stopped
+_TOO_LONG = 2.5  # CAN timeouts after which that shows nothing: this program itself was held up
+
+
 def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
     """Run these motors without torque, be silent for longer than the timeout, and reject those that run on.
 
-    Nothing at all is sent to them meanwhile: no document says which frames restart the timeout. Where this program was
-    held up, a motor with a longer timeout would have stopped as well: that trial does not count.
+    Nothing at all is sent to them meanwhile: no document says which frames restart the timeout.
     """
     untried = list(joints)
     for _ in range(_TRIALS):
@@ -314,78 +292,46 @@ def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float
     for i in untried:
         checks.problem(
             link.motors.names[i],
-            f"does not tell its CAN timeout, and was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
-            "last command: it would execute that for ever if this program died",
+            f"canTimeout cannot be read, and it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
+            "last command",
         )
 
 
-def _listen(link: RobstrideLink, asked: Sequence[int], confirmed: dict[int, float]) -> None:
-    """Take answers for one round, or until all that were asked have answered."""
-    end = time.monotonic() + _PERIOD
-    while time.monotonic() < end:
-        for joint, reply in link.take_answers():
-            if joint in asked and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
-                confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
-        if len(confirmed) == len(asked):
-            return
-        time.sleep(_POLL)
-
-
-def _runs(slot: MotorSlot) -> bool:
-    return slot.sample is not None and slot.sample.status.mode is MotorMode.RUN and not slot.sample.status.faults
-
-
-def mode_text(slot: MotorSlot) -> str:
-    """Return what a motor's latest status says about mode and faults: `mode reset, undervoltage`."""
-    if slot.sample is None:
-        return "no status"
-    status = slot.sample.status
-    return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])
-
-
-_ANSWER_TIME = 0.05
-"""s in which a stopped motor answers operation control, if it does at all."""
+_ANSWER_TIME = 0.05  # s in which a stopped motor answers operation control, if it does at all
 
 
 def _check_stored_hosts(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
-    """Ask these motors, which are stopped, with a command that exerts nothing; reject those that answer another host.
+    """Send these motors, which are stopped, a command without torque; reject those that answer another host.
 
     The frame of type 1 has no room for a host's id; where the motor takes that from is not documented, and there is one
-    stored in it. A motor that answers a stored host would run, and never be heard.
-    One that does not answer while it is stopped is found out when it is enabled: `note_stored_hosts`.
+    stored in it. A motor that answers a stored host would run, and never be received. One that does not answer while it
+    is stopped is found out when it is enabled.
     """
-    slots = link.table.slots
-    before = {i: slots[i].statuses for i in joints}
+    slots = link.slots
+    before = {i: slots[i].answers for i in joints}
     for i in joints:
-        slots[i].answers_to = None
-    link.table.expects_strays = True
+        slots[i].stored_host = None
+    link.expects_strays = True
     try:
         link.send({i: [_limp_command(link, i)] for i in joints})
         link.line.wait(
-            lambda: all(slots[i].statuses > before[i] or slots[i].answers_to is not None for i in joints), _ANSWER_TIME
+            lambda: all(slots[i].answers > before[i] or slots[i].stored_host is not None for i in joints), _ANSWER_TIME
         )
     finally:
-        link.table.expects_strays = False
+        link.expects_strays = False
     _note_stored_hosts(link, joints, checks)
 
 
 def _note_stored_hosts(link: RobstrideLink, joints: Iterable[int], checks: CheckList) -> None:
-    """Those of these motors that have answered another host since they were asked are a problem."""
     for i in joints:
-        host = link.table.slots[i].answers_to
-        if host is None:
-            continue
-        ours = link.host_id
-        start = f"start with --host-id {host}, or " if host > LARGEST_MOTOR_ID else ""
-        checks.problem(
-            link.motors.names[i],
-            f"answers operation control to host {host}, which is stored in the motor, and not to {ours}, this host: "
-            f"{start}store {ours} in it (CAN_MASTER, with the vendor's program)",
-        )
+        host = link.slots[i].stored_host
+        if host is not None:
+            text = f"answers commands to host {host}, which is stored in it, not to {link.host_id}: --host-id {host}"
+            checks.problem(link.motors.names[i], f"{text}, or store {link.host_id} in it (CAN_MASTER)")
 
 
 def _limp_command(link: RobstrideLink, joint: int) -> messages.OperationControl:
     """Return a command without gains or effort, at the motor's position if that is known."""
-    sample = link.table.slots[joint].sample
+    sample = link.slots[joint].sample
     position = 0.0 if sample is None else sample.status.position
     return messages.OperationControl(link.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TypeAlias
 
 from humanoid_sim.errors import InputError
@@ -18,23 +17,18 @@ FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
 _NEVER: FirmwareVersion = (0, 0, 0, -1)
 """Before every version: something never was so, or always has been."""
-
-_OLD_POSITION_RANGE = 12.5
+_OLD_POSITION_RANGE = 12.5  # rad
 _OLD_GAIN_FACTOR = 1.4167
 _EMULATED = 255
 """Fourth number of the emulated motors' versions, which do all as the manuals have it; the vendor's are far below."""
-_NOTES = "the vendor's firmware notes (RobStride/Product_Information, commit ba7236b) and the manual of 2026-04-28"
-_MANUAL = "the manual of 2026-04-28, which gives no version"
 
 
 @dataclass(frozen=True, slots=True)
 class KnownFirmware:
-    """Documented facts about the versions of one model."""
+    """Documented facts about the versions of one model. A version between two does what lies between them."""
 
-    newest: FirmwareVersion | None
-    """The newest that a document mentions; none: no document mentions any. What is newer, nobody knows."""
-    source: str
-    """Documents that state them."""
+    newest: FirmwareVersion | None = None
+    """The newest that a document mentions; none: no document mentions any."""
     last_old_range: FirmwareVersion = _NEVER
     """The last that counts ±12.5 rad instead of ±4π."""
     first_true_gains: FirmwareVersion = _NEVER
@@ -45,24 +39,21 @@ class KnownFirmware:
     """The last that sends them as type 2."""
 
 
-KNOWN: Mapping[str, KnownFirmware] = MappingProxyType(
-    {
-        "rs-00": KnownFirmware((0, 0, 3, 6), _NOTES, (0, 0, 2, 6), _NEVER, (0, 0, 3, 0), (0, 0, 3, 2)),
-        "rs-01": KnownFirmware((0, 1, 3, 6), _NOTES, (0, 1, 2, 1), (0, 1, 3, 4), (0, 1, 3, 0), (0, 1, 3, 2)),
-        "rs-02": KnownFirmware((0, 2, 3, 9), _NOTES, (0, 2, 2, 11), (0, 2, 3, 6), (0, 2, 3, 0), _NEVER),
-        "rs-03": KnownFirmware((0, 3, 1, 10), _NOTES, (0, 3, 0, 5), _NEVER, (0, 3, 1, 0), (0, 3, 1, 2)),
-        "rs-04": KnownFirmware((0, 4, 1, 12), _NOTES, (0, 4, 0, 5), _NEVER, (0, 4, 1, 0), (0, 4, 1, 2)),
-        "rs-05": KnownFirmware(None, _MANUAL),
-        "rs-06": KnownFirmware(None, _MANUAL),
-    }
-)
-"""By model. A version between two that are mentioned does what lies between them."""
-_UNMENTIONED = KnownFirmware(None, _MANUAL)
+KNOWN: Mapping[str, KnownFirmware] = {
+    # The vendor's firmware notes (RobStride/Product_Information, commit ba7236b) and the manuals of 2026-04-28.
+    "rs-00": KnownFirmware((0, 0, 3, 6), (0, 0, 2, 6), _NEVER, (0, 0, 3, 0), (0, 0, 3, 2)),
+    "rs-01": KnownFirmware((0, 1, 3, 6), (0, 1, 2, 1), (0, 1, 3, 4), (0, 1, 3, 0), (0, 1, 3, 2)),
+    "rs-02": KnownFirmware((0, 2, 3, 9), (0, 2, 2, 11), (0, 2, 3, 6), (0, 2, 3, 0), _NEVER),
+    "rs-03": KnownFirmware((0, 3, 1, 10), (0, 3, 0, 5), _NEVER, (0, 3, 1, 0), (0, 3, 1, 2)),
+    "rs-04": KnownFirmware((0, 4, 1, 12), (0, 4, 0, 5), _NEVER, (0, 4, 1, 0), (0, 4, 1, 2)),
+}
+"""By model."""
+_UNKNOWN = KnownFirmware()
 
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """Properties of a version that matter to whoever talks to the motor."""
+    """What a version does."""
 
     position_range: float
     """rad, full scale of positions: a host that takes the new range for the old one is 0.5 % off."""
@@ -80,7 +71,7 @@ class Firmware:
 
 def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
     """Return what this version of a model does. A model that the notes do not mention behaves as the manual has it."""
-    known = KNOWN.get(model.name, _UNMENTIONED)
+    known = KNOWN.get(model.name, _UNKNOWN)
     return Firmware(
         position_range=_OLD_POSITION_RANGE if version <= known.last_old_range else model.position,
         gain_factor=_OLD_GAIN_FACTOR if version < known.first_true_gains else 1.0,
@@ -113,6 +104,11 @@ def version_text(version: FirmwareVersion) -> str:
     return ".".join(str(number) for number in version)
 
 
+def emulated_version(model: MotorModel) -> FirmwareVersion:
+    """Return the version of an emulated motor, in which everything is as the manual has it."""
+    return (0, int(model.name.removeprefix("rs-")), 3, _EMULATED)
+
+
 def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     """Return why a motor with this firmware must not be driven as this model; empty when it may.
 
@@ -120,42 +116,15 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     """
     found = model_name(version)
     if found != model.name:
-        whose = f"is an {found}'s" if found else "is not a known model's"
-        return f"its firmware {version_text(version)} {whose}, the robot description has an {model.name} here"
+        return f"firmware {version_text(version)} is of {found or 'no known model'}, the robot file says {model.name}"
     factor = firmware_of(model, version).gain_factor
-    if factor != 1.0:
-        return f"its firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"
-    return ""
+    return "" if factor == 1.0 else f"firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"
 
 
 def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
     """Return what no document says about this firmware, so that an operator has to; empty for nothing."""
-    known = KNOWN.get(model.name, _UNMENTIONED)
-    if version[3] == _EMULATED or (known.newest is not None and version <= known.newest):
+    newest = KNOWN.get(model.name, _UNKNOWN).newest
+    if version[3] == _EMULATED or (newest is not None and version <= newest):
         return ""
-    where = (
-        f"is in no document (there is {known.source})"
-        if known.newest is None
-        else f"is newer than the newest that is documented, {version_text(known.newest)}"
-    )
-    return (
-        f"its firmware {version_text(version)} {where}: that it counts ±{model.position:.3f} rad and takes K_p and K_d "
-        "as they are sent is an assumption"
-    )
-
-
-def emulated_version(model: MotorModel) -> FirmwareVersion:
-    """Return the version of an emulated motor, in which everything is as the manual has it."""
-    number = int(model.name.removeprefix("rs-"))
-    return (0, number, 3, _EMULATED)
-
-
-def firmware_warning(model: MotorModel, version: FirmwareVersion) -> str:
-    """Return what an operator should know about this firmware; empty for nothing."""
-    found = firmware_of(model, version).position_range
-    if found == model.position:
-        return ""
-    return (
-        f"its firmware {version_text(version)} counts ±{found:g} rad where frames are read as ±{model.position:.3f}: "
-        f"angles are off by {100.0 * (model.position / found - 1.0):.1f} %"
-    )
+    known = "no document mentions any" if newest is None else f"the newest documented is {version_text(newest)}"
+    return f"firmware {version_text(version)} is in no document ({known}): its ranges and gains are an assumption"

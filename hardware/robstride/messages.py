@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum, IntFlag
+from enum import IntEnum, IntFlag
 from typing import NamedTuple, TypeAlias
 
 BROADCAST_ID = 0xFE
@@ -17,7 +17,7 @@ DATA_LENGTH = 8
 
 
 class FrameType(IntEnum):
-    """Communication type, bits 28..24 of the identifier. 5, 8 to 16, 19, 20 and 26 to 31 are not defined."""
+    """Communication type, bits 28..24 of the identifier; the others are not defined."""
 
     GET_DEVICE_ID = 0
     OPERATION_CONTROL = 1
@@ -233,38 +233,6 @@ class SetActiveReport(HostCommand):
     is_on: bool
 
 
-class BaudRate(IntEnum):
-    """Bit rates that a motor can be set to, as the frame has them."""
-
-    KBIT_1000 = 1
-    KBIT_500 = 2
-    KBIT_250 = 3
-    KBIT_125 = 4
-
-
-@dataclass(frozen=True, slots=True)
-class SetBaudRate(HostCommand):
-    """Type 23, after the next power-on, answered by `DeviceId`. It can make a motor unreachable: for emulation."""
-
-    baud_rate: BaudRate
-
-
-class Protocol(IntEnum):
-    """Protocols that a motor can be set to, as the frame has them."""
-
-    PRIVATE = 0
-    CANOPEN = 1
-    MIT = 2
-    """With 11-bit identifiers."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetProtocol(HostCommand):
-    """Type 25, after the next power-on, answered by `DeviceId`. It can make a motor unreachable: for emulation."""
-
-    protocol: Protocol
-
-
 @dataclass(frozen=True, slots=True)
 class Status:
     """Type 2, or type 24 where `is_report`. Values are in the motor frame and in rad, s and N·m."""
@@ -323,27 +291,14 @@ class Version:
     """`(0, 2, 3, 6)` is firmware 0.2.3.6."""
 
 
-class IgnoredReason(Enum):
-    """Reason why a frame is not for this receiver."""
-
-    STANDARD_ID = "standard_id"
-    """11-bit: another protocol, or a motor that was switched to one."""
-    UNKNOWN_TYPE = "unknown_type"
-    HOST_COMMAND = "host_command"
-    """A host's command: the echo of our own, or another master's."""
-    UNKNOWN_DEVICE = "unknown_device"
-    """A motor's, but none that is configured; on the motors' side, a command to another motor."""
-    OTHER_HOST = "other_host"
-    """A motor's answer to another host."""
-    REMOTE_FRAME = "remote_frame"
-    ERROR_FRAME = "error_frame"
-
-
 @dataclass(frozen=True, slots=True)
 class Ignored:
     """A frame that says nothing to this receiver."""
 
-    reason: IgnoredReason
+    reason: str
+    """`standard_id`: 11 bits, another protocol; `unknown_type`; `host_command`: the echo of our own, or another
+    master's; `unknown_device`: from or to a motor that is not configured; `other_host`: a motor's answer to another
+    host; `remote_frame`; `error_frame`."""
     motor_id: int | None = None
     """The motor that sent it, or that it was sent to in a host's command; none where the frame does not tell."""
 

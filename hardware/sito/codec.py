@@ -16,7 +16,7 @@ import numpy as np
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.motors import EncodedFrames, MotorGroup, Rescue
+from humanoid_sim.hardware.motor_link import MotorGroup
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
 
@@ -254,17 +254,13 @@ class SitoEncoder:
     def __init__(self, motors: MotorGroup) -> None:
         """Begin with motors that have zero gains, as after enabling."""
         self._motors = motors
-        fields = ("position", "velocity", "effort", "stiffness", "damping")
-        self._upper = np.array([[getattr(model, name) for model in motors.model] for name in fields])
-        self._lower = -self._upper
-        self._lower[3:] = 0.0
         self._sent = np.zeros((2, motors.count))
         self._repeats = np.full(motors.count, _REPEATS)
         self._turn = 0
 
-    def encode(self, values: FloatArray) -> EncodedFrames:
-        """See `FrameEncoder`."""
-        clipped = np.clip(values, self._lower, self._upper)
+    def encode(self, values: FloatArray) -> list[tuple[int, int, Frame]]:
+        """Return motor, kind and frame of one command to every motor; values as in `MotorLink.command`."""
+        clipped = values
         self._turn = (self._turn + 1) % self._motors.count
         frames: list[tuple[int, int, Frame]] = []
         for i, (position, velocity, effort, stiffness, damping) in enumerate(clipped.T.tolist()):
@@ -278,7 +274,7 @@ class SitoEncoder:
             self._sent[:, i] = clipped[3:, i]
             gains = i, _GAINS_FRAME, encode(Gains(device_id, stiffness, damping), model)
             frames += [command, gains] if stiffness > before else [gains, command]
-        return EncodedFrames(tuple(frames), clipped != values)
+        return frames
 
 
 def limp_frames(device_id: int, model: MotorModel, position: float = 0.0) -> tuple[Frame, ...]:
@@ -295,12 +291,3 @@ def damping_frames(device_id: int, model: MotorModel, damping: float, position: 
 def reset_frames(device_id: int, model: MotorModel) -> tuple[Frame, ...]:
     """Return what disables a motor: limp first, in case it does not obey the reset."""
     return *limp_frames(device_id, model), encode(Reset(device_id), model)
-
-
-def rescue_frames(motors: MotorGroup, damping: FloatArray) -> tuple[Rescue, ...]:
-    """Return what a guardian sends to each motor: damping, shape (motors,), N·m·s/rad, and then the reset."""
-    pairs = zip(motors.motor_id, motors.model, strict=True)
-    return tuple(
-        (damping_frames(device_id, model, value), reset_frames(device_id, model))
-        for (device_id, model), value in zip(pairs, damping.tolist(), strict=True)
-    )

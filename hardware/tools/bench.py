@@ -11,18 +11,17 @@ from typing import NamedTuple
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.motors import MotorGroup, MotorLink, SessionTerms
+from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import Parameter
-from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
+from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, MotorModel
 
 _ANY_MODEL = MOTORS["rs-00"]
@@ -56,31 +55,20 @@ def some_motors(
 
 @contextlib.contextmanager
 def open_bench(
-    addresses: Sequence[BusAddress],
-    host_id: int,
-    motors: MotorGroup,
-    *,
-    open_channel: OpenBus = open_bus,
-    guard: MotorGuard | None = None,
+    addresses: Sequence[BusAddress], host_id: int, motors: MotorGroup, *, open_channel: OpenBus = open_bus
 ) -> Iterator[RobstrideLink]:
-    """Provide channels for this tool alone, as a session has them; a guard is started before they are opened.
+    """Provide channels for this tool alone, as a session has them.
 
     Raises:
         InputError: the host id is none.
-        RobotError: a channel is in use by a session or another tool, or cannot be opened; or no guardian starts.
+        RobotError: a channel is in use by a session or another tool, or cannot be opened.
     """
     if not 0 <= host_id <= 0xFF:
         raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
     checks, locks = CheckList(), Locks()
     try:
         locks.take(addresses, checks)
-        if guard is not None:
-            checks.refuse()
-            open_channel = guard.start(locks, checks, open_channel)
-            for warning in checks.warnings:
-                complain(f"warning: {warning}")
-        bursts = [motors.period_frames(channel) for channel in range(len(addresses))]
-        line = OpenChannels(addresses, bursts, checks, open_bus=open_channel)
+        line = OpenChannels(addresses, checks, open_bus=open_channel, locks=locks.descriptors)
         try:
             link = RobstrideLink(line, motors, host_id)
             line.listeners.append(link.receive)
@@ -88,8 +76,6 @@ def open_bench(
         finally:
             line.close()
     finally:
-        if guard is not None:
-            guard.release(())
         locks.release()
 
 
@@ -210,10 +196,10 @@ class Heard(NamedTuple):
     """rad/s"""
 
 
-def heard_of(session: MotorLink, motor: int) -> Heard:
+def heard_of(session: SitoMotors, motor: int) -> Heard:
     """Return what was heard of a motor; NaN for what was not."""
     readings = session.readings()
-    reports = session.figures(motor).reports
+    reports = session.slots[motor].reports
     return Heard(reports, float(readings.position[motor]), float(readings.velocity[motor]))
 
 
@@ -224,10 +210,10 @@ class Ear:
         traits = FAMILIES[family]
         self._places = [(channel, number) for channel in range(len(channels.sources)) for number in traits.ids]
         motors = some_motors(self._places, channels.sources, MOTORS[traits.models[0].name])
-        self._link = DRIVERS[family].link(channels.line, motors, SessionTerms(channels.host_id, 0.0, FEEDBACK_PERIOD))
+        self._link = SitoMotors(channels.line, motors, LinkTerms(channels.host_id, 0.0, FEEDBACK_PERIOD))
         channels.line.listeners.insert(0, self._link.receive)
 
     def heard(self) -> dict[tuple[int, int], Heard]:
         """Return what was heard of the motors that sent something, by channel and id."""
         places = enumerate(self._places)
-        return {place: heard_of(self._link, i) for i, place in places if self._link.figures(i).reports}
+        return {place: heard_of(self._link, i) for i, place in places if self._link.slots[i].reports}

@@ -20,7 +20,6 @@ from rich.table import Table
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.files import output_file
-from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import (
     CalibrationEntry,
@@ -31,9 +30,10 @@ from humanoid_sim.hardware.calibration import (
     load_calibration,
     save_calibration,
 )
-from humanoid_sim.hardware.motors import MotorLink
+from humanoid_sim.hardware.joints import Wiring, make_wiring
+from humanoid_sim.hardware.motor_link import MotorLink
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.enabled_motor import limp_motors
 from humanoid_sim.hardware.tools.options import Calibrate

@@ -9,12 +9,12 @@ from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     LISTENING,
     Ear,

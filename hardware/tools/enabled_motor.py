@@ -12,14 +12,13 @@ import numpy as np
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.motors import MotorLink, SessionTerms
+from humanoid_sim.hardware.motor_link import LinkTerms
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
+from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, Status, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
+from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.hardware.tools.bench import FEEDBACK_PERIOD, Heard, heard_of, silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.motors import FAMILIES
@@ -32,6 +31,8 @@ _ANSWER_TIME = 0.3
 """s without feedback after which a motor that cannot be asked counts as silent."""
 _PATIENCE = 0.75
 """s of commands without an answer after which a motor counts as silent."""
+_DAMPING = 1.0
+"""N·m·s/rad with which a guardian brakes a motor that nothing else stops."""
 _STOPPING = 0.8
 """Share of the CAN timeout from which on silence explains a motor that has stopped."""
 
@@ -70,7 +71,7 @@ class EnabledMotor:
         Raises `RobotError` if another host drives it, it is another motor than expected or in another run mode, has no
         CAN timeout, or reports a fault.
         """
-        channels, joints, checks = self._channels, [self._motor], CheckList(answered=self._accepted_firmware)
+        channels, joints, checks = self._channels, [self._motor], CheckList(accepted=self._accepted_firmware)
         examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
         checks.refuse_questions()
         for name in ("canTimeout",) if self._torque is None else ("canTimeout", "limit_torque"):
@@ -88,7 +89,7 @@ class EnabledMotor:
             self._stop()
             raise
         self._sent = time.monotonic()
-        sample = channels.table.slots[self._motor].sample
+        sample = channels.slots[self._motor].sample
         self.status = None if sample is None else sample.status
         return self
 
@@ -153,7 +154,7 @@ class EnabledMotor:
 
 
 @contextlib.contextmanager
-def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[MotorLink]:
+def limp_motors(channels: RobstrideLink, joints: Sequence[int]) -> Iterator[SitoMotors]:
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
 
     Raises `RobotError` if another host drives them, one sends no feedback or reports torque, or does not confirm that
@@ -161,29 +162,24 @@ def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuar
 
     Args:
         joints: whose motors, of one family.
-        guard: of these motors, started; None where they stay limp.
     """
     motors = channels.motors.select(joints)
-    session = DRIVERS[motors.model[0].family].link(
-        channels.line, motors, SessionTerms(channels.host_id, 0.0, FEEDBACK_PERIOD)
-    )
+    damping = np.full(motors.count, _DAMPING)
+    session = SitoMotors(channels.line, motors, LinkTerms(channels.host_id, 0.0, FEEDBACK_PERIOD, damping))
     channels.line.listeners.insert(0, session.receive)
     checks = CheckList()
     try:
         session.examine(checks)
         session.make_ready(checks)
-        if guard is not None:
-            guard.standby()
+        for warning in checks.warnings:
+            complain(f"warning: {warning}")
         session.enable(checks)
         channels.line.check(checks)
         checks.refuse()
         yield session
     finally:
-        if guard is not None:
-            guard.take_back(channels.line.forget_queues)
         left = session.stop(range(motors.count))
-        if guard is not None:
-            guard.release([joints[i] for i in left])
+        session.close()
         channels.line.listeners.remove(session.receive)
         if left:
             names = ", ".join(motors.names[i] for i in left)
@@ -195,14 +191,12 @@ def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuar
 class MovedMotor:
     """Commands for one motor that is enabled."""
 
-    def __init__(self, channels: RobstrideLink, session: MotorLink, torque: float, guard: MotorGuard | None) -> None:
-        """Send nothing yet; `torque`, N·m, is what the commanded position may ask for. A guard is started already."""
-        self._guard = guard
+    def __init__(self, channels: RobstrideLink, session: SitoMotors, torque: float) -> None:
+        """Send nothing yet; `torque`, N·m, is what the commanded position may ask for."""
         self._channels = channels
         self._session = session
         self._torque = torque
         self._doubt = FAMILIES[session.motors.model[0].family].stiffness_doubt
-        self._encoder = DRIVERS[session.motors.model[0].family].encoder(session.motors)
 
     @property
     def position(self) -> float:
@@ -223,16 +217,12 @@ class MovedMotor:
         bounded = min(max(position, here - reach), here + reach)
         values = np.array([[bounded], [velocity], [0.0], [stiffness], [damping]])
         motors = self._session.motors
-        channel = self._channels.channels[motors.channel[0]]
         before = np.nan_to_num(self._session.readings().time[0], nan=-math.inf)
         begin, sent = time.monotonic(), -math.inf
         while True:
             now = time.monotonic()
             if now - sent >= _PERIOD:
-                frames = self._encoder.encode(values).frames
-                channel.send([((motors.names[0], kind), frame) for _, kind, frame in frames])
-                if self._guard is not None:
-                    self._guard.beat()
+                self._session.command(values)
                 sent = now
             if self._session.readings().time[0] > before:  # NaN: nothing was heard yet
                 break

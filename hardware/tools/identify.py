@@ -7,16 +7,13 @@ import math
 import time
 from collections.abc import Collection, Iterator, Mapping
 
-import numpy as np
-
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, require_known
-from humanoid_sim.hardware.adapter.guarding import MotorGuard
-from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.firmware import parse_version
+from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor, MovedMotor, limp_motors
 from humanoid_sim.hardware.tools.options import Identify
@@ -32,8 +29,6 @@ _HOLD = 0.5
 """s to stay there, so that it is seen."""
 _DAMPING_TIME = 0.05
 """s, damping over stiffness: about critical for a forearm, and within every model's range."""
-_GUARDIANS_DAMPING = 1.0
-"""N·m·s/rad with which a guardian brakes a motor that nothing else stops."""
 _MOVED = 0.3
 """Share of the angle from which on a joint counts as moved."""
 _FARTHEST = 3.0
@@ -62,10 +57,7 @@ def identify(config: Identify) -> int:
             f"{config.joint}: its motor executes its last command for ever when this program dies, for no timeout of "
             "its own is known; --allow-no-timeout accepts that"
         )
-    guard = None
-    if joint in wiring.endless:
-        guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING), [joint])
-    with real_time(), open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
+    with real_time(), open_bench(addresses, config.host_id, wiring) as channels:
         if joint not in wiring.unasked:
             read_device_id(channels, joint)
         source = channels.sources[wiring.channel[joint]]
@@ -75,7 +67,7 @@ def identify(config: Identify) -> int:
         )
         confirm("Is the arm supported and clear?", config.yes, "not moved")
         before = _positions(channels)
-        with _enabled(config, wiring, joint, channels, guard) as motor:
+        with _enabled(config, wiring, joint, channels) as motor:
             start, after = _move(config, wiring, joint, channels, motor, before)
         before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
@@ -90,12 +82,12 @@ def _positions(channels: RobstrideLink) -> dict[int, float]:
 
 @contextlib.contextmanager
 def _enabled(
-    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, guard: MotorGuard | None
+    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink
 ) -> Iterator[EnabledMotor | MovedMotor]:
     """Provide the joint's motor, enabled for a moment, and held to the torque."""
     if joint in wiring.unasked:
-        with limp_motors(channels, [joint], guard) as session:
-            yield MovedMotor(channels, session, config.torque, guard)
+        with limp_motors(channels, [joint]) as session:
+            yield MovedMotor(channels, session, config.torque)
         return
     with EnabledMotor(channels, joint, torque=config.torque, accepted_firmware=config.accept_firmware) as motor:
         yield motor

@@ -22,8 +22,8 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import stop_motors
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, RunMode, default_value
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
     command_motor,
@@ -97,7 +97,7 @@ def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, by
     if len(found) > 1:
         told = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in found)
         raise RobotError(f"{source}: {len(found)} motors answer, expected one alone on the bus: {told}")
-    if troubles or channels.channels[0].counters.error_frames:
+    if troubles or channels.channels[0].counters.bus_errors:
         because = f" ({troubles[0]})" if troubles else ""
         raise RobotError(f"{source}: the bus has errors{because}: two motors with one id, or bad wiring")
     return found[0]

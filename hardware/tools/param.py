@@ -6,6 +6,7 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.firmware import model_name
 from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import MotorMode, SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -17,7 +18,6 @@ from humanoid_sim.hardware.robstride.parameters import (
     function_codes,
     is_function_code,
 )
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
 from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
@@ -79,7 +79,7 @@ def _set(config: Set) -> int:
             _check(parameter, config.value, _model(channels, parameter))
         write_value(channels, parameter, config.value)
         after = read_value(channels, parameter)
-        sample = channels.table.slots[0].sample  # what the write was answered with
+        sample = channels.slots[0].sample  # what the write was answered with
     change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
     print(f"{channels.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
     if sample is not None and sample.status.mode is MotorMode.RUN:

@@ -10,9 +10,9 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultBit, GetDeviceId, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     Ear,
     SilentMotorError,

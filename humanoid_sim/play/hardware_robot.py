@@ -8,18 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.motors import MockSettings
 from humanoid_sim.hardware.mock.server import MockServer
+from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
@@ -159,12 +158,11 @@ def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
 
 
 def _figures(robot: HardwareRobot, motors: MockServer | None) -> Mapping[str, Any]:
-    """Return the robot's statistics, and for how long, s, mock motors stood still: they seem silent then."""
-    statistics = robot.statistics
-    lines, slipped = list(statistics.lines()), 0.0 if motors is None else motors.slipped
+    """Return the robot's figures, and for how long, s, mock motors stood still: they seem silent then."""
+    figures, slipped = robot.figures(), 0.0 if motors is None else motors.slipped
     if slipped:
-        lines.append(f"the mock motors stood still for {slipped:.2f} s because this computer was too slow for them")
-    return {**msgspec.to_builtins(statistics, str_keys=True), "emulation_stood_still": slipped, "lines": lines}
+        figures["lines"].append(f"the mock motors stood still for {slipped:.2f} s: this computer was too slow")
+    return {**figures, "emulation_stood_still": slipped}
 
 
 class MeasuredPose:

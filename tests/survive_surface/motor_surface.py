@@ -14,11 +14,11 @@ import numpy as np
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main as hardware_main
-from humanoid_sim.hardware.adapter import control
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
+from humanoid_sim.hardware import robot as robot_module
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.calibration import load_calibration
-from humanoid_sim.hardware.robstride import enabling, identification, requests, session
+from humanoid_sim.hardware.robot import HardwareRobot
+from humanoid_sim.hardware.robstride import enabling, identification, link, motors
 from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as identify_tool
 from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickOutput
@@ -103,12 +103,11 @@ def short_waits(monkeypatch: Any, *, answers: float, listening: float) -> None:
     """
     monkeypatch.setattr(enabling, "_LISTENING", listening)
     monkeypatch.setattr(identification, "_QUIET", 2.0 * listening)
-    monkeypatch.setattr(requests, "_ANSWER_TIMES", (answers,) * 3)
-    monkeypatch.setattr(requests.RobstrideLink.until_status, "__defaults__", ((answers,) * 3,))
+    monkeypatch.setattr(link, "_ANSWER_TIMES", (answers,) * 3)
     monkeypatch.setattr(enabling, "_LONGEST", 3.0 * answers)
-    monkeypatch.setattr(session, "_REPORT_WAIT", answers)
+    monkeypatch.setattr(motors, "_REPORT_WAIT", answers)
     monkeypatch.setattr(channel, "_POLL", 0.005)
-    monkeypatch.setattr(control, "_LONGEST", 0.05)  # s for which closing damps at most
+    monkeypatch.setattr(robot_module, "_LONGEST", 0.05)  # s for which closing damps at most
     monkeypatch.setattr(identify_tool, "_RAMP", 0.06)
     monkeypatch.setattr(identify_tool, "_HOLD", 0.02)
     monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # these motors have no clock, a test machine may stall

@@ -8,8 +8,7 @@ from scripted_bus import ScriptedBus
 from waiting import wait_until
 
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.bus.channel import Channel
-from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.channel import BusEvent, Channel
 from humanoid_sim.hardware.bus.frame import Frame
 
 FRAME = Frame(0x1234567, b"12345678")
@@ -42,7 +41,7 @@ def bus():
 
 @pytest.fixture
 def scripted(bus, heard, address):
-    channel = Channel(address, heard, open_bus=lambda _: bus, capacity=32)
+    channel = Channel(address, heard, open_bus=lambda _: bus)
     yield channel
     channel.close()
 
@@ -95,7 +94,7 @@ def test_a_handler_that_raises_loses_one_frame_and_says_so(address, bus):
     bus.incoming.put(_message())
     assert wait_until(lambda: bool(taken))
     channel.close()
-    assert channel.counters.receiver_failures == 1
+    assert channel.counters.unreadable == 1
     assert "ZeroDivisionError: bug" in channel.recent(BusEvent.UNREADABLE, 0.0)
 
 

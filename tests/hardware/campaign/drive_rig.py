@@ -15,10 +15,10 @@ from msgspec.structs import replace
 from humanoid_sim import messages
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
-from humanoid_sim.hardware.bus.events import ChannelCounters
+from humanoid_sim.hardware.bus.channel import ChannelCounters
+from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -249,7 +249,8 @@ def driven(
     remote.clock = lambda: session.time
     try:
         robot.activate()
-        counters = robot.statistics.channels[0].counters
+        assert robot._line is not None
+        counters = robot._line.channels[0].counters
         yield Drive(description.joint_names, session, sink.all, clock, counters)
     finally:
         before_closing()

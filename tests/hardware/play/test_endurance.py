@@ -25,7 +25,7 @@ def report(figures, what):
         f"\n{what}: {loop['ticks']} ticks at {1.0 / loop['control_period']:g} Hz, {loop['overruns']} overruns; "
         f"tick 99 % {1e3 * loop['tick_time_p99']:.2f} ms, max {1e3 * loop['tick_time_max']:.2f} ms; "
         f"late 99 % {1e3 * loop['jitter']['p99']:.2f} ms, max {1e3 * loop['jitter']['max']:.2f} ms; "
-        f"{hardware['commanded']} commands, {hardware['acknowledged']} acknowledged; {'; '.join(hardware['lines'])}"
+        f"{'; '.join(hardware['lines'])}"
     )
 
 
@@ -50,10 +50,8 @@ def test_runs_at_50_hz_on_one_bus(robot, run, stalls, seconds):
     assert loop["overruns"] <= len(stalls.missed)
     is_first = any(line.startswith("SCHED_FIFO, ") for line in loop["measures"])
     assert len(stalls.unexplained()) <= (0 if is_first else 0.005 * loop["ticks"])  # else others may come first
-    silent = 4 if robot == "lite_sito" else 0
-    assert hardware["commanded"] == hardware["acknowledged"] >= (14 - silent) * loop["ticks"]
-    assert hardware["unconfirmed"] * 14 == silent * (hardware["commanded"] + hardware["unconfirmed"])
-    assert (hardware["invalid_frames"], hardware["refused"], hardware["saturations"]) == (0, 0, {})
+    assert hardware["answers"] >= 14 * hardware["commands"] >= 14 * loop["ticks"]
+    assert (hardware["stale"], hardware["saturated"]) == (0, {})
     assert result.summary["safety"] == []
     assert run_program(replay.main, ["r.mcap"]) == 0
 

@@ -13,7 +13,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import (
-    RobstrideEncoder,
     decode_command,
     decode_reply,
     encode_command,
@@ -150,12 +149,8 @@ def test_a_motor_reads_operation_control_as_the_reference_would():
 def test_values_that_are_not_finite_are_refused():
     for row in _rows("encode_mit_nonfinite", count=15):
         command, model = _operation_control(row), _model(row)
-        with pytest.raises(FieldError, match=r"^OperationControl\.\w+: is (nan|inf|-inf)"):
+        with pytest.raises(FieldError, match=r"^OperationControl: is .*(nan|inf).*finite"):
             encode_command(command, model)
-        encoder = RobstrideEncoder([command.motor_id], [model])
-        values = [command.position, command.velocity, command.effort, command.stiffness, command.damping]
-        with pytest.raises(FieldError, match=f"for motor {command.motor_id}, expected a finite number"):
-            encoder.encode(np.array(values)[:, None])
 
 
 def test_parameter_values_that_do_not_fit_are_refused():
@@ -238,7 +233,7 @@ def test_device_ids_are_heard_from_every_motor():
 def _class_of(message):
     match message:
         case messages.Ignored(reason):
-            return f"ignore:{reason.value}"
+            return f"ignore:{reason}"
         case messages.Malformed():
             return "error:bad_dlc" if "bytes, expected" in message.reason else "error"
         case messages.Status(is_report=is_report):

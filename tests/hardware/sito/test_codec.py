@@ -13,13 +13,10 @@ from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.motors import MotorGroup
+from humanoid_sim.hardware.motor_link import MotorGroup
 from humanoid_sim.hardware.sito import codec
 from humanoid_sim.hardware.sito.codec import (
-    Command,
-    Gains,
     SitoEncoder,
-    decode,
 )
 from humanoid_sim.robots.motors import MOTORS
 
@@ -148,7 +145,7 @@ def values(stiffness, damping=1.0, count=2, position=0.0):
 
 
 def kinds(encoder, what, motor=0):
-    return [kind for i, kind, _ in encoder.encode(what).frames if i == motor]
+    return [kind for i, kind, _ in encoder.encode(what) if i == motor]
 
 
 def test_stiffer_gains_go_after_the_command_and_softer_ones_before():
@@ -160,7 +157,7 @@ def test_stiffer_gains_go_after_the_command_and_softer_ones_before():
 
 def test_gains_that_changed_go_three_times_and_then_to_one_motor_a_tick():
     encoder = SitoEncoder(group(4))
-    ticks = [encoder.encode(values(20.0, count=4)).frames for _ in range(12)]
+    ticks = [encoder.encode(values(20.0, count=4)) for _ in range(12)]
     counts = [sum(kind == GAINS for _, kind, _ in tick) for tick in ticks]
     assert counts == [4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1]
     refreshed = [motor for tick in ticks[3:] for motor, kind, _ in tick if kind == GAINS]
@@ -172,18 +169,5 @@ def test_what_makes_a_motor_soft_goes_first_in_every_tick():
     encoder = SitoEncoder(group(4))
     encoder.encode(values(20.0, count=4))
     for _ in range(10):
-        frames = encoder.encode(values(0.0, 2.0, count=4)).frames
+        frames = encoder.encode(values(0.0, 2.0, count=4))
         assert [(motor, kind) for motor, kind, _ in frames] == [(i, k) for i in range(4) for k in (GAINS, COMMAND)]
-
-
-def test_what_does_not_fit_is_cut_off_and_marked():
-    encoder = SitoEncoder(group(1))
-    asked = np.array([[1e9], [-10.0], [1e3], [501.0], [6.0]])
-    encoded = encoder.encode(asked)
-    assert encoded.saturated.all()
-    found = {type(message): message for message in (decode(frame, MODEL) for _, _, frame in encoded.frames)}
-    command, gains = found[Command], found[Gains]
-    assert isinstance(command, Command)
-    assert isinstance(gains, Gains)
-    assert (command.velocity, command.effort) == pytest.approx((-MODEL.velocity, MODEL.effort))
-    assert (gains.stiffness, gains.damping) == (500.0, 5.0)

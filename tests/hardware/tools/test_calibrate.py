@@ -8,7 +8,7 @@ from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_cali
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import MockSettings
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.robstride.requests import RobstrideLink
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
 from humanoid_sim.robots.description import load_robot

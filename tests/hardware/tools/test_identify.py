@@ -23,7 +23,7 @@ def _quick(monkeypatch):
 def _is_stopped_as_before(motor_id):
     with motor_bench(_CHANNEL, motor_id, 0xFD) as channels:
         write_value(channels, PARAMETERS["zero_sta"], 0)
-        sample = channels.table.slots[0].sample
+        sample = channels.slots[0].sample
         return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.status.mode.name == "RESET"
 
 

@@ -35,7 +35,7 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors)
     with motor_bench(_CHANNEL, 13, 0xFD) as channels:
         assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
         write_value(channels, PARAMETERS["zero_sta"], 0)
-        assert channels.table.slots[0].sample.status.mode.name == "RESET"
+        assert channels.slots[0].sample.status.mode.name == "RESET"
 
 
 def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stopped(run, inject):
@@ -45,7 +45,7 @@ def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stoppe
             write_value(channels, PARAMETERS["run_mode"], 2)
         status, printed, complained = run(*words)
         assert status == 2
-        assert "motor 13 on virtual:bench-ping: run_mode is 2, in which enabling may move it" in complained
+        assert "motor 13 on virtual:bench-ping: run_mode is 2, expected 0: enabling may move it" in complained
         assert "temperature" not in printed
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 0)

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from humanoid_sim.hardware.bus.address import message_of
+from humanoid_sim.hardware.bus.frame import message_of
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.sito.codec import Mode, SelectMode, encode

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from humanoid_sim.hardware.adapter import guarding
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.guardian.protocol import GuardianPlan
+from humanoid_sim.hardware.robot import HardwareRobot
+from humanoid_sim.hardware.sito import motors as sito_motors
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 
@@ -20,7 +20,7 @@ STIFFNESS = 20.0
 
 def brake_briefly(set_attribute: Callable[[object, str, object], None]) -> None:
     """The tests need not wait for 3 s."""
-    set_attribute(guarding, "GuardianPlan", partial(GuardianPlan, damping_time=DAMPING_TIME))
+    set_attribute(sito_motors, "GuardianPlan", partial(GuardianPlan, damping_time=DAMPING_TIME))
 
 
 def make_robot(channel: str) -> HardwareRobot:

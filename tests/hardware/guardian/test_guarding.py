@@ -16,7 +16,8 @@ from guarded_robot import DAMPING_TIME, STIFFNESS, brake_briefly, hold, make_rob
 from waiting import until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import frame_of, open_bus, parse_address
+from humanoid_sim.hardware.bus.address import open_bus, parse_address
+from humanoid_sim.hardware.bus.frame import frame_of
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.guardian import guardian as guardian_module
 from humanoid_sim.hardware.mock.server import MockServer

@@ -7,25 +7,20 @@ whether it accepted a command shows in its feedback only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from humanoid_sim.hardware.bus.channel import Channel
-from humanoid_sim.hardware.bus.events import NEVER, ChannelNotes, Note
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.bus.open_channels import ChannelNotes, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import (
-    Finding,
-    MotorFigures,
-    MotorGroup,
-    MotorLink,
-    Readings,
-    SessionTerms,
-)
+from humanoid_sim.hardware.guardian.guardian import SOURCE, Guardian, can_share
+from humanoid_sim.hardware.guardian.protocol import GuardedMotor, GuardianPlan
+from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
 from humanoid_sim.hardware.sito.codec import (
     FROM_MOTOR,
     LARGEST_INTERVAL,
@@ -35,13 +30,16 @@ from humanoid_sim.hardware.sito.codec import (
     Mode,
     PositionFeedback,
     SelectMode,
+    SitoEncoder,
+    damping_frames,
     decode,
     encode,
     limp_frames,
     reset_frames,
     split_identifier,
 )
-from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.messages import SafetyFlag, SafetyStatus
+from humanoid_sim.mit import FloatArray
 
 _LISTENING = 0.3
 """s in which a motor that is enabled, or another host, would be heard: feedback comes every 255 ms at the latest."""
@@ -82,12 +80,10 @@ class SitoSlot:
     feedback: _Heard[Feedback] | None = None
     position: _Heard[PositionFeedback] | None = None
     invalid: Note = NEVER
-    invalid_frames: int = 0
     reports: int = 0
     """Frames of feedback 1 and 2."""
     largest_effort: float = 0.0
     """N·m, of feedback since enabling began."""
-    commanded: int = 0
 
     @property
     def heard(self) -> float:
@@ -97,12 +93,12 @@ class SitoSlot:
         return min(self.feedback.time, self.position.time)
 
 
-class SitoSession(MotorLink):
+class SitoMotors(MotorLink):
     """See `MotorLink`."""
 
     knows_positions = False
 
-    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
+    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
         """Send nothing yet; with no motors of the family it only tells what strangers are heard."""
         self._line = line
         self.motors = motors
@@ -112,6 +108,11 @@ class SitoSession(MotorLink):
         """ms between two frames of one kind of feedback."""
         self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
         self._enabled: set[int] = set()
+        self._terms = terms
+        self._encoder = SitoEncoder(motors)
+        self._guardian: Guardian | None = None
+        self._watched: list[Channel] = []
+        self._sent: list[int] = []
 
     # --- receiver threads
 
@@ -127,7 +128,6 @@ class SitoSession(MotorLink):
         elif kind in FROM_MOTOR:
             self._take(notes, slot, frame, time)
         elif kind in _TYPES:
-            notes.intrusions += 1
             name = MessageType(kind).name.lower().replace("_", " ")
             notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
         else:
@@ -144,7 +144,6 @@ class SitoSession(MotorLink):
                 slot.position = _Heard(time, position)
                 slot.reports += 1
             case Malformed(reason=reason):
-                slot.invalid_frames += 1
                 slot.invalid = Note(time, reason)
             case _:
                 notes.add_stranger("feedback of a kind that was not asked for", time)
@@ -170,7 +169,7 @@ class SitoSession(MotorLink):
         """See `MotorLink`: listens only, for there is nothing to ask; another master ends it with a `RobotError`."""
         before = [slot.reports for slot in self.slots]
         self._wait(_LISTENING)
-        self._line.check_intruders(checks)
+        self._line.check(checks)
         checks.refuse()
         for slot, count in zip(self.slots, before, strict=True):
             motor = slot.motor
@@ -181,6 +180,7 @@ class SitoSession(MotorLink):
 
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`: makes them limp and disables them."""
+        self._start_guardian(checks)
         for i in self._reset(range(self.motors.count)):
             checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
 
@@ -191,6 +191,7 @@ class SitoSession(MotorLink):
         a problem, and so is one that stays silent.
         """
         intervals = (self.interval, self.interval, 0)
+        self._encoder = SitoEncoder(self.motors)
         for slot in self.slots:
             slot.feedback = slot.position = None
             slot.largest_effort = 0.0
@@ -198,6 +199,8 @@ class SitoSession(MotorLink):
             device_id, model = self.motors.motor_id[i], self.motors.model[i]
             limp = limp_frames(device_id, model)
             self._enabled.add(i)
+            if self._guardian is not None:
+                self._guardian.standby()
             self._send(i, [*limp, encode(SelectMode(device_id, Mode.MIT, intervals), model), *limp])
         self._stay_limp(max(_FIRST_FEEDBACK, 0.005 * self.interval), until_all_are_heard=True)
         self._stay_limp(_WATCH, until_all_are_heard=False)
@@ -227,12 +230,18 @@ class SitoSession(MotorLink):
             for i in range(self.motors.count):
                 self._send(i, self._limp(i))
 
-    def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
+    def stop(self, motors: Iterable[int]) -> dict[int, str]:
         """See `MotorLink`. Nothing confirms a reset: what counts is that feedback which came before ends.
 
         It proves nothing where the motor was silent before, or the resets did not leave.
         """
         motors = list(motors)
+        if self._guardian is not None:
+            if self._guardian.drives:
+                self._line.forget_queues()
+                self._guardian.release(confirmed=False)
+            else:
+                self._guardian.standby()
         down = {i: bool(self._channel(i).down) for i in motors}
         doubtful = {i for i in motors if i in self._enabled and not self._is_sending(i)}
         left = set(self._reset(motors))
@@ -243,7 +252,44 @@ class SitoSession(MotorLink):
                 left.add(i)
             if i not in left:
                 self._enabled.discard(i)
-        return tuple(sorted(left))
+        return {i: "sends feedback" if self._is_sending(i) else "no feedback" for i in sorted(left)}
+
+    def close(self) -> None:
+        """See `MotorLink`."""
+        if self._guardian is not None:
+            self._guardian.release(confirmed=not self._enabled)
+            self._guardian = None
+
+    def _start_guardian(self, checks: CheckList) -> None:
+        names, motors = ", ".join(self.motors.names), self.motors
+        if not names or self._guardian is not None:
+            return
+        if not all(can_share(channel.address) for channel in self._line.channels):
+            checks.warn(SOURCE, f"{names}: emulated in this process, with which they end; no guardian watches them")
+            return
+        plan = GuardianPlan(
+            tuple(
+                GuardedMotor(
+                    motors.names[i],
+                    self._channel(i).address,
+                    damping_frames(motors.motor_id[i], motors.model[i], float(self._terms.damping[i])),
+                    reset_frames(motors.motor_id[i], motors.model[i]),
+                )
+                for i in range(motors.count)
+            )
+        )
+        try:
+            self._guardian = Guardian(plan, self._line.locks)
+        except RobotError as error:
+            checks.problem(SOURCE, str(error))
+            return
+        self._watched = [
+            channel for each in plan.channels for channel in self._line.channels if channel.address == each
+        ]
+        self._sent = [0 for _ in self._watched]
+        text = f"damps {names} for {plan.damping_time:g} s, then resets them, when this program is silent"
+        checks.passed(SOURCE, f"process {self._guardian.pid} {text}; {self._guardian.measures}")
+        checks.warn(SOURCE, f"if it is killed as well, only the switch of their supply stops them: {names}")
 
     def _channel(self, motor: int) -> Channel:
         return self._line.channels[self.motors.channel[motor]]
@@ -272,35 +318,50 @@ class SitoSession(MotorLink):
             left = [i for i in left if self.slots[i].reports > before[i]]
         return tuple(left)
 
-    def state_text(self, motor: int) -> str:
-        """See `MotorLink`."""
-        return "sends feedback" if self._is_sending(motor) else "no feedback"
-
     # --- control
 
     def readings(self) -> Readings:
         """See `MotorLink`: position and velocity come in two frames, and the older one gives the time."""
         return Readings(*np.array([_row(slot) for slot in self.slots]).reshape(-1, 5).T)
 
-    def findings(self, motor: int, recent: float) -> Iterator[Finding]:
+    @property
+    def answers(self) -> int:
+        """See `MotorLink`."""
+        return sum(slot.reports for slot in self.slots)
+
+    def findings(self, since: float) -> Iterator[Finding]:
         """See `MotorLink`: no frame that reports a fault is known."""
-        slot = self.slots[motor]
-        if slot.invalid.time >= recent:
-            yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", self.motors.names[motor]
-
-    def count_commands(self) -> None:
-        """See `MotorLink`."""
         for slot in self.slots:
-            slot.commanded += 1
+            if slot.invalid.time >= since:
+                yield Finding(slot.motor, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
-    def figures(self, motor: int) -> MotorFigures:
+    def status(self) -> SafetyStatus | None:
         """See `MotorLink`."""
-        slot = self.slots[motor]
-        return MotorFigures(slot.commanded, None, slot.reports, slot.invalid_frames)
+        return None if self._guardian is None else self._guardian.status()
 
-    def finish(self) -> None:
-        """See `MotorLink`: what waits to be sent is no longer wanted."""
-        self._line.forget_queues()
+    def command(self, values: FloatArray) -> None:
+        """See `MotorLink`.
+
+        Without K_p the position says nothing, unless a lost frame has left the motor its old K_p: then, stay there.
+        """
+        guardian = self._guardian
+        if guardian is not None and guardian.has_taken_over:
+            return
+        position = self.readings().position
+        values = values.copy()
+        values[0] = np.where((values[3] == 0.0) & np.isfinite(position), position, values[0])
+        batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self._line.channels]
+        for motor, kind, frame in self._encoder.encode(values):
+            batches[self.motors.channel[motor]].append(((self.motors.names[motor], kind), frame))
+        for channel, batch in zip(self._line.channels, batches, strict=True):
+            if batch:
+                channel.send(batch, 2.0 * self._terms.control_period)
+        if guardian is not None:
+            guardian.beat()
+            for index, channel in enumerate(self._watched):
+                if channel.counters.sent != self._sent[index]:
+                    self._sent[index] = channel.counters.sent
+                    guardian.count_sent(index)
 
 
 def _row(slot: SitoSlot) -> tuple[float, ...]:

@@ -1,0 +1,147 @@
+"""The interface between a robot and a family of motors. A family is one class: `RobstrideMotors`, `SitoMotors`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.messages import SafetyFlag, SafetyStatus
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorGroup:
+    """Motors on some channels, each known by its index: a robot's, those of one family, or those of a tool."""
+
+    names: tuple[str, ...]
+    """The joint that each drives, or what a tool calls it."""
+    channel: tuple[int, ...]
+    """Index into the open channels."""
+    motor_id: tuple[int, ...]
+    model: tuple[MotorModel, ...]
+    torque_limit: tuple[float, ...]
+    """N·m, written to the firmware; 0: leave the firmware's own."""
+    current_limit: tuple[float, ...]
+    """A, written to the firmware; 0: leave the firmware's own."""
+
+    @property
+    def count(self) -> int:
+        """n, the number of motors."""
+        return len(self.names)
+
+    def on_channel(self, channel: int) -> tuple[int, ...]:
+        """Return indices of the motors on a channel."""
+        return tuple(i for i, index in enumerate(self.channel) if index == channel)
+
+    def of_family(self, family: str) -> tuple[int, ...]:
+        """Return indices of the motors of a family."""
+        return tuple(i for i, model in enumerate(self.model) if model.family == family)
+
+    def select(self, indices: Sequence[int]) -> MotorGroup:
+        """Return some of these motors as a group of their own, in this order."""
+        values = (getattr(self, each.name) for each in fields(MotorGroup))
+        return MotorGroup(*(tuple(value[i] for i in indices) for value in values))
+
+
+class Readings(NamedTuple):
+    """The latest state of every motor; NaN for one that was never received. Shape (n,) each, motor frame."""
+
+    time: FloatArray
+    """s, robot's clock; where position and velocity come in two frames, of the older one."""
+    position: FloatArray
+    """rad, as reported: within the model's range."""
+    velocity: FloatArray
+    """rad/s"""
+    effort: FloatArray
+    """N·m"""
+    temperature: FloatArray
+    """°C; NaN where the family does not report it."""
+
+
+class Finding(NamedTuple):
+    """Something that is wrong with a motor."""
+
+    motor: int
+    flag: SafetyFlag
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkTerms:
+    """What a robot tells the motors of every family."""
+
+    host_id: int
+    """Our id on the bus, where the family has such a thing."""
+    can_timeout: float
+    """s without a command after which a motor stops by itself, where it can."""
+    control_period: float
+    """s between two commands."""
+    damping: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Shape (motors,), N·m·s/rad, with which a watchdog brakes motors that have no timeout of their own."""
+    known_uids: Mapping[str, bytes] = field(default_factory=dict)
+    """Unique ids at an earlier activation by joint, where motors have them."""
+
+
+class MotorLink(Protocol):
+    """One family's motors on open channels, each known by its index in `motors`.
+
+    `examine`, `make_ready`, `enable` and `stop` wait for what they need, and note what is wrong in the checks; the
+    robot refuses to go on where there are problems. Nothing else waits or raises.
+    """
+
+    motors: MotorGroup
+    uids: Mapping[str, bytes]
+    """Unique ids by joint, as far as they were found."""
+    knows_positions: bool
+    """True if a motor reports its position before it is enabled."""
+
+    @property
+    def answers(self) -> int:
+        """Statuses that answered something, or were sent by motors that answer nothing."""
+
+    def receive(self, channel: int, frame: Frame, time: float) -> bool:
+        """Take a frame, on its receiver's thread; True if it is one of this family's."""
+
+    # --- activation, in this order
+
+    def examine(self, checks: CheckList) -> None:
+        """Check that these motors are there, known, and driven by nobody else. Changes nothing in any motor."""
+
+    def make_ready(self, checks: CheckList) -> None:
+        """Stop the motors, clear their faults, and configure them; leaves them stopped."""
+
+    def enable(self, checks: CheckList) -> None:
+        """Enable every motor, without torque, and start what they report by themselves."""
+
+    # --- control
+
+    def readings(self) -> Readings:
+        """Return the latest state of every motor."""
+
+    def findings(self, since: float) -> Iterable[Finding]:
+        """Return what is wrong with the motors now, or was at or after `since`, s, robot's clock."""
+
+    def status(self) -> SafetyStatus | None:
+        """Return what is wrong with the watchdog of these motors; FAULT: it has taken over, and nothing is sent."""
+
+    def command(self, values: FloatArray) -> None:
+        """Queue one command to every motor, superseding what has not left.
+
+        Args:
+            values: shape (5, motors), motor frame, within the ranges of the motors' models: position rad, velocity
+                rad/s, effort N·m, stiffness N·m/rad, damping N·m·s/rad.
+        """
+
+    # --- the end
+
+    def stop(self, motors: Iterable[int]) -> dict[int, str]:
+        """Disable motors; returns those that did not confirm it, with what they last reported of their mode."""
+
+    def close(self) -> None:
+        """Release what belongs to this link: a watchdog brakes motors that did not confirm that they are stopped."""

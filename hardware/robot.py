@@ -1,0 +1,545 @@
+"""A robot of motors on CAN channels, as the `Robot` protocol has it."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time as system_time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.hardware.bus.address import BusAddress, parse_address
+from humanoid_sim.hardware.bus.address import open_bus as open_python_can
+from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
+from humanoid_sim.hardware.checks import Check, CheckList
+from humanoid_sim.hardware.imu import Imu, upright_at_rest
+from humanoid_sim.hardware.joints import (
+    JointReadings,
+    JointTracker,
+    Wiring,
+    check_positions,
+    gain_warnings,
+    make_wiring,
+    motor_values,
+    unknown_joints,
+)
+from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink, Readings
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
+from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
+from humanoid_sim.hardware.robstride.motors import RobstrideMotors
+from humanoid_sim.hardware.robstride.parameters import CanTimeout
+from humanoid_sim.hardware.safety import SafetyWatch
+from humanoid_sim.hardware.sito.motors import SitoMotors
+from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
+from humanoid_sim.session.rest import RestDetector
+from humanoid_sim.simulation.sensors import AnchorOrientation
+
+LINKS: Mapping[str, Callable[[OpenChannels, MotorGroup, LinkTerms], MotorLink]] = {
+    "sito": SitoMotors,
+    "robstride": RobstrideMotors,
+}
+"""By family, in the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark."""
+
+_LEAD = 2.0  # control periods: the age of a state and the time that a command is held, see `bounded_position`
+_LONGEST = 3.0  # s that closing may damp, as at the end of a session
+_PERIOD = 0.01  # s between damping commands then
+_SLOW = 0.05  # rad/s below which a joint that is damped already needs no more of it
+_BAD_COMMAND = SafetyStatus(
+    SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
+)
+
+
+class HardwareRobot:
+    """Real motors, or emulated ones that speak their protocol.
+
+    Nothing is sent before `prepare` or `activate`. Both begin afresh each time: channels are opened again, every motor
+    is identified, stopped, configured and verified; `activate` then enables them, without torque. In between, `read`
+    and `write` never raise for anything that happens on a bus: it becomes a safety status, and a joint that is not
+    received keeps its last values and ages.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        channels: Sequence[BusAddress | str],
+        *,
+        calibration: Mapping[str, float],
+        control_period: float | None = None,
+        clock: Callable[[], float] = system_time.monotonic,
+        host_id: int = DEFAULT_HOST_ID,
+        can_timeout: float = CAN_TIMEOUT,
+        allow_no_timeout: bool = False,
+        imu: Imu | None = None,
+        anchor: AnchorOrientation | None = None,
+        live: Callable[[], Mapping[str, FloatArray]] = dict,
+        dry_run: bool = False,
+        accepted_firmware: Collection[str] = (),
+        open_bus: OpenBus = open_python_can,
+    ) -> None:
+        """Describe the robot; nothing is opened yet.
+
+        Raises `InputError` if a channel, the calibration or a number does not fit.
+
+        Args:
+            channels: one that carries all motors, or one per bus of the robot in their order.
+            calibration: homing offset of every joint, rad, motor frame.
+            control_period: s between commands; None for the description's.
+            clock: s, monotonic; the robot's own clock counts from now.
+            can_timeout: s without a command after which the motors stop by themselves.
+            allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
+            imu: where orientation comes from; without one the state is that of a base upright and at rest.
+            anchor: measures the live input `anchor_orientation` that a policy observes; None: it is not reported.
+            live: other live inputs by name, as only mock motors know them.
+            dry_run: never enable: `activate` verifies everything and then refuses.
+            accepted_firmware: versions that no document mentions and an operator accepts all the same.
+        """
+        self.description = description
+        self.control_period = 1.0 / description.hardware.control_frequency if control_period is None else control_period
+        """s between two commands."""
+        self._name = description.name
+        self._addresses = tuple(parse_address(each) if isinstance(each, str) else each for each in channels)
+        self._wiring = wiring = make_wiring(description, len(self._addresses), calibration)
+        _check_options(self._addresses, host_id, can_timeout, self.control_period)
+        endless = ", ".join(wiring.names[i] for i in wiring.endless)
+        if endless and not allow_no_timeout:
+            raise InputError(
+                f"{self._name}: motors that execute their last command for ever when this program dies: {endless}; "
+                "--allow-no-timeout accepts that"
+            )
+        self._sources = _sources(wiring, self._addresses)
+        self._host_id, self._can_timeout = host_id, can_timeout
+        self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
+        self._imu, self._anchor, self._live = imu, anchor, live
+        self._dry_run = dry_run
+        self._accepted = set(accepted_firmware)
+        self._open_bus = open_bus
+        self._clock, self._origin = clock, clock()
+        zeros = np.zeros(wiring.count)
+        self._damped = MITCommand(zeros, zeros, zeros, zeros, description.mode_damping)
+
+        self._locks = Locks()
+        self._line: OpenChannels | None = None
+        self._links: tuple[tuple[MotorLink, list[int]], ...] = ()
+        self._tracker: JointTracker | None = None
+        self._watch: SafetyWatch | None = None
+        self._joints = unknown_joints(wiring.count)
+        self._last_command: MITCommand | None = None
+        self._bad_command = -math.inf
+        self._commands = self._answers = 0
+        self._saturated = np.zeros(wiring.count, dtype=int)
+        self._warmest = np.full(wiring.count, np.nan)
+        self._why_not = "not activated"
+        self._may_run: frozenset[int] = frozenset()
+        self._uids: dict[str, bytes] = {}
+        self._slipped: frozenset[str] = frozenset()
+        self._checks = CheckList(self._name)
+        self._is_closing = False
+        self.is_closed = False
+        """True once `close` has done all it does: before that, there may be motors to protect."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """See `Robot.joints`."""
+        return self._wiring.names
+
+    @property
+    def time(self) -> float:
+        """The robot's clock, s, from construction."""
+        return self._clock() - self._origin
+
+    @property
+    def is_enabled(self) -> bool:
+        """Return whether the motors were enabled, and not disabled since by this program."""
+        return self._watch is not None
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return what the latest `prepare` or `activate` found, for an operator to read."""
+        return tuple(self._checks.all)
+
+    # --- activation
+
+    def accept(self, about: Iterable[str]) -> None:
+        """Accept what was a question, see `Check.about`; from the next activation on it is not asked."""
+        self._accepted.update(about)
+
+    def prepare(self) -> None:
+        """Verify and configure everything afresh, and leave the motors stopped.
+
+        Raises `RobotError` with the whole list of what is wrong. The robot can still be read, and reports that it is
+        not enabled.
+        """
+        self._prepare()
+
+    def _prepare(self) -> tuple[OpenChannels, FloatArray]:
+        if self._is_closing:
+            raise RobotError(f"{self._name}: the robot is closed")
+        if self._tracker is not None:
+            self._slipped |= {self.joints[i] for i in np.flatnonzero(self._tracker.jumped)}
+        self._damp()  # or arms that still sink would fall while their motors are verified
+        self._retire()
+        self._checks = checks = CheckList(self._name, self._accepted)
+        gain_warnings(self.description, self._wiring, checks)
+        for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
+            checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
+        try:
+            line = self._open()
+            for link, _ in self._links:
+                link.examine(checks)
+            checks.refuse()
+            for link, _ in self._links:
+                link.make_ready(checks)
+            known = [i for link, joints in self._links if link.knows_positions for i in joints]
+            turns = check_positions(self._wiring, known, self._readings().position, checks)
+            line.check(checks)
+            checks.refuse()
+            line.warn_of_strangers(checks)
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        self._may_run = frozenset()
+        self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
+        self._tracker = JointTracker(self._wiring, turns)
+        self._read_joints()
+        return line, turns
+
+    def activate(self) -> None:
+        """Verify and configure everything afresh, then enable every motor, without torque.
+
+        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
+        """
+        line, turns = self._prepare()
+        if self._dry_run:
+            raise RobotError(f"{self._name}: not enabled: this is a dry run")
+        try:
+            self._checks.refuse_questions()
+        except RobotError as error:
+            self._explain(error, is_off=True)  # `prepare` leaves them stopped, verified
+            raise
+        self._may_run = frozenset(range(self._wiring.count))
+        try:
+            # First those that nothing stops. They report where they are once they are enabled, and not before.
+            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
+                link.enable(self._checks)
+                self._checks.refuse()
+            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
+            found = check_positions(self._wiring, late, self._readings().position, self._checks)
+            turns = np.where(np.isnan(found), turns, found)
+            line.check(self._checks)
+            self._checks.refuse()
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        self._tracker = JointTracker(self._wiring, turns)
+        self._read_joints()
+        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
+        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
+
+    def _open(self) -> OpenChannels:
+        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
+        checks, wiring = self._checks, self._wiring
+        self._locks.take(self._addresses, checks)
+        if self._imu is not None:
+            self._imu.close()
+            try:
+                self._imu.open()
+            except RobotError as error:
+                checks.problem("imu", str(error))
+        line = OpenChannels(
+            self._addresses,
+            checks,
+            clock=lambda: self.time,
+            open_bus=self._open_bus,
+            period=self.control_period,
+            locks=self._locks.descriptors,
+        )
+        links = []
+        for family, make_link in LINKS.items():
+            joints = list(wiring.of_family(family))
+            damping = self._damped.damping[joints]
+            terms = LinkTerms(self._host_id, self._can_timeout, self.control_period, damping, self._uids)
+            # A family without motors here has a link as well: it tells its frames from those of the robot's motors.
+            link = make_link(line, wiring.select(joints), terms)
+            line.listeners.append(link.receive)
+            if joints:
+                links.append((link, joints))
+        self._line, self._links = line, tuple(links)
+        return line
+
+    def _retire(self) -> None:
+        """Stop what nothing else stops, and close the channels of an earlier activation."""
+        if self._may_run & set(self._wiring.endless):
+            left = self._stop(self._wiring.endless)
+            self._may_run = (self._may_run - set(self._wiring.endless)) | left.keys()
+        for link, _ in self._links:
+            link.close()
+        if self._line is not None:
+            self._line.close()
+        self._line, self._links, self._tracker, self._watch = None, (), None, None
+        self._joints = unknown_joints(self._wiring.count)
+        self._last_command = None
+        self._why_not = "not enabled"
+
+    def _give_up(self, error: BaseException) -> None:
+        """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
+
+        Raises `RobotError` in place of one of these, where motors of an earlier activation do not confirm it.
+        """
+        line, checks = self._line, self._checks
+        is_ours = line is not None and (bool(self._may_run) or not line.has_intruders)
+        if line is not None and is_ours:
+            line.forget_queues()
+            self._may_run &= self._stop(range(self._wiring.count)).keys()
+        for link, _ in self._links:
+            link.close()
+        if not self._may_run:
+            self._explain(error, is_off=is_ours)
+            return
+        for i in sorted(self._may_run):
+            checks.problem(self.joints[i], "does not confirm that it is disabled")
+        try:
+            checks.refuse()
+        except RobotError as refusal:
+            self._explain(refusal, is_off=False)
+            if isinstance(error, RobotError):
+                raise refusal from error
+
+    def _explain(self, refusal: BaseException, *, is_off: bool) -> None:
+        """Note why nothing is enabled, and what to do; `is_off`: every motor has confirmed that it is disabled."""
+        reason = flattened(str(refusal)).removeprefix(f"{self._name}: ") or type(refusal).__name__
+        head = "the motors are off" if is_off else "no motor is driven"
+        self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
+
+    # --- the control loop
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        """Return the latest state, and a status per channel, of the IMU, and of this program's own commands if bad.
+
+        Never raises, and waits for nothing.
+        """
+        now = self.time
+        joints = self._read_joints()
+        age = np.maximum(now - joints.time, 0.0)
+        statuses = self._statuses(now, age)
+        imu = upright_at_rest(OK)
+        if self._imu is not None:
+            imu = self._imu.read(now)
+            statuses = (*statuses, imu.status)
+        extern = {name: Extern(value, now) for name, value in self._live().items()}
+        if self._anchor is not None:
+            extern[ANCHOR_ORIENTATION] = Extern(self._anchor.read(joints.position, imu.quaternion), now)
+        state = MITState(
+            time=now,
+            joint_position=joints.position,
+            joint_velocity=joints.velocity,
+            joint_effort=joints.effort,
+            joint_age=age,
+            imu_quaternion=imu.quaternion,
+            imu_angular_velocity=imu.angular_velocity,
+            imu_linear_acceleration=imu.linear_acceleration,
+            extern=extern,
+        )
+        return state, statuses
+
+    def _readings(self) -> Readings:
+        """Return the latest state of every motor, shape (n,)."""
+        arrays = np.full((len(Readings._fields), self._wiring.count), np.nan)
+        for link, joints in self._links:
+            arrays[:, joints] = link.readings()
+        return Readings(*arrays)
+
+    def _read_joints(self) -> JointReadings:
+        if self._tracker is not None:
+            readings = self._readings()
+            self._warmest = np.fmax(self._warmest, readings.temperature)
+            self._joints = self._tracker.update(readings)
+        return self._joints
+
+    def _statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
+        watch, tracker = self._watch, self._tracker
+        if watch is None or tracker is None:
+            flag = SafetyFlag.BUS_OFF if self._line is None else SafetyFlag.MOTOR_FAULT
+            return tuple(SafetyStatus(SafetyLevel.FAULT, flag, source, self._why_not) for source in self._sources)
+        watchdogs = tuple(status for link, _ in self._links if (status := link.status()) is not None)
+        if any(status.level is SafetyLevel.FAULT for status in watchdogs):
+            return watchdogs  # whatever the motors do is its doing
+        findings = [
+            finding._replace(motor=joints[finding.motor])
+            for link, joints in self._links
+            for finding in link.findings(watch.since(now))
+        ]
+        bad = (_BAD_COMMAND,) if now - self._bad_command <= self._rx_timeout else ()
+        return (*watch.statuses(now, age, tracker, findings), *bad, *watchdogs)
+
+    def write(self, command: MITCommand) -> None:
+        """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
+
+        A command that is not finite is replaced by damping, and reported. Raises `RobotError` if the command is for
+        another number of joints, or the robot is closed.
+        """
+        n, shape = self._wiring.count, command.position.shape
+        if shape != (n,) or self._is_closing:
+            what = f"command has shape {shape}, expected ({n},)" if shape != (n,) else "the robot is closed"
+            raise RobotError(f"{self._name}: {what}")
+        self._write(command)
+
+    def _write(self, command: MITCommand) -> None:
+        tracker = self._tracker
+        if self._watch is None or tracker is None:
+            return
+        if not command.is_finite():
+            self._bad_command = self.time
+            command = self._damped
+        self._last_command = command
+        values, cut_off = motor_values(self._wiring, command, self._joints, tracker, _LEAD * self.control_period)
+        self._saturated += cut_off
+        self._commands += 1
+        for link, joints in self._links:
+            link.command(values[:, joints])
+
+    # --- the end
+
+    def close(self) -> None:
+        """Damp the joints until they rest, disable every motor, verify that, and release everything. Twice is once.
+
+        Raises `RobotError` if a motor did not confirm that it is disabled; everything else is done all the same.
+        """
+        if self._is_closing:
+            return
+        self._is_closing = True
+        left: dict[int, str] = {}
+        with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
+            stack.callback(self._ended)
+            stack.callback(self._locks.release)
+            if self._imu is not None:
+                stack.callback(self._imu.close)
+            if self._line is not None:
+                stack.callback(self._line.close)
+            for link, _ in self._links:
+                stack.callback(link.close)
+            if self._line is not None and (self._tracker is not None or self._may_run):
+                try:
+                    self._damp()
+                finally:
+                    self._watch = None
+                    self._line.forget_queues()
+                    left = self._stop(self._stop(range(self._wiring.count)))  # once more, for a lost frame
+                    self._may_run &= left.keys()
+        if self._may_run:
+            raise RobotError(self._unconfirmed({i: left.get(i, "no status") for i in sorted(self._may_run)}))
+
+    def _ended(self) -> None:
+        self.is_closed = True
+        self._why_not = "closed"
+
+    def _unconfirmed(self, states: Mapping[int, str]) -> str:
+        """Return what to tell the person next to motors that may still be enabled."""
+        names = ", ".join(f"{self.joints[i]} ({state})" for i, state in states.items())
+        end = f"Without commands their CAN timeout stops them after {1000.0 * self._can_timeout:g} ms"
+        if states.keys() & set(self._wiring.endless):
+            end = "Not all of them stop by themselves without commands"
+        return f"{self._name}: not confirmed to be disabled: {names}. {end}; switch the power off before touching it"
+
+    def _stop(self, joints: Iterable[int]) -> dict[int, str]:
+        """Disable motors; those that did not confirm it, with what they last reported."""
+        wanted = set(joints)
+        left: dict[int, str] = {}
+        for link, own in self._links:
+            motors = [motor for motor, joint in enumerate(own) if joint in wanted]
+            if motors:
+                left.update((own[motor], text) for motor, text in link.stop(motors).items())
+        return left
+
+    def _damp(self) -> None:
+        """Damp the joints until they are known to rest, for 3 s at most, and for all of that where one is silent.
+
+        Nothing is needed where there was no torque, or they rest in DAMPING already.
+        """
+        last = self._last_command
+        if last is None or self._watch is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
+            return
+        state, _ = self.read()
+        is_passive = not (last.stiffness.any() or last.effort.any())
+        is_slow = bool((np.abs(state.joint_velocity) < _SLOW).all())
+        if is_passive and is_slow and bool((state.joint_age <= self._rx_timeout).all()):
+            return
+        rest = RestDetector(_PERIOD)
+        deadline = system_time.monotonic() + _LONGEST
+        while system_time.monotonic() < deadline:
+            self._write(self._damped)
+            state, _ = self.read()
+            if (state.joint_age > self._rx_timeout).any():
+                rest = RestDetector(_PERIOD)
+            elif rest.update(state):
+                return
+            system_time.sleep(_PERIOD)
+
+    # --- figures
+
+    def figures(self) -> dict[str, Any]:
+        """Return what happened on the buses since the latest activation, as JSON values, and in words as `lines`."""
+        channels = [
+            {"source": str(channel.address), **dataclasses.asdict(channel.counters)}
+            for channel in (() if self._line is None else self._line.channels)
+        ]
+        temperature = dict(zip(self.joints, self._readings().temperature.tolist(), strict=True))
+        warmest = dict(zip(self.joints, self._warmest.tolist(), strict=True))
+        saturated = dict(zip(self.joints, self._saturated.tolist(), strict=True))
+        figures = {
+            "channels": channels,
+            "elapsed": 0.0 if self._line is None else self.time - self._line.opened,
+            "motors": self._wiring.count,
+            "commands": self._commands,
+            "answers": sum(link.answers for link, _ in self._links) - self._answers,
+            "superseded": sum(channel["superseded"] for channel in channels),
+            "stale": sum(channel["stale"] for channel in channels),
+            "saturated": {joint: count for joint, count in saturated.items() if count},
+            "temperature": {joint: value for joint, value in temperature.items() if math.isfinite(value)},
+            "warmest": {joint: value for joint, value in warmest.items() if math.isfinite(value)},
+            "faults": {} if self._watch is None else dict(self._watch.faults),
+        }
+        return {**figures, "lines": list(_lines(figures))}
+
+
+def _check_options(addresses: Sequence[BusAddress], host_id: int, can_timeout: float, period: float) -> None:
+    if len(set(addresses)) < len(addresses):
+        raise InputError("channels: one is named twice; one channel carries all motors by itself")
+    if not LARGEST_MOTOR_ID < host_id <= 0xFF:
+        raise InputError(f"host id: is {host_id}, expected {LARGEST_MOTOR_ID + 1} to 255, above every motor's")
+    longest = CanTimeout.to_seconds(CanTimeout.LONGEST)
+    if not period < can_timeout <= longest:
+        raise InputError(
+            f"CAN timeout: is {can_timeout:g} s, expected more than the control period of {period:g} s, and at most "
+            f"{longest:g} s"
+        )
+
+
+def _sources(wiring: Wiring, addresses: Sequence[BusAddress]) -> tuple[str, ...]:
+    """Names of the channels' safety statuses: the family of the motors there, then the channel."""
+    sources = []
+    for channel, address in enumerate(addresses):
+        families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(channel))
+        sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
+    return tuple(sources)
+
+
+def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{figures['commands']} commands to each of {figures['motors']} motors, {figures['answers']} answers"
+    for channel in figures["channels"]:
+        counts = [f"{count} {name.replace('_', ' ')}" for name, count in channel.items() if name != "source" and count]
+        yield f"{channel['source']}: {', '.join(counts)}"
+    if figures["saturated"]:
+        cut_off = ", ".join(f"{joint} {count} times" for joint, count in figures["saturated"].items())
+        yield f"commands cut off at the motor's range: {cut_off}"
+    if figures["warmest"]:
+        joint = max(figures["warmest"], key=figures["warmest"].__getitem__)
+        yield f"warmest motor: {joint}, {figures['warmest'][joint]:.1f} °C"

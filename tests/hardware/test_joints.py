@@ -1,0 +1,101 @@
+"""Joints and their motors: turns at power-on, angles that wrap or jump, and a command in the motor frame."""
+
+import math
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.joints import JointTracker, check_positions, find_turns, make_wiring, motor_values
+from humanoid_sim.hardware.motor_link import Readings
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+
+LITE = load_robot("lite")
+TURN = 2.0 * math.pi
+RANGE = 4.0 * math.pi
+
+
+def wiring(offset=0.0):
+    return make_wiring(LITE, 1, dict.fromkeys(LITE.joint_names, offset))
+
+
+def readings(time, position, velocity=0.0):
+    n = LITE.joint_count
+    return Readings(np.full(n, time), np.full(n, position), np.full(n, velocity), np.zeros(n), np.full(n, 30.0))
+
+
+@pytest.mark.parametrize("turns", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize("offset", [-1.1, 0.0, 2.5])
+def test_a_single_turn_encoder_that_boots_a_turn_off_reads_the_calibrated_angle(turns, offset):
+    wired = wiring(offset)
+    angle = 0.5 * (wired.lower + wired.upper)
+    position = wired.direction * angle + wired.offset + TURN * turns
+    found = find_turns(wired, position)
+    assert found.tolist() == [-turns] * LITE.joint_count
+    read = JointTracker(wired, found).update(readings(0.0, 0.0)._replace(position=position))
+    assert read.position == pytest.approx(angle)
+
+
+@pytest.mark.parametrize(
+    ("offset", "beyond", "part"),
+    [(0.0, math.nan, "has not reported"), (0.0, 1.0, "on any turn"), (11.9, 0.0, "commands reach")],
+)
+def test_a_joint_that_nobody_can_place_is_a_problem(offset, beyond, part):
+    """A joint beyond its limits on every turn is not calibrated, or turns the other way."""
+    wired = wiring(offset)
+    checks = CheckList()
+    i = LITE.joint_names.index("left_elbow_pitch")
+    check_positions(wired, [i], wired.direction * (wired.upper + beyond) + wired.offset, checks)
+    assert len(checks.problems) == 1
+    assert "left_elbow_pitch" in checks.problems[0]
+    assert part in checks.problems[0]
+
+
+STEPS = {
+    "at rest": ([0.0, 0.02, -0.02], 0.0, False),
+    "through the end of the range": ([RANGE - 0.02, RANGE - 0.001, -RANGE + 0.015], 1.0, False),
+    "fast": ([0.0, 0.2, 0.4], 10.0, False),
+    "a slip at rest": ([0.0, 0.0, 0.4], 0.0, True),
+    "a whole turn": ([0.0, 0.0, TURN], 0.0, True),
+    "faster than the motor": ([0.0, 4.0, 8.0], 200.0, True),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_position_that_moved_as_no_motor_can_has_jumped(name):
+    positions, velocity, jumps = STEPS[name]
+    tracker = JointTracker(wiring(), np.zeros(LITE.joint_count))
+    for k, position in enumerate(positions):
+        tracker.update(readings(0.02 * k, position, velocity))
+    assert tracker.jumped.all() == tracker.jumped.any() == jumps
+    tracker.update(readings(0.1, positions[-1], 0.0))
+    assert tracker.jumped.any() or not jumps, "it stays: the zero went with it"
+
+
+def test_a_command_is_in_the_motor_frame_and_within_its_limits():
+    wired, n = wiring(0.3), LITE.joint_count
+    tracker = JointTracker(wired, np.ones(n))
+    here = tracker.update(readings(0.0, 0.3 - TURN))
+    command = MITCommand(np.full(n, 0.1), np.full(n, 99.0), np.full(n, -500.0), np.full(n, 1e4), np.full(n, 1e3))
+    values, cut_off = motor_values(wired, command, here, tracker, 0.04)
+    assert cut_off.all()
+    assert (np.abs(values[2]) == wired.effort_limit).all()
+    for row, name in zip(values[[1, 3, 4]], ("velocity", "stiffness", "damping"), strict=True):
+        assert np.abs(row).tolist() == [getattr(model, name) for model in wired.model]
+    soft = MITCommand(np.full(n, 0.1), np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n))
+    values, cut_off = motor_values(wired, soft, here, tracker, 0.04)
+    assert not cut_off.any()
+    assert values[0] == pytest.approx(wired.direction * 0.1 + 0.3 - TURN)
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [({"left_elbow_pitch": math.nan}, "left_elbow_pitch"), ({"elbow": 0.0}, "elbow")],
+)
+def test_a_calibration_of_another_robot_is_refused(change, part):
+    with pytest.raises(InputError, match=part):
+        make_wiring(LITE, 1, {**dict.fromkeys(LITE.joint_names, 0.0), **change})
+    with pytest.raises(InputError, match="3 channels"):
+        make_wiring(LITE, 3)
