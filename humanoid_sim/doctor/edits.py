@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any, get_args
@@ -30,16 +30,11 @@ _SCALES: Mapping[str, Mapping[str, Any]] = {
         **{"velocity_command": (2.0, 2.0, 0.25), "command_lin_vel": 2.0, "command_ang_vel": 0.25},
     },
 }
-_OF_JOINTS = ("joint_stiffness", "joint_damping", "default_joint_pos", "effort_limit")
-_OF_ACTIONS = ("action_scale", "action_offset", "position_clip")
-_DOUBTS = {"rate": 0.15, "two joints": 0.1, "joint sign": 0.03}
 _BENT = {"hip_?pitch|HFE": -1.0, "knee|KFE": 2.0, "ankle_?pitch|FFE": -1.0}
 """Joints that bend where a humanoid stands with bent knees, and by how much, in shares of the shank's lean."""
 
-Orders = Mapping[str, tuple[str, ...]]
-"""By what they are called, orders that all joints of the policy may be in."""
-Changes = Iterator[tuple[str, str, dict[str, Any]]]
-"""Name, family, and the fields of the contract that change."""
+Changes = Iterator[tuple[str, dict[str, Any]]]
+"""What is so in the edited contract, in words, and the fields that change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,26 +44,22 @@ class Edit:
     name: str
     """What is so in the edited contract, to compare with the training configuration."""
     family: str
-    """Subject of the change."""
     contract: PolicyContract
     """The edited one."""
     doubt: float = 0.0
     """Share of its own errors by which it has to do better: few contracts are wrong in this way."""
 
 
-def isaac_order(robot: RobotDescription) -> tuple[str, ...]:
-    """Return the robot's joints level by level through the kinematic tree."""
-    model = build_model(robot, scene=False)
-    return joints_of(model, breadth_first(model), robot.joint_names)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """A contract to edit, and what edits may need to know of robot and motion."""
 
-
-def wiring_values(contract: PolicyContract) -> dict[str, Any]:
-    """Return a contract as plain values, by field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION`."""
-    values = dict(flattened(plain(contract), "contract"))
-    for term in contract.terms:
-        if "relative" in contract.kind(term).conventions:  # none stands for the usual one
-            values[f"observation.{term.name}.relative"] = contract.kind(term).is_relative(term)
-    return values
+    contract: PolicyContract
+    robot: RobotDescription
+    motion: Motion | None
+    all_pairs: bool
+    orders: Mapping[str, tuple[str, ...]]
+    """Orders that all joints of the policy may be in, by what they are called."""
 
 
 def single_edits(
@@ -86,40 +77,41 @@ def single_edits(
         all_pairs: swap any two joints, not only neighbours in the list or on the robot, and mirror images.
         more: further edits of this contract.
     """
+    names, unlike = contract.joint_names, asymmetry(contract)
     orders = {
         "the robot's": robot.joint_names,
         "breadth-first (Isaac)": isaac_order(robot),
-        "alphabetical": tuple(sorted(contract.joint_names)),
+        "alphabetical": tuple(sorted(names)),
     }
-    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(contract.joint_names)}
+    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(names)}
+    case = _Case(contract, robot, motion, all_pairs, orders)
     found: dict[str, Edit | None] = {str(wiring_values(contract)): None}
-    unlike = asymmetry(contract)
-    for changes in (
-        _joint_orders(contract, orders),
-        _joint_pairs(contract, None if all_pairs else robot.joint_names),
-        _term_orders(contract),
-        _conventions(contract),
-        _references(contract, motion),
-        _phases(contract),
-        _scales(contract),
-        _histories(contract),
-        _actions(contract, orders),
-        _poses(contract, orders, robot),
-        _gains(contract, orders),
-        _rates(),
-        _joint_signs(contract),
-    ):
-        for name, family, changed in changes:
+    for family, doubt, changes in _FAMILIES:
+        for name, changed in changes(case):
             try:
                 edited = replace(contract, **changed)
             except FieldError:  # the change does not fit this contract
                 continue
             if family != "gains" or asymmetry(edited) <= unlike:  # robots are alike on both sides
-                edit = Edit(name, family, edited, _DOUBTS.get(family, 0.0))
-                found.setdefault(str(wiring_values(edited)), edit)
+                found.setdefault(str(wiring_values(edited)), Edit(name, family, edited, doubt))
     for edit in more:
         found.setdefault(str(wiring_values(edit.contract)), edit)
     return tuple(edit for edit in found.values() if edit is not None)
+
+
+def isaac_order(robot: RobotDescription) -> tuple[str, ...]:
+    """Return the robot's joints level by level through the kinematic tree."""
+    model = build_model(robot, scene=False)
+    return joints_of(model, breadth_first(model), robot.joint_names)
+
+
+def wiring_values(contract: PolicyContract) -> dict[str, Any]:
+    """Return a contract as plain values, by field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION`."""
+    values = dict(flattened(plain(contract), "contract"))
+    for term in contract.terms:
+        if "relative" in contract.kind(term).conventions:  # none stands for the usual one
+            values[f"observation.{term.name}.relative"] = contract.kind(term).is_relative(term)
+    return values
 
 
 def asymmetry(contract: PolicyContract) -> int:
@@ -135,75 +127,75 @@ def asymmetry(contract: PolicyContract) -> int:
 # --- joints ---
 
 
-def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
-    """Return the place of each of `joints` in a list in this order, which may have more joints."""
-    return joint_indices(joints, tuple(name for name in order if name in joints), "joints")
+def _joint_orders(case: _Case) -> Changes:
+    for title, order in case.orders.items():
+        yield f"joint_names is in {title} order", _relabelled(case.contract, order)
+        yield f"the network has its joints, and their values, in {title} order", _reordered(case.contract, order)
 
 
-def _joint_orders(contract: PolicyContract, orders: Orders) -> Changes:
-    for title, order in orders.items():
-        yield f"joint_names is in {title} order", "joint order", _relabelled(contract, order)
-        name = f"the network has its joints, and their values, in {title} order"
-        yield name, "joint order", _reordered(contract, order)
-
-
-def _joint_pairs(contract: PolicyContract, robot_joints: tuple[str, ...] | None) -> Changes:
-    """Swap two joints; with the robot's, only such that are easily mistaken for each other."""
-    names = contract.joint_names
-    near = {*pairwise(names), *pairwise(robot_joints or ()), *mirrored_pairs(names)}
+def _joint_pairs(case: _Case) -> Changes:
+    """Swap two joints; unless all pairs are wanted, only such that are easily mistaken for each other."""
+    names = case.contract.joint_names
+    near = {*pairwise(names), *pairwise(case.robot.joint_names), *mirrored_pairs(names)}
     for one, other in combinations(names, 2):
-        if robot_joints is None or (one, other) in near or (other, one) in near:
+        if case.all_pairs or (one, other) in near or (other, one) in near:
             swap = {one: other, other: one}
             order = tuple(swap.get(name, name) for name in names)
-            yield f"{one} and {other} are in each other's places", "two joints", _relabelled(contract, order)
+            yield f"{one} and {other} are in each other's places", _relabelled(case.contract, order)
 
 
 def _relabelled(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, Any]:
     """Give the joints, place by place, the names of `order`; all values stay in place."""
     names = dict(zip(contract.joint_names, order, strict=True))
+    driven = tuple(names[name] for name in contract.action_joint_names)
     terms = [
         term if term.joints is None else replace(term, joints=tuple(names[joint] for joint in term.joints))
         for term in contract.terms
     ]
-    driven = tuple(names[name] for name in contract.action_joint_names)
     return {"observation": terms, "joint_names": order, "action_joint_names": driven}
 
 
 def _reordered(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, Any]:
     """Sort the joints, and all values that belong to them, into `order`."""
     driven = tuple(name for name in order if name in contract.action_joint_names)
-    joints, actions = (
-        joint_indices(order, contract.joint_names, ""),
-        joint_indices(driven, contract.action_joint_names, ""),
-    )
-    moved: dict[str, Any] = {"joint_names": order, "action_joint_names": driven}
-    for names, places in ((_OF_JOINTS, joints), (_OF_ACTIONS, actions)):
-        for name in names:
-            value = getattr(contract, name)
-            moved[name] = value[places] if isinstance(value, np.ndarray) else value
-    return moved
+    joints, actions = _places(order, contract.joint_names), _places(driven, contract.action_joint_names)
+    places = dict.fromkeys(("joint_stiffness", "joint_damping", "default_joint_pos", "effort_limit"), joints)
+    places |= dict.fromkeys(("action_scale", "action_offset", "position_clip"), actions)
+    values = {name: getattr(contract, name) for name in places}
+    moved = {name: value[places[name]] for name, value in values.items() if isinstance(value, np.ndarray)}
+    return {**moved, "joint_names": order, "action_joint_names": driven}
 
 
-def _joint_signs(contract: PolicyContract) -> Changes:
+def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
+    """Return the place of each of `joints` in a list in this order, which may have more joints."""
+    return joint_indices(joints, tuple(name for name in order if name in joints), "joints")
+
+
+def _joint_signs(case: _Case) -> Changes:
     """Turn each joint round in all that the policy sees of it and does with it."""
+    contract = case.contract
+
+    def turned(name: str, joints: tuple[str, ...]) -> FloatArray:
+        return np.where(np.array(joints) == name, -1.0, 1.0)
+
     for name in contract.joint_names:
-        of_joint = np.where(np.array(contract.joint_names) == name, -1.0, 1.0)
-        of_action = np.where(np.array(contract.action_joint_names) == name, -1.0, 1.0)
-        terms = []
-        for term in contract.terms:
+        terms = [
             # The reference, and the network's own output, are in the policy's directions already.
-            if contract.kind(term).reads.startswith("joint_") or term.form == "scaled":
-                factor = np.where(np.array(value_names(term, contract)) == name, -1.0, 1.0)
-                terms.append(replace(term, scale=term.scale * factor))
-            else:
-                terms.append(term)
-        changed = {
-            "observation": terms,
-            "action_scale": contract.action_scale * of_action,
-            "default_joint_pos": contract.default_joint_pos * of_joint + 0.0,  # -0 is 0
-            "action_offset": contract.action_offset * of_action + 0.0,
-        }
-        yield f"{name} turns the other way in the policy than on the robot", "joint sign", changed
+            replace(term, scale=term.scale * turned(name, value_names(term, contract)))
+            if contract.kind(term).reads.startswith("joint_") or term.form == "scaled"
+            else term
+            for term in contract.terms
+        ]
+        of_joint, of_action = turned(name, contract.joint_names), turned(name, contract.action_joint_names)
+        yield (
+            f"{name} turns the other way in the policy than on the robot",
+            {
+                "observation": terms,
+                "action_scale": contract.action_scale * of_action,
+                "default_joint_pos": contract.default_joint_pos * of_joint + 0.0,  # -0 is 0
+                "action_offset": contract.action_offset * of_action + 0.0,
+            },
+        )
 
 
 # --- observation ---
@@ -214,92 +206,83 @@ def with_term(contract: PolicyContract, term: Term, **options: Any) -> list[Term
     return [replace(item, **options) if item.name == term.name else item for item in contract.terms]
 
 
-def _conventions(contract: PolicyContract) -> Changes:
-    for term in contract.terms:
-        kind = contract.kind(term)
+def _term_orders(case: _Case) -> Changes:
+    terms = case.contract.terms
+    yield "the terms are in alphabetical order", {"observation": sorted(terms, key=lambda term: term.name)}
+    for i, (one, other) in enumerate(pairwise(terms)):
+        yield f"{other.name} comes before {one.name}", {"observation": [*terms[:i], other, one, *terms[i + 2 :]]}
+
+
+def _conventions(case: _Case) -> Changes:
+    for term in case.contract.terms:
+        kind = case.contract.kind(term)
+        values: dict[str, Sequence[Any]] = {name: get_args(choices) for name, choices in TERM_CHOICES.items()}
+        values |= {"sign": (-np.asarray(term.scale),), "relative": (not kind.is_relative(term),)}
+        values |= {"inverse": (not term.inverse,), "at": (BASE, IMU)}
         for convention in kind.conventions:
             option = "scale" if convention == "sign" else convention
-            values = get_args(TERM_CHOICES.get(convention))
-            if convention == "sign":
-                values = (-np.asarray(term.scale),)
-            elif convention == "relative":
-                values = (not kind.is_relative(term),)
-            elif convention == "inverse":
-                values = (not term.inverse,)
-            elif convention == "at":
-                values = (BASE, IMU)
-            for value in values:
-                terms = with_term(contract, term, **{option: value})
-                yield f"{option} of {term.name} is {shown(value)}", f"{term.name} {convention}", {"observation": terms}
+            for value in values[convention]:
+                terms = with_term(case.contract, term, **{option: value})
+                yield f"{option} of {term.name} is {shown(value)}", {"observation": terms}
 
 
-def _term_orders(contract: PolicyContract) -> Changes:
-    terms = contract.terms
-    orders: dict[str, Sequence[Term]] = {
-        "the terms are in alphabetical order": sorted(terms, key=lambda term: term.name)
-    }
-    for i, (one, other) in enumerate(pairwise(terms)):
-        orders[f"{other.name} comes before {one.name}"] = [*terms[:i], other, one, *terms[i + 2 :]]
-    for title, order in orders.items():
-        yield title, "term order", {"observation": order}
-
-
-def _references(contract: PolicyContract, motion: Motion | None) -> Changes:
+def _references(case: _Case) -> Changes:
+    contract, motion = case.contract, case.motion
     if motion is None or motion.layout != "joints_bodies_w" or not contract.requires("anchor_body"):
         return
     for body in motion.body_names:
-        yield f"the anchor body is {body}", "anchor body", {"anchor_body": body}
-    turned = not contract.align_reference
-    title = f"the reference is {'' if turned else 'not '}turned to the robot's heading at the start"
-    yield title, "reference alignment", {"align_reference": turned}
+        yield f"the anchor body is {body}", {"anchor_body": body}
+    align = not contract.align_reference
+    yield f"the reference is {'' if align else 'not '}turned to the robot's heading", {"align_reference": align}
     for order in ("xyzw", "wxyz"):
-        title = f"the motion's quaternions are ordered {' '.join(order)}"
-        yield title, "reference quaternions", {"reference_quaternion": order}
+        yield f"the motion's quaternions are ordered {' '.join(order)}", {"reference_quaternion": order}
 
 
-def _phases(contract: PolicyContract) -> Changes:
-    rule = contract.phase
-    if rule is None or not contract.requires("phase"):
+def _phases(case: _Case) -> Changes:
+    rule = case.contract.phase
+    if rule is None or not case.contract.requires("phase"):
         return
-    feet = replace(rule, offsets=rule.offsets[::-1])
-    yield "the gait clock starts with the other foot", "gait clock", {"phase": feet}
+    yield "the gait clock starts with the other foot", {"phase": replace(rule, offsets=rule.offsets[::-1])}
     title = f"the gait clock is {'not ' if rule.advance_first else ''}advanced before the first observation"
-    yield title, "gait clock", {"phase": replace(rule, advance_first=not rule.advance_first)}
+    yield title, {"phase": replace(rule, advance_first=not rule.advance_first)}
 
 
-def _scales(contract: PolicyContract) -> Changes:
+def _scales(case: _Case) -> Changes:
+    contract = case.contract
     for title, values in _SCALES.items():
         terms = [replace(term, scale=values.get(contract.kind(term).name, 1.0)) for term in contract.terms]
-        yield f"the observation's scales are {title}", "scales", {"observation": terms}
+        yield f"the observation's scales are {title}", {"observation": terms}
     for term in contract.terms:
         for scale in contract.kind(term).scales:
-            changed = {"observation": with_term(contract, term, scale=scale)}
-            yield f"{term.name} is multiplied by {scale:g}", f"{term.name} scale", changed
+            yield f"{term.name} is multiplied by {scale:g}", {"observation": with_term(contract, term, scale=scale)}
 
 
-def _histories(contract: PolicyContract) -> Changes:
-    if all(term.history == 1 for term in contract.terms):
+def _histories(case: _Case) -> Changes:
+    if all(term.history == 1 for term in case.contract.terms):
         return
     for order in ("oldest_first", "newest_first"):
-        terms = [replace(term, history_order=order) for term in contract.terms]
-        yield f"histories are {order.replace('_', ' ')}", "history", {"observation": terms}
+        terms = [replace(term, history_order=order) for term in case.contract.terms]
+        yield f"histories are {order.replace('_', ' ')}", {"observation": terms}
     for layout in ("per_term", "per_step"):
-        yield f"the history is laid out {layout.replace('_', ' ')}", "history", {"history_layout": layout}
+        yield f"the history is laid out {layout.replace('_', ' ')}", {"history_layout": layout}
 
 
 # --- actions, pose, gains, rate ---
 
 
-def _actions(contract: PolicyContract, orders: Orders) -> Changes:
-    scale = contract.action_scale
+def _action_scales(case: _Case) -> Changes:
+    scale = case.contract.action_scale
     values: dict[str, Any] = {f"{value:g}": value for value in (1.0, 0.5, 0.25)}
     values |= {f"{factor:g} x as large": factor * scale for factor in (0.5, 2.0, 4.0)}
-    for title, order in orders.items():
-        values[f"listed in {title} order"] = scale[_places(contract.action_joint_names, order)]
+    for title, order in case.orders.items():
+        values[f"listed in {title} order"] = scale[_places(case.contract.action_joint_names, order)]
     for title, value in values.items():
-        yield f"the action scale is {title}", "action scale", {"action_scale": value}
-    yield "an action is the position itself", "action offset", {"action_offset": 0.0}
-    yield "an action is added to the default pose", "action offset", {"action_offset": None}
+        yield f"the action scale is {title}", {"action_scale": value}
+
+
+def _action_offsets(_: _Case) -> Changes:
+    yield "an action is the position itself", {"action_offset": 0.0}
+    yield "an action is added to the default pose", {"action_offset": None}
 
 
 def with_pose(contract: PolicyContract, pose: FloatArray) -> dict[str, Any]:
@@ -309,30 +292,48 @@ def with_pose(contract: PolicyContract, pose: FloatArray) -> dict[str, Any]:
     return {"default_joint_pos": pose, "action_offset": None if follows else contract.action_offset}
 
 
-def _poses(contract: PolicyContract, orders: Orders, robot: RobotDescription) -> Changes:
-    names, pose = contract.joint_names, contract.default_joint_pos
+def _poses(case: _Case) -> Changes:
+    names, pose, robot = case.contract.joint_names, case.contract.default_joint_pos, case.robot
     poses = {
         "all zeros": np.zeros(len(names)),
         "the robot's own": np.array(robot.initial_position)[joint_indices(names, robot.joint_names, "joints")],
-        **{f"listed in {title} order": pose[_places(names, order)] for title, order in orders.items()},
+        **{f"listed in {title} order": pose[_places(names, order)] for title, order in case.orders.items()},
     }
     if not pose.any():
-        bend = sum(np.array([share * bool(re.search(part, name)) for name in names]) for part, share in _BENT.items())
-        for lean in (0.15, 0.3, -0.15, -0.3):
-            poses[f"one with bent knees, such as {2.0 * lean:g} rad"] = lean * np.asarray(bend) + 0.0
+        bend = np.array([sum(share for part, share in _BENT.items() if re.search(part, name)) for name in names])
+        poses |= {f"with bent knees, such as {2.0 * lean:g} rad": lean * bend + 0.0 for lean in (0.15, 0.3, -0.15, -0.3)}
     for title, other in poses.items():
-        yield f"the default pose is {title}", "default pose", with_pose(contract, other)
+        yield f"the default pose is {title}", with_pose(case.contract, other)
 
 
-def _gains(contract: PolicyContract, orders: Orders) -> Changes:
-    own = np.stack([contract.joint_stiffness, contract.joint_damping])
+def _gains(case: _Case) -> Changes:
+    own = np.stack([case.contract.joint_stiffness, case.contract.joint_damping])
     values = {f"{factor:g} x as large": factor * own for factor in (0.5, 2.0)}
-    for title, order in orders.items():
-        values[f"listed in {title} order"] = own[:, _places(contract.joint_names, order)]
+    for title, order in case.orders.items():
+        values[f"listed in {title} order"] = own[:, _places(case.contract.joint_names, order)]
     for title, (stiffness, damping) in values.items():
-        yield f"the gains are {title}", "gains", {"joint_stiffness": stiffness, "joint_damping": damping}
+        yield f"the gains are {title}", {"joint_stiffness": stiffness, "joint_damping": damping}
 
 
-def _rates() -> Changes:
+def _rates(_: _Case) -> Changes:
     for rate in (25.0, 50.0, 100.0):
-        yield f"the policy runs at {rate:g} Hz", "rate", {"policy_dt": 1.0 / rate}
+        yield f"the policy runs at {rate:g} Hz", {"policy_dt": 1.0 / rate}
+
+
+_FAMILIES: Sequence[tuple[str, float, Callable[[_Case], Changes]]] = (
+    ("joint order", 0.0, _joint_orders),
+    ("two joints", 0.1, _joint_pairs),
+    ("term order", 0.0, _term_orders),
+    ("convention", 0.0, _conventions),
+    ("reference", 0.0, _references),
+    ("gait clock", 0.0, _phases),
+    ("scale", 0.0, _scales),
+    ("history", 0.0, _histories),
+    ("action scale", 0.0, _action_scales),
+    ("action offset", 0.0, _action_offsets),
+    ("default pose", 0.0, _poses),
+    ("gains", 0.0, _gains),
+    ("rate", 0.15, _rates),
+    ("joint sign", 0.03, _joint_signs),
+)
+"""Family, doubt, and the changes. Of equal edits the first counts."""

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,72 +23,23 @@ from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot
 
 _SHOWN = 6  # joints, or other edits, listed one by one
-_WIDTH = 110
-
-
-@dataclass(frozen=True)
-class Examination:
-    """A contract, and what the search found."""
-
-    contract: PolicyContract
-    result: Result
-    file: Path
-    """Where the fix belongs."""
-    seconds: float
-    """s of wall time."""
-
-    @property
-    def changes(self) -> list[str]:
-        """Values that differ with the finding, one line a field: before and after."""
-        return [] if self.result.finding is None else list(changes(self.contract, self.result.finding.contract))
-
-    @property
-    def fix(self) -> dict[str, Any]:
-        """Fields of the contract file that put it right, as plain values; empty without a finding."""
-        return {} if self.result.finding is None else fixed_fields(self.contract, self.result.finding.contract)
-
-    def print(self, console: Console) -> None:
-        """Print everything, the verdict first."""
-        rows = [f"{row.edit.name}: {row.note}" for row in self.result.rows[:_SHOWN]]
-        console.print(f"{self.result.verdict}.", style="bold", soft_wrap=True, markup=False, highlight=False)
-        for line in (*self.changes, *self.result.notes, *rows):
-            console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False, emoji=False)
-        if self.fix:
-            text = yaml.safe_dump(self.fix, sort_keys=False, default_flow_style=None, width=_WIDTH, allow_unicode=True)
-            console.print(f"# {self.file}\n{text}", soft_wrap=True, end="", markup=False, highlight=False, emoji=False)
-
-    def document(self) -> dict[str, Any]:
-        """Return everything as plain values, for JSON."""
-        result = self.result
-        return {
-            "healthy": result.is_healthy,
-            "verdict": result.verdict,
-            "finding": None if result.finding is None else result.finding.family,
-            "changes": self.changes,
-            "notes": list(result.notes),
-            "file": str(self.file),
-            "fix": self.fix,
-            "ranking": [
-                {"edit": row.edit.name, "family": row.edit.family, "score": row.score, "note": row.note}
-                for row in result.rows
-            ],
-            "seconds": round(self.seconds, 1),
-        }
 
 
 def doctor(config: DoctorConfig) -> int:
     """Search and print; returns the exit status. Raises `InputError` as `examine`."""
-    found = examine(config, Console(stderr=True))
+    document = examine(config, Console(stderr=True))
     if config.json:
-        print(json.dumps(found.document(), indent=2))
+        print(json.dumps(document, indent=2))
     else:
-        found.print(make_console())
-    return ExitStatus.of(found.result.is_healthy)
+        print_document(document, make_console())
+    return ExitStatus.of(document["healthy"])
 
 
-def examine(config: DoctorConfig, console: Console) -> Examination:
-    """Search, with progress on a console. Raises `InputError` if checkpoint, robot, motion or trace is refused."""
-    start = time.perf_counter()
+def examine(config: DoctorConfig, console: Console) -> dict[str, Any]:
+    """Search, with progress on a console, and return the document of the result.
+
+    Raises `InputError` if checkpoint, robot, motion or trace is refused.
+    """
     robot = load_robot(config.robot, config.imu_site)
     subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
     with Progress(console=console, transient=True) as bar:
@@ -100,8 +48,35 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
             result = search_trace(subject, Samples(subject, config.trace))
         else:
             result = search_episodes(subject, lambda done, total: bar.update(task, completed=done, total=total))
-    file = config.contract or own_contract(config.checkpoint)
-    return Examination(subject.contract, result, file, time.perf_counter() - start)
+    return make_document(subject.contract, result, config.contract or own_contract(config.checkpoint))
+
+
+def make_document(contract: PolicyContract, result: Result, file: Path) -> dict[str, Any]:
+    """Return everything as plain values; `file` is where the fix belongs."""
+    right = contract if result.finding is None else result.finding.contract
+    return {
+        "healthy": result.is_healthy,
+        "verdict": result.verdict,
+        "finding": None if result.finding is None else result.finding.family,
+        "changes": changes(contract, right),
+        "note": result.note,
+        "file": str(file),
+        "fix": fixed_fields(contract, right),
+        "ranking": [
+            {"edit": row.edit.name, "family": row.edit.family, "score": row.score, "note": row.note}
+            for row in result.rows
+        ],
+    }
+
+
+def print_document(document: dict[str, Any], console: Console) -> None:
+    """Print the verdict first, then what differs, and last the lines for the contract file."""
+    ranking = [f"{row['edit']}: {row['note']}" for row in document["ranking"][:_SHOWN]]
+    lines = [f"{document['verdict']}.", *(f"  {line}" for line in (*document["changes"], document["note"], *ranking))]
+    if document["fix"]:
+        text = yaml.safe_dump(document["fix"], sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+        lines += [f"# {document['file']}", text.rstrip("\n")]
+    console.print("\n".join(lines), soft_wrap=True, markup=False, highlight=False, emoji=False)
 
 
 def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
@@ -124,16 +99,18 @@ def _differing(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
     return {name: value for name, value in wiring_values(after).items() if value != old.get(name)}
 
 
-def changes(before: PolicyContract, after: PolicyContract) -> Iterator[str]:
-    """Yield what differs: the field, the joint or place, the value before and after."""
-    values = wiring_values(before)
+def changes(before: PolicyContract, after: PolicyContract) -> list[str]:
+    """Return what differs, one line a field: the joint or place, the value before and after."""
+    values, found = wiring_values(before), []
     for field, new in _differing(before, after).items():
         old, name = values.get(field), field.removeprefix("observation.")
         if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
-            yield f"{name}: {shown(old)} -> {shown(new)}"
+            found.append(f"{name}: {shown(old)} -> {shown(new)}")
             continue
         owners = before.action_joint_names if name.startswith("action_") else before.joint_names
         if isinstance(new[0], str) or len(owners) != len(new):
             owners = tuple(f"[{i}]" for i in range(len(new)))
         lines = [f"{at} {shown(a)} -> {shown(b)}" for at, a, b in zip(owners, old, new, strict=True) if a != b]
-        yield f"{name}: {', '.join(lines[:_SHOWN])}" + (f" and {len(lines) - _SHOWN} more" if lines[_SHOWN:] else "")
+        more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
+        found.append(f"{name}: {', '.join(lines[:_SHOWN])}{more}")
+    return found

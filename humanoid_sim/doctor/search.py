@@ -16,9 +16,8 @@ from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Command, Outcome, Simulations, Subject
 
 _SECONDS = 4.0  # s, of an episode
-_WALK: Command = (0.5, 0.0, 0.5)
-_LONG: Sequence[Command] = (_WALK, (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.4, 0.0), (-0.5, 0.0, 0.0))
-_PHASE = 3.0  # s, of each of these
+_PHASE = 3.0  # s, of each command of the long episode
+_COMMANDS = ((0.5, 0.0, 0.5), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.4, 0.0), (-0.5, 0.0, 0.0))
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
@@ -39,7 +38,7 @@ class Row:
     score: float
     """Smaller is better."""
     note: str
-    """What was seen with it."""
+    """Result of the contract with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +48,17 @@ class Result:
     verdict: str
     rows: tuple[Row, ...] = ()
     """Edits that may be right, best first."""
-    notes: tuple[str, ...] = ()
-    """What was seen of the contract as it is."""
+    note: str = ""
+    """Result of the contract as it is."""
     finding: Edit | None = None
     """The edit that puts the contract right."""
     is_healthy: bool = False
 
 
-def _found(rows: Sequence[Row], *notes: str) -> Result:
+def _found(rows: Sequence[Row], note: str) -> Result:
     """Return the first row as the finding, with those that are as good."""
     best = tuple(row for row in rows if row.score <= rows[0].score * (1.0 + _AS_GOOD))
-    return Result(f"Most likely {best[0].edit.name}", best, notes, best[0].edit)
+    return Result(f"Most likely {best[0].edit.name}", best, note, best[0].edit)
 
 
 def search_trace(subject: Subject, samples: Samples) -> Result:
@@ -74,11 +73,9 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
     left = sorted(((int(samples.differing(edit.contract).sum()), edit) for edit in edits), key=lambda item: item[0])
     answers = [edit for count, edit in left if not count]
     if answers:  # of several, the one with which the robot moves as in the trace
-        errors = [samples.prediction_error(edit.contract, simulations) for edit in answers]
-        rows = [Row(edit, error, "agrees with all samples") for edit, error in zip(answers, errors, strict=True)]
-        return _found(sorted(rows, key=lambda row: row.score), note)
+        return _found(_predicted(samples, answers, simulations, "agrees with all samples"), note)
     nearest = tuple(Row(edit, n, f"leaves {n} values that differ") for n, edit in left[:3] if n < far.sum())
-    return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, (note,))
+    return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, note)
 
 
 def _search_unseen(
@@ -91,16 +88,20 @@ def _search_unseen(
         edit = Edit(f"the policy runs at {rate:g} Hz", "rate", replace(contract, policy_dt=1.0 / rate))
         note = f"positions and velocities of the joints say {period:.3f} s from sample to sample"
         return _found([Row(edit, period, note)], agree)
-    edits = [edit for edit in edits if edit.family in _UNSEEN]
     now = samples.prediction_error(contract, simulations)
     if math.isfinite(now):
         agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
-        errors = [samples.prediction_error(edit.contract, simulations) for edit in edits]
-        rows = [Row(edit, error, f"misses it by {error:.0%}") for edit, error in zip(edits, errors, strict=True)]
-        rows.sort(key=lambda row: row.score)
+        rows = _predicted(samples, [edit for edit in edits if edit.family in _UNSEEN], simulations, "misses it by {:.0%}")
         if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
             return _found(rows, agree)
-    return Result("Nothing wrong found: the contract agrees with the trace", (), (agree,), is_healthy=True)
+    return Result("Nothing wrong found: the contract agrees with the trace", (), agree, is_healthy=True)
+
+
+def _predicted(samples: Samples, edits: Sequence[Edit], simulations: Simulations, note: str) -> list[Row]:
+    """Rank edits by how well single simulated steps predict the trace; `note` has a place for the error."""
+    errors = [samples.prediction_error(edit.contract, simulations) for edit in edits]
+    rows = [Row(edit, error, note.format(error)) for edit, error in zip(edits, errors, strict=True)]
+    return sorted(rows, key=lambda row: row.score)
 
 
 def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
@@ -109,17 +110,16 @@ def search_episodes(subject: Subject, progress: Callable[[int, int], None] | Non
     `progress` is called with how many episodes are done, and of how many.
     """
     contract, walks = subject.contract, subject.contract.task_type == "locomotion"
-    seconds = _SECONDS if walks else min(_SECONDS, subject.motion_seconds)
-    schedule = [_within(command, contract) for command in _LONG] if walks else [_WALK]
-    whole = _PHASE * len(schedule) if walks else subject.motion_seconds
-    long = Simulations(subject).run(contract, whole, schedule)
+    commands = [_within(command, contract) for command in (_COMMANDS if walks else _COMMANDS[:1])]
+    whole = _PHASE * len(commands) if walks else subject.motion_seconds
+    long = Simulations(subject).run(contract, whole, commands)
     edits = single_edits(contract, subject.description, subject.motion)
     local = threading.local()
 
     def run(edited: PolicyContract) -> Outcome:
         if not hasattr(local, "simulations"):
             local.simulations = Simulations(subject)
-        outcome: Outcome = local.simulations.run(edited, seconds, schedule[:1])
+        outcome: Outcome = local.simulations.run(edited, min(_SECONDS, whole), commands[:1])
         return outcome
 
     outcomes: list[Outcome] = []
@@ -138,22 +138,22 @@ def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence
         now: of the contract as it is, in the episode of the edits.
         long: of the contract as it is, with every command.
     """
-    notes = (_describe(long),)
 
     def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
         return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
 
+    note = _describe(long)
     up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
     up.sort(key=lambda row: row.score)
     if now.lost and not up:
         longest = sorted(tried, key=lambda item: -item[1].time_up)[:3]
         rows = tuple(Row(edit, -out.time_up, _describe(out)) for edit, out in longest)
-        return Result("No single change keeps the robot up: several mistakes, or the robot's model", rows, notes)
+        return Result("No single change keeps the robot up: several mistakes, or the robot's model", rows, note)
     if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
-        return _found(up, *notes)
+        return _found(up, note)
     if long.lost:
-        return Result("The robot is lost in the long run, and no change does clearly better", tuple(up[:3]), notes)
-    return Result("Nothing wrong found: no change does clearly better", (), notes, is_healthy=True)
+        return Result("The robot is lost in the long run, and no change does clearly better", tuple(up[:3]), note)
+    return Result("Nothing wrong found: no change does clearly better", (), note, is_healthy=True)
 
 
 def _describe(outcome: Outcome) -> str:

@@ -114,4 +114,4 @@ def test_a_flipped_sign_is_named_as_such_and_not_as_a_set_of_scales():
     plain = replace(WALKER, observation=tuple(replace(item, scale=1.0) for item in WALKER.terms))
     wrong = term("projected_gravity", scale=-1.0)(plain)
     (answer,) = [edit for edit in single_edits(wrong, ROBOT, MOTION) if alike(edit.contract, plain)]
-    assert answer.family == "projected_gravity sign"
+    assert answer.family == "convention"

@@ -77,9 +77,9 @@ def test_a_fix_that_is_pasted_into_the_contract_file_is_clean(steps, tmp_path):
     file.write_text("terms: {projected_gravity: {scale: -1}}")
     config = DoctorConfig(policy_path("lite_biped_velocity"), "lite_biped", contract=file, trace=trace)
     found = examine(config, Console(quiet=True))
-    assert found.fix == {"terms": {"projected_gravity": {"scale": 1.0}}}
-    file.write_text(yaml.safe_dump(found.fix))
-    assert examine(config, Console(quiet=True)).result.is_healthy
+    assert found["fix"] == {"terms": {"projected_gravity": {"scale": 1.0}}}
+    file.write_text(yaml.safe_dump(found["fix"]))
+    assert examine(config, Console(quiet=True))["healthy"]
 
 
 PLANTS = {
@@ -118,8 +118,8 @@ def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
     result = search(turned(joint)(term("projected_gravity", scale=-1.0)(right)))
     assert result.finding is None
     assert not result.is_healthy
-    assert joint in result.notes[0]
-    assert "projected_gravity" in result.notes[0]
+    assert joint in result.note
+    assert "projected_gravity" in result.note
 
 
 def test_one_sample_that_disagrees_is_enough_to_refuse_an_edit(walker, steps, search):

@@ -80,10 +80,10 @@ def test_a_contract_that_cannot_run_is_lost_at_once(walker):
 
 def test_a_planted_sign_is_found_in_simulation(walker, monkeypatch):
     wrong = term("projected_gravity", scale=-1.0)(walker.contract)
-    families = ("projected_gravity sign", "rate", "gains")
+    families = ("convention", "rate", "gains")
     few = [edit for edit in single_edits(wrong, walker.description) if edit.family in families]
     monkeypatch.setattr(search, "single_edits", lambda *_: few)
     shown = []
     result = search_episodes(replace(walker, contract=wrong), lambda done, total: shown.append((done, total)))
-    assert result.finding.family == "projected_gravity sign"
+    assert result.finding.family == "convention"
     assert shown[-1] == (len(few) + 1, len(few) + 1)
