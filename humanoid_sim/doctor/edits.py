@@ -301,7 +301,9 @@ def _poses(case: _Case) -> Changes:
     }
     if not pose.any():
         bend = np.array([sum(share for part, share in _BENT.items() if re.search(part, name)) for name in names])
-        poses |= {f"with bent knees, such as {2.0 * lean:g} rad": lean * bend + 0.0 for lean in (0.15, 0.3, -0.15, -0.3)}
+        poses |= {
+            f"with bent knees, such as {2.0 * lean:g} rad": lean * bend + 0.0 for lean in (0.15, 0.3, -0.15, -0.3)
+        }
     for title, other in poses.items():
         yield f"the default pose is {title}", with_pose(case.contract, other)
 

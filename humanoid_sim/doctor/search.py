@@ -91,7 +91,9 @@ def _search_unseen(
     now = samples.prediction_error(contract, simulations)
     if math.isfinite(now):
         agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
-        rows = _predicted(samples, [edit for edit in edits if edit.family in _UNSEEN], simulations, "misses it by {:.0%}")
+        rows = _predicted(
+            samples, [edit for edit in edits if edit.family in _UNSEEN], simulations, "misses it by {:.0%}"
+        )
         if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
             return _found(rows, agree)
     return Result("Nothing wrong found: the contract agrees with the trace", (), agree, is_healthy=True)

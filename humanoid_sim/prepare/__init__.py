@@ -16,7 +16,7 @@ class PrepareOptions:
     """Make a motion file of a motion or a song that was made elsewhere, checked against the robot.
 
     What a source does not say, an option must, unless forward kinematics on the robot confirms the usual meaning. A
-    motion that does not fit is refused.
+    motion that does not fit is refused. Lengths are m, angles rad.
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
@@ -30,14 +30,12 @@ class PrepareOptions:
     robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file", "--registry-name"])] = None
-    """An .npz or .csv file, an .mcap file or rosbag2 folder with joint states, or a LeRobot dataset: its folder, or
-    user/name on the hub. Default: the dataset that the checkpoint names."""
+    """An .npz or .csv file, or a LeRobot dataset: its folder, or user/name on the hub. Default: the dataset that the
+    checkpoint names."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
     """Episode of the dataset, counted from 0; required if it has more than one."""
     features: tuple[str, ...] = ()
     """For features of the dataset with unusual names: ROLE=FEATURE, such as joint_pos=observation.qpos."""
-    topic: str | None = None
-    """Topic of the joint states, where a recording has several."""
     fps: float | None = None
     """Frames per second of a .csv without a column of times, or of a song without a policy (default 50)."""
     joint_order: str | None = None
@@ -46,8 +44,6 @@ class PrepareOptions:
     """Body order where the motion names no bodies: contract, mjcf, breadth_first, or names with commas."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of the motion's quaternions."""
-    angle_unit: Literal["rad", "deg"] | None = None
-    """Unit of the motion's joint positions and velocities."""
     resample: bool = False
     """Interpolate a motion whose frames do not come at the policy's rate."""
     tolerance: float = 0.01
@@ -58,8 +54,6 @@ class PrepareOptions:
     """Tracks of the song to play, counted from 0. Default: all."""
     transpose: int = 0
     """Semitones by which the song is played higher."""
-    sustain: bool = False
-    """Notes sound on while the song's sustain pedal is down."""
     output: Annotated[str, tyro.conf.arg(aliases=["--out-dir"])] = "prepared"
     """Folder for the motion (.mcap), and for a checkpoint from W&B; created if it is missing."""
     name: str | None = None

@@ -1,20 +1,155 @@
-"""From a motion as the robot has it to a motion file: at the policy's rate, in its layout."""
+"""From a motion as its source has it to a motion file: as the robot has it, at the policy's rate, in its layout."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import continuous, matrix, multiply, rotate, slerp
-from humanoid_sim.errors import InputError
+from humanoid_sim.controllers.rotation import (
+    conjugate,
+    continuous,
+    matrix,
+    multiply,
+    quaternion_from_matrix,
+    rotate,
+    seen_from,
+    slerp,
+)
+from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, body_frames
-from humanoid_sim.prepare.conventions import Skeleton
+from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.sources import SourceMotion, derivative
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
 
 _OFF_RATE = 0.1  # share of a policy step by which a frame's time may be off
+
+
+class Skeleton:
+    """Names and geometry of a robot's bodies, from the base on, and the orders in which motions have them."""
+
+    def __init__(self, description: RobotDescription, contract: PolicyContract) -> None:
+        model = build_model(description, scene=False)
+        base = base_body(model, description)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        by_level = breadth_first(model, base)
+        self.description = description
+        self.base: str = model.body(base).name
+        self.base_pose: FloatArray = np.concatenate([data.xpos[base], data.xquat[base]])
+        """Shape (7,), m and w x y z, world frame, where the model has it."""
+        self.joints = description.joint_names
+        self.bodies: tuple[str, ...] = tuple(model.body(body).name for body in sorted(by_level))
+        self.joint_orders = {
+            "contract": contract.joint_names,
+            "robot": self.joints,
+            "mjcf": joints_of(model, sorted(by_level), self.joints),
+            "breadth_first": joints_of(model, by_level, self.joints),
+        }
+        self.body_orders = {
+            "contract": contract.body_names,
+            "mjcf": self.bodies,
+            "breadth_first": tuple(model.body(body).name for body in by_level),
+        }
+        self._forward = ForwardKinematics(description, self.bodies)
+
+    def poses(self, joints: FloatArray, bodies: tuple[str, ...]) -> FloatArray:
+        """Return where joint positions (F, n), rad, put bodies: (F, B, 7), m and w x y z, base frame."""
+        columns = [self.bodies.index(name) for name in bodies]
+        position, rotation = self._forward(joints)
+        return np.concatenate([position[:, columns], quaternion_from_matrix(rotation[:, columns])], axis=-1)
+
+
+def interpret(
+    source: SourceMotion, skeleton: Skeleton, options: PrepareOptions
+) -> tuple[SourceMotion, tuple[str, ...]]:
+    """Return the motion as the robot has it, and the options that were assumed.
+
+    Joints are in the robot's order; quaternions w x y z; bodies in the base frame. The pose of the base is that of its
+    body where the motion has it. Raises `InputError` where something is not known, or fits no body or joint.
+    """
+    assumed: list[str] = []
+
+    def settle(option: str, own: str | None, given: str | None, usual: str) -> str:
+        """Return what the source says, else the option, else the usual, which bodies must confirm."""
+        if own is not None and given not in (None, own):
+            raise InputError(f"{option}: is {given}, but {source.source} says {own}")
+        if own is None and given is None:
+            if source.bodies is None:
+                raise InputError(f"{option}: is missing; no body poses of {source.source} would show a mistake")
+            assumed.append(f"{option} {usual}")
+        return own or given or usual
+
+    motion = source
+    if source.joints is not None:
+        own = source.joint_names and ",".join(source.joint_names)
+        order = settle("--joint-order", own, options.joint_order, "contract")
+        names = _named(source, "joint", order, skeleton.joint_orders, source.joints.shape[1], skeleton.joints)
+        require_known("joint", skeleton.joints, names, f"{source.source}: ")
+        columns = [names.index(joint) for joint in skeleton.joints]
+        velocity = None if source.joint_velocity is None else source.joint_velocity[:, columns]
+        motion = replace(motion, joints=source.joints[:, columns], joint_velocity=velocity)
+    bodies: tuple[str, ...] = ()
+    if source.bodies is not None:
+        count, own = source.bodies.shape[1], source.body_names and ",".join(source.body_names)
+        usual = "contract" if count == len(skeleton.body_orders["contract"]) else "mjcf"
+        order = settle("--body-order", own, options.body_order, usual)
+        bodies = _named(source, "body", order, skeleton.body_orders, count, skeleton.bodies)
+    turned: dict[str, Any] = {}
+    for name, pose in source.arrays().items():
+        if name in ("base", "bodies"):
+            order = settle("--quaternions", source.quaternion_order, options.quaternions, "wxyz")
+            quaternion = np.roll(pose[..., 3:], 1, axis=-1) if order == "xyzw" else pose[..., 3:]
+            quaternion = quaternion / np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
+            turned[name] = np.concatenate([pose[..., :3], quaternion], axis=-1)
+    motion = replace(motion, joint_names=skeleton.joints, body_names=bodies, quaternion_order="wxyz", **turned)
+    return _in_base_frame(motion, skeleton, bodies), tuple(dict.fromkeys(assumed))
+
+
+def _named(
+    source: SourceMotion,
+    what: str,
+    order: str,
+    orders: Mapping[str, tuple[str, ...]],
+    count: int,
+    known: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Return the names of the columns of joints or bodies: of a known order, or those given with commas."""
+    names = orders.get(order) or tuple(name.strip() for name in order.split(","))
+    if len(names) != count:
+        counts = ", ".join(f"{name} ({len(listed)})" for name, listed in orders.items())
+        found = f"--{what}-order: {order} has {len(names)} names, and {source.source} {count} columns"
+        raise InputError(f"{found}; expected one of {counts}, or names with commas")
+    require_known(what, names, known, f"{source.source}: ")
+    return names
+
+
+def _in_base_frame(motion: SourceMotion, skeleton: Skeleton, names: tuple[str, ...]) -> SourceMotion:
+    """Return the motion with its bodies in the frame of the base, and the base's own pose in the world."""
+    base, bodies = motion.base, motion.bodies if motion.frame == "world" else None
+    if bodies is not None and skeleton.base in names:
+        base = bodies[:, names.index(skeleton.base)]
+    elif base is None and not skeleton.description.is_floating:
+        fixed = skeleton.base_pose
+        if bodies is not None and motion.joints is not None:
+            # A base that does not move is where the first body of the first frame puts it.
+            seen, first = skeleton.poses(motion.joints[:1], names[:1])[0, 0], bodies[0, 0]
+            turn = multiply(first[3:], conjugate(seen[3:]))
+            fixed = np.concatenate([first[:3] - rotate(turn, seen[:3]), turn])
+        base = np.repeat(fixed[None], len(motion.times), axis=0)
+    if bodies is None:
+        return replace(motion, base=base)
+    if base is None:
+        raise InputError(f"{motion.source}: has no pose of the floating base '{skeleton.base}', which is needed")
+    relative = seen_from(base[:, :3], base[:, 3:], bodies[..., :3], bodies[..., 3:])
+    return replace(motion, base=base, bodies=np.concatenate(relative, axis=-1), frame="base")
 
 
 def at_rate(motion: SourceMotion, policy_dt: float, *, resample: bool) -> SourceMotion:
@@ -24,8 +159,7 @@ def at_rate(motion: SourceMotion, policy_dt: float, *, resample: bool) -> Source
     come at this rate, and `resample` is False.
     """
     times = motion.times - motion.times[0]
-    steps = policy_dt * np.arange(len(times))
-    if np.abs(times - steps).max() <= _OFF_RATE * policy_dt:
+    if np.abs(times - policy_dt * np.arange(len(times))).max() <= _OFF_RATE * policy_dt:
         return motion
     if not resample:
         raise InputError(

@@ -13,10 +13,8 @@ from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import left_out, playable, read_song, song_motion, transpose
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.check import check
-from humanoid_sim.prepare.conventions import Skeleton, interpret
-from humanoid_sim.prepare.convert import at_rate, convert
-from humanoid_sim.prepare.lerobot_dataset import hub_dataset, parse_roles, read_dataset
-from humanoid_sim.prepare.sources import SourceMotion, read_csv, read_joint_states, read_npz
+from humanoid_sim.prepare.convert import Skeleton, at_rate, convert, interpret
+from humanoid_sim.prepare.sources import SourceMotion, dataset_folder, read_csv, read_dataset, read_npz
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -80,7 +78,7 @@ def _song(
     options: PrepareOptions, path: Path, policy_dt: float, robot: RobotDescription
 ) -> tuple[Motion, list[str], str]:
     """Return the goals of a song, a row every `policy_dt` s, what to print of it, and its name."""
-    whole = read_song(path, tracks=options.tracks or None, sustain=options.sustain)
+    whole = read_song(path, tracks=options.tracks or None)
     song, dropped = playable(transpose(whole, options.transpose), robot)
     if not song.notes:
         raise InputError(f"{path}: none of its notes is within reach of '{robot.name}': {left_out(dropped)}")
@@ -98,13 +96,14 @@ def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescrip
     given = options.motion or contract.dataset_repo_id
     if not given:
         raise InputError("--motion: is missing, and the checkpoint names no dataset")
-    source = _read(options, Path(given), skeleton.joints)
+    path = Path(given)
+    source = _read(options, path, skeleton.joints)
     motion, assumed = interpret(source, skeleton, options)
-    summary = f"{source.source}: {source.kind}, {len(source.times)} frames at {source.rate:.4g} per second"
+    summary = f"{source.source}: {len(source.times)} frames at {source.rate:.4g} per second"
     lines = [summary, *check(motion, skeleton, options.tolerance)]
     if assumed:
         lines.append(f"assumed, and confirmed by the bodies: {', '.join(assumed)}")
-    name = f"{Path(given).name}_{options.episode or 0}" if source.kind == "lerobot" else Path(given).stem
+    name = path.stem if path.suffix in (".csv", ".npz") else f"{path.name}_{options.episode or 0}"
     return convert(at_rate(motion, contract.policy_dt, resample=options.resample), contract, skeleton), lines, name
 
 
@@ -115,12 +114,4 @@ def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> Sourc
         raise InputError(f"--fps: is given, but {path} has times of its own")
     if path.suffix == ".npz":
         return read_npz(path)
-    if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
-        return read_joint_states(path, options.topic, joints)
-    if path.is_dir() or str(path).count("/") == 1:
-        folder = path if path.is_dir() else hub_dataset(str(path))
-        return read_dataset(folder, options.episode, parse_roles(options.features), joints)
-    raise InputError(
-        f"--motion: is '{path}', expected an .npz, .csv or .mcap file, a folder of rosbag2, or a LeRobot dataset: "
-        "its folder, or user/name on the hub"
-    )
+    return read_dataset(dataset_folder(str(path)), options.episode, options.features, joints)

@@ -1,56 +1,51 @@
-"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, joint states in MCAP files."""
+"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, LeRobot datasets (v3.0)."""
 
 from __future__ import annotations
 
+import json
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 
 from humanoid_sim.controllers.contract import QuaternionOrder
-from humanoid_sim.errors import InputError, blaming, require_known
+from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
+from humanoid_sim.errors import InputError, blaming, needing, one_line, reason_of, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.npz_file import read_arrays
-from humanoid_sim.ros2.cdr import CdrError, CdrReader
-from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
 _LONGEST_GAP = 0.1  # s between two frames, if that is also more than three of the usual steps
 _JOINT_SUFFIXES = ("", ".pos", "_pos", "_dof")  # that exporters append to a joint's name
-_NPZ_SHAPES: dict[str, tuple[int, ...]] = {
-    "joint_pos": (-1, -1),
-    "joint_vel": (-1, -1),
-    "body_pos_w": (-1, -1, 3),
-    "body_quat_w": (-1, -1, 4),
-    "fps": (1,),
-}
-"""Arrays that are needed, and their shapes; -1 for any length."""
+_NPZ_SHAPES = {"joint_pos": (-1, -1), "joint_vel": (-1, -1), "body_pos_w": (-1, -1, 3), "body_quat_w": (-1, -1, 4)}
 _BASE_COLUMNS = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
+_FORMAT = "v3.0"  # of LeRobot
+_WIDTHS = {"body_pos_w": 3, "body_quat_w": 4, "motion_body_pos_b": 3, "motion_body_ori_b": 6}
+ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
+"""Parts of a motion; a feature whose name ends in one of them is it, and one that ends in `state` joint positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SourceMotion:
     """One episode of F frames. What the source does not hold, or does not say, is None.
 
-    A pose is a position in m, followed by a unit quaternion in `quaternion_order`.
+    A pose is a position in m, followed by a unit quaternion in `quaternion_order`. Raises `InputError` for values that
+    no motion has.
     """
 
     source: str
     """Name for messages."""
-    kind: str
-    """Format, for the printed summary."""
     times: FloatArray
     """Shape (F,), s."""
     joints: FloatArray | None = None
-    """Positions, shape (F, n), in `angle_unit`."""
+    """Positions, shape (F, n), rad."""
     joint_velocity: FloatArray | None = None
-    """Shape (F, n), `angle_unit` per second."""
+    """Shape (F, n), rad/s."""
     joint_names: tuple[str, ...] | None = None
     base: FloatArray | None = None
     """Pose of the robot's base body in the world, shape (F, 7)."""
@@ -60,14 +55,8 @@ class SourceMotion:
     frame: Literal["world", "base"] = "world"
     """Frame of `bodies`: the world, or that of the robot's base body."""
     quaternion_order: QuaternionOrder | None = None
-    angle_unit: Literal["rad", "deg"] | None = None
 
     def __post_init__(self) -> None:
-        if self.joints is None and self.bodies is None:
-            raise InputError(f"{self.source}: holds neither joint positions nor body poses")
-        velocity = self.joint_velocity
-        if velocity is not None and (self.joints is None or self.joints.shape != velocity.shape):
-            raise InputError(f"{self.source}: has joint velocities of another shape than the positions")
         for name, array in {"times": self.times, **self.arrays()}.items():
             if len(array) != len(self.times) or not len(array):
                 raise InputError(f"{self.source}: {name} has {len(array)} frames, expected {len(self.times) or 'some'}")
@@ -95,54 +84,52 @@ class SourceMotion:
         return (count - 1) / float(self.times[-1] - self.times[0]) if count > 1 else 0.0
 
 
-def joint_of(column: str, joints: tuple[str, ...]) -> str | None:
-    """Return the joint whose position a column is by its name; None if there is none."""
-    names = (column.removesuffix(suffix) for suffix in _JOINT_SUFFIXES if column.endswith(suffix))
-    return next((name for name in names if name in joints), None)
-
-
-def even_times(count: int, fps: float, source: str) -> FloatArray:
-    """Return the times of frames at a fixed rate, from 0: shape (count,), s."""
-    if not 0.0 < fps < np.inf:
-        raise InputError(f"{source}: fps is {fps:g}, expected a positive number of frames per second")
-    times: FloatArray = np.arange(count) / fps
-    return times
-
-
 def derivative(joints: FloatArray, times: FloatArray) -> FloatArray:
     """Return the central differences of (F, n), one-sided at the ends; zeros of a single frame."""
     rate: FloatArray = np.gradient(joints, times, axis=0) if len(times) > 1 else np.zeros_like(joints)
     return rate
 
 
-def poses(position: FloatArray, quaternion: FloatArray, source: str) -> FloatArray:
-    """Join positions (F, B, 3) and quaternions (F, B, 4)."""
+def _even_times(count: int, fps: float, source: str) -> FloatArray:
+    if not 0.0 < fps < np.inf:
+        raise InputError(f"{source}: fps is {fps:g}, expected a positive number of frames per second")
+    times: FloatArray = np.arange(count) / fps
+    return times
+
+
+def _joint_of(column: str, joints: tuple[str, ...]) -> str | None:
+    """Return the joint whose position a column is by its name; None if there is none."""
+    names = (column.removesuffix(suffix) for suffix in _JOINT_SUFFIXES if column.endswith(suffix))
+    return next((name for name in names if name in joints), None)
+
+
+def _poses(position: FloatArray, quaternion: FloatArray, source: str) -> FloatArray:
     if position.shape[:-1] != quaternion.shape[:-1]:
         raise InputError(f"{source}: has {position.shape[:-1]} body positions and {quaternion.shape[:-1]} orientations")
     return np.concatenate([position, quaternion], axis=-1)
 
 
 def read_npz(path: Path) -> SourceMotion:
-    """Read a motion of mjlab or whole_body_tracking; names only if somebody added them."""
-    arrays = read_arrays(path)
-    read: dict[str, FloatArray] = {}
-    for key, shape in _NPZ_SHAPES.items():
+    """Read a motion of mjlab or whole_body_tracking, whose files do not name joints or bodies."""
+    arrays, read = read_arrays(path), {}
+    for key, shape in {**_NPZ_SHAPES, "fps": ()}.items():
         if key not in arrays:
             raise InputError(f"{path}: has no {key}; it holds {', '.join(sorted(arrays)) or 'nothing'}")
-        array = np.atleast_1d(arrays[key])
+        array = arrays[key].reshape(()) if key == "fps" and arrays[key].size == 1 else arrays[key]
         is_right = array.ndim == len(shape) and all(own in (-1, n) for own, n in zip(shape, array.shape, strict=True))
         if not is_right or array.dtype.kind not in "fiu":
             raise InputError(f"{path}: {key} is {array.dtype} of shape {array.shape}, expected numbers, shape {shape}")
         read[key] = array.astype(np.float64)
+    if read["joint_pos"].shape != read["joint_vel"].shape:
+        raise InputError(f"{path}: joint_vel has another shape than joint_pos")
     names = {key: tuple(map(str, arrays[key].ravel())) for key in ("joint_names", "body_names") if key in arrays}
     return SourceMotion(
         source=str(path),
-        kind="npz",
-        times=even_times(len(read["joint_pos"]), float(read["fps"][0]), str(path)),
+        times=_even_times(len(read["joint_pos"]), float(read["fps"]), str(path)),
         joints=read["joint_pos"],
         joint_velocity=read["joint_vel"],
         joint_names=names.get("joint_names"),
-        bodies=poses(read["body_pos_w"], read["body_quat_w"], str(path)),
+        bodies=_poses(read["body_pos_w"], read["body_quat_w"], str(path)),
         body_names=names.get("body_names"),
     )
 
@@ -154,34 +141,26 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
     position, base quaternion and joint positions, as LAFAN1 for the G1, or joint positions.
     """
     with blaming(f"{path}: is not a table of numbers", (OSError, ValueError)):
-        lines = regular_file(path, "a .csv file").read_text(encoding="utf-8-sig").splitlines()
-        lines = [line for line in lines if line.strip()]
+        text = regular_file(path, "a .csv file").read_text(encoding="utf-8-sig")
+        lines = [line for line in text.splitlines() if line.strip()]
         has_names = bool(lines) and re.search("[a-df-z]", lines[0], re.IGNORECASE) is not None  # e: 1e-3
         if len(lines) <= has_names:
             raise InputError(f"{path}: has no frames")
         table = np.loadtxt(lines[has_names:], delimiter=",", ndmin=2)
-    known = ("time", *_BASE_COLUMNS, *joints)
     if has_names:
-        parts = [joint_of(name.strip(' "'), joints) or name.strip(' "') for name in lines[0].split(",")]
-    elif table.shape[1] in (len(joints), len(joints) + len(_BASE_COLUMNS)):
-        parts = list(known[-table.shape[1] :])
+        parts = [_joint_of(name.strip(' "'), joints) or name.strip(' "') for name in lines[0].split(",")]
     else:
-        raise InputError(
-            f"{path}: has {table.shape[1]} columns, expected {len(joints)} joints, or 7 of the base before"
-        )
-    require_known("column", parts, known, f"{path}: ")
+        parts = [*_BASE_COLUMNS, *joints] if table.shape[1] > len(joints) else list(joints)
+    require_known("column", parts, ("time", *_BASE_COLUMNS, *joints), f"{path}: ")
     has_base = not set(parts).isdisjoint(_BASE_COLUMNS)
     missing = [name for name in ((*_BASE_COLUMNS, *joints) if has_base else joints) if name not in parts]
     if missing or len(set(parts)) != table.shape[1]:
-        raise InputError(f"{path}: lacks columns, or has one twice: {', '.join(missing or parts)}")
+        raise InputError(f"{path}: has {table.shape[1]} columns, lacks some, or has one twice: {', '.join(missing)}")
     if (fps is None) == ("time" not in parts):
-        raise InputError(
-            f"--fps: is {fps}, and {path} has {'a' if fps else 'no'} column 'time'; expected one of the two"
-        )
+        raise InputError(f"--fps: is {fps}, expected it where there is no column 'time', and only there")
     return SourceMotion(
         source=str(path),
-        kind="csv",
-        times=table[:, parts.index("time")] if fps is None else even_times(len(table), fps, "--fps"),
+        times=table[:, parts.index("time")] if fps is None else _even_times(len(table), fps, "--fps"),
         joints=table[:, [parts.index(name) for name in joints]],
         joint_names=joints if has_names else None,
         base=table[:, [parts.index(name) for name in _BASE_COLUMNS]] if has_base else None,
@@ -189,44 +168,113 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
     )
 
 
-def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
-    """Read `sensor_msgs/msg/JointState` of one topic, from an MCAP file or a folder that rosbag2 wrote.
+# --- LeRobot ---
 
-    Times are those of the headers, or of the recorder where the headers have none. Messages without any of the robot's
-    joints are left out.
+
+def dataset_folder(name: str) -> Path:
+    """Return the folder of a dataset: a path, LeRobot's own copy of one on the hub, or fetched, without its videos."""
+    if Path(name).is_dir():
+        return Path(name)
+    if name.count("/") != 1:
+        raise InputError(f"--motion: is '{name}', expected an .npz or .csv file, or a LeRobot dataset, user/name")
+    cache = os.environ.get("HF_HOME", "~/.cache/huggingface")
+    kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser() / name
+    if (kept / "meta").is_dir():
+        return kept
+    with needing("huggingface_hub", "lerobot", f"fetching the dataset '{name}'"):
+        from huggingface_hub import snapshot_download  # noqa: PLC0415 - optional
+    try:
+        return Path(snapshot_download(name, repo_type="dataset", allow_patterns=["meta/*", "data/*"]))
+    except Exception as error:  # of the network, of the hub, or of the package's own
+        raise InputError(f"--motion: '{name}' cannot be fetched from the hub: {reason_of(error)[:200]}") from None
+
+
+def read_dataset(folder: Path, episode: int | None, options: Sequence[str], joints: tuple[str, ...]) -> SourceMotion:
+    """Read one episode of a dataset; LeRobot itself is not needed.
+
+    Args:
+        options: ROLE=FEATURE for the features that their names do not tell.
     """
-    found: dict[str, list[tuple[float, list[float]]]] = {}
-    with blaming(f"{path}: cannot be read as a recording (.mcap)", (OSError, McapError, CdrError, EOFError)):
-        for name, time, position in _joint_states(sorted(path.glob("*.mcap")) if path.is_dir() else [path]):
-            if topic in (None, name) and not position.keys().isdisjoint(joints):
-                require_known("joint", joints, position, f"{path}: {name}: ")
-                found.setdefault(name, []).append((time, [position[joint] for joint in joints]))
-    if len(found) != 1:
-        raise InputError(
-            f"{path}: has {len(found)} topics of {JOINT_STATE} with the robot's joints"
-            f"{f' called {topic}' if topic else ''}, expected one: {', '.join(found) or 'none'}; --topic chooses"
-        )
-    (rows,) = found.values()
-    rows.sort()  # the files of a bag may come in any order
+    with needing("pyarrow", "lerobot", "reading a LeRobot dataset"):
+        from pyarrow import compute, parquet  # noqa: PLC0415 - optional
+    with blaming(f"{folder}: cannot be read as a LeRobot dataset", (OSError, ValueError, KeyError, TypeError)):
+        info = json.loads(regular_file(folder / "meta" / "info.json", "a dataset's info.json").read_bytes())
+        if info["codebase_version"] != _FORMAT:
+            version = one_line(str(info["codebase_version"]))[:80]
+            converter = "convert it with LeRobot's convert_dataset_v21_to_v30"
+            raise InputError(f"{folder}: has LeRobot's format {version}, expected {_FORMAT}; {converter}")
+        wanted = ["episode_index", "length", "data/chunk_index", "data/file_index"]
+        listed = parquet.read_table(folder / "meta" / "episodes", columns=wanted).to_pylist()
+        rows = {row["episode_index"]: row for row in listed}
+        chosen = 0 if episode is None and len(rows) == 1 else episode
+        if chosen not in rows:
+            raise InputError(f"--episode: is {chosen}, expected one of the {len(rows)} episodes of {folder}, from 0")
+        place = {name: rows[chosen][f"data/{name}"] for name in ("chunk_index", "file_index")}
+        numeric = {key: its for key, its in info["features"].items() if its["dtype"].startswith(("float", "int"))}
+        table = parquet.read_table(folder / info["data_path"].format(**place), columns=[*numeric])
+        table = table.filter(compute.equal(table["episode_index"], chosen))
+        columns = {key: np.array(table[key].to_pylist(), dtype=np.float64) for key in numeric}
+        names = {key: _value_names(its.get("names")) for key, its in numeric.items()}
+        return _episode(f"{folder} episode {chosen}", columns, names, options, joints)
+
+
+def _value_names(names: Any) -> list[str]:
+    """Return a feature's names of its values; some writers nest them as `{"motors": [...]}`."""
+    nested = names.values() if isinstance(names, Mapping) else [names or []]
+    return [str(name) for listed in nested for name in listed]
+
+
+def _episode(
+    source: str,
+    columns: Mapping[str, FloatArray],
+    names: Mapping[str, list[str]],
+    options: Sequence[str],
+    joints: tuple[str, ...],
+) -> SourceMotion:
+    """Return the motion in an episode's numeric features, each (F, …), whose values have names or none."""
+    found = _features(source, columns, options)
+    arrays = {role: columns[feature] for role, feature in found.items()}
+    listed = names.get(found.get("joint_pos", ""), [])
+    places = {joint: i for i, name in enumerate(listed) if (joint := _joint_of(name, joints))}
+    if places:
+        require_known("joint", joints, places, f"{source}: {found['joint_pos']}: ")
+        for role in {"joint_pos", "joint_vel"} & arrays.keys():
+            arrays[role] = arrays[role][:, [places[joint] for joint in joints]]
+    for role in _WIDTHS.keys() & arrays.keys():
+        arrays[role] = arrays[role].reshape(len(arrays[role]), -1, _WIDTHS[role])
+    if "motion_body_ori_b" in arrays:
+        arrays["body_quat_b"] = quaternion_from_matrix(rotation_from_6d(arrays["motion_body_ori_b"]))
+    frame: Literal["world", "base"] = "world" if "body_pos_w" in arrays else "base"
+    place, turn = ("body_pos_w", "body_quat_w") if frame == "world" else ("motion_body_pos_b", "body_quat_b")
+    if (place in arrays) != (turn in arrays):
+        raise InputError(f"{source}: holds positions or orientations of bodies, expected both")
+    heads = tuple(name.rpartition(".")[0] for name in names.get(found.get(place, ""), [])[::3])  # hand.x, hand.y, …
     return SourceMotion(
-        source=str(path),
-        kind="joint states",
-        times=np.array([time for time, _ in rows]),
-        joints=np.array([position for _, position in rows]),
-        joint_names=joints,
-        angle_unit="rad",
+        source=source,
+        times=columns["timestamp"],
+        joints=arrays.get("joint_pos"),
+        joint_velocity=arrays.get("joint_vel"),
+        joint_names=joints if places else None,
+        bodies=_poses(arrays[place], arrays[turn], source) if place in arrays else None,
+        body_names=heads if heads and all(heads) else None,
+        frame=frame,
+        quaternion_order="wxyz" if frame == "base" else None,
     )
 
 
-def _joint_states(files: list[Path]) -> Iterator[tuple[str, float, dict[str, float]]]:
-    """Yield topic, time in s and positions by joint of each message of this type."""
-    for file in files:
-        with regular_file(file, "an MCAP file", None).open("rb") as stream:
-            for schema, channel, message in make_reader(stream).iter_messages():
-                if schema is not None and schema.name == JOINT_STATE:
-                    reader = CdrReader(message.data)
-                    seconds, nanoseconds = reader.unpack("iI")
-                    reader.string()
-                    names, positions = reader.strings(), reader.array(np.float64).tolist()
-                    time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time
-                    yield channel.topic, time, dict(zip(names, positions, strict=False))
+def _features(source: str, columns: Mapping[str, FloatArray], options: Sequence[str]) -> dict[str, str]:
+    """Return the feature of each role; what `record dataset --reference` added comes before what the robot did."""
+    roles = {role: feature for role, _, feature in (option.partition("=") for option in options)}
+    require_known("role", roles, ROLES, "--features: expected ROLE=FEATURE: ")
+    require_known("feature", roles.values(), columns, f"--features: {source}: ")
+    found = dict(roles)
+    references = [key for key in columns if key.startswith("reference.")]
+    for key in references or columns:
+        role = key.rpartition(".")[2].replace("state", "joint_pos")
+        if role in ROLES and role not in roles and columns[key].ndim > 1:
+            if role in found:
+                raise InputError(f"{source}: '{found[role]}' and '{key}' may be {role}; choose with --features")
+            found[role] = key
+    if not {"joint_pos", "body_pos_w", "motion_body_pos_b"} & found.keys():
+        raise InputError(f"{source}: holds no motion that its names tell, but {', '.join(columns)}; use --features")
+    return found

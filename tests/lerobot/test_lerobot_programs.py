@@ -225,7 +225,6 @@ def test_a_policy_is_trained_and_drives_the_robot(recorded, tmp_path):
 def test_a_dataset_becomes_a_motion_that_plays(recorded, tmp_path):
     policy, output = str(asset_path("policies", "lite_tracking.onnx")), tmp_path / "out"
     options = ["--policy", policy, "--motion", str(recorded / "reach"), "--episode", "0", "--resample"]
-    options += ["--angle-unit", "rad"]
     assert run_program(prepare, [*options, "--output", str(output)]) == 0
     assert len(read_motion(output / "reach_0.mcap").frames) > 50
     options = ["--policy", policy, "--motion", str(output / "reach_0.mcap")]

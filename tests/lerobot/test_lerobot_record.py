@@ -72,7 +72,6 @@ def test_what_the_robot_did_becomes_a_motion(tmp_path, recording):
     assert run_program(main, ["dataset", str(recording), "-o", str(tmp_path / "waves")]) == 0
     policy = str(asset_path("policies", "lite_tracking.onnx"))
     options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
-    options += ["--angle-unit", "rad"]
     assert run_program(prepare, options) == 0
     assert read_motion(tmp_path / "out" / "waves_0.mcap").body_names
 

@@ -11,7 +11,7 @@ from motion_samples import BODIES, joint_frames, joint_path, lite, prepare, refu
 from pyarrow import parquet
 
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.prepare.lerobot_dataset import hub_dataset
+from humanoid_sim.prepare.sources import dataset_folder
 
 ORDER = np.random.default_rng(2).permutation(14)
 Q = joint_path()
@@ -23,7 +23,6 @@ NAMES = {
     "body_pos_w": [f"{body}.{axis}" for body in ("chest", *BODIES) for axis in "xyz"],
 }
 JOINTS = {"observation.state": Q[:, ORDER]}
-UNNAMED = ["--angle-unit", "rad", "--joint-order", ",".join(lite().joint_names[i] for i in ORDER)]
 IN_WORLD = {name: WORLD[name].reshape(len(Q), -1) for name in ("body_pos_w", "body_quat_w")}
 IN_BASE = {"motion_body_pos_b": FRAMES[:, :12], "motion_body_ori_b": FRAMES[:, 12:]}
 
@@ -58,10 +57,10 @@ def write(root, *episodes, fps=50, version="v3.0"):
     [
         (JOINTS | IN_WORLD, [], "forward kinematics"),
         (IN_BASE, [], "inverse kinematics"),
-        (JOINTS, ["--angle-unit", "rad"], "note: without body poses"),
+        (JOINTS, [], "note: without body poses"),
         (
             JOINTS | {"measured": Q},
-            ["--angle-unit", "rad", "--joint-order", "robot", "--features", "joint_pos=measured"],
+            ["--joint-order", "robot", "--features", "joint_pos=measured"],
             "note",
         ),
     ],
@@ -76,8 +75,7 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, options, method)
 @pytest.mark.parametrize(
     ("columns", "options", "reason"),
     [
-        (JOINTS, [], "--angle-unit: is missing"),
-        ({"qpos.state": Q[:, :13]}, ["--angle-unit", "rad"], f"unknown joint '{lite().joint_names[13]}'"),
+        ({"qpos.state": Q[:, :13]}, [], f"unknown joint '{lite().joint_names[13]}'"),
         ({"measured": Q}, [], "holds no motion"),
         (JOINTS | {"body_pos_w": IN_WORLD["body_pos_w"]}, [], "expected both"),
         (JOINTS, ["--features", "joint_pos=a"], "unknown feature 'a'"),
@@ -97,7 +95,7 @@ def test_older_formats_name_the_converter(tmp_path, capsys):
 def test_a_dataset_of_the_hub(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "home"))
     kept = write(tmp_path / "home" / "lab" / "kept", IN_BASE)
-    assert hub_dataset("lab/kept") == kept
+    assert dataset_folder("lab/kept") == kept
     hub = types.ModuleType("huggingface_hub")
     fetched = write(tmp_path / "hub", IN_BASE)
     hub.snapshot_download = lambda name, **_: {"lab/dances": str(fetched)}[name]

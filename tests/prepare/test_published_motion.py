@@ -64,7 +64,7 @@ def test_the_same_from_the_joints_and_the_base(tmp_path, waltz):
     turn = np.roll(state["body_quat_w"][:, 0], -1, axis=-1)
     rows = np.concatenate([state["body_pos_w"][:, 0], turn, state["joint_pos"][:, order]], axis=1)
     np.savetxt(tmp_path / "waltz.csv", rows, delimiter=",")
-    options = ["--motion", str(tmp_path / "waltz.csv"), "--fps", "50", "--joint-order", "robot", "--angle-unit", "rad"]
+    options = ["--motion", str(tmp_path / "waltz.csv"), "--fps", "50", "--joint-order", "robot"]
     assert prepare(tmp_path, *options, "--quaternions", "xyzw") == 0
     made = parts(read_motion(tmp_path / "out" / "waltz.mcap"))
     np.testing.assert_allclose(made["joint_pos"], state["joint_pos"], atol=1e-6)
