@@ -30,12 +30,11 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy_tools.show import checkpoint_document, print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.regress.options import RegressConfig, checked
+from humanoid_sim.regress import RegressConfig, checked
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import schema_problem
 
 if TYPE_CHECKING:
-    from humanoid_sim.doctor.report import Examination
     from humanoid_sim.regress.results import Results
 
 __all__ = [
@@ -204,7 +203,8 @@ class Diagnosis(_Shown):
     """The changes that may be right, the best first, as `policy doctor --json` lists them."""
     fix: Mapping[str, Any]
     """Fields of the contract file that put it right; empty where nothing was found."""
-    _examined: Examination
+    document: Mapping[str, Any]
+    """Everything, as `policy doctor --json` prints it."""
 
     def frame(self) -> Any:
         """Return the ranking as a pandas frame. Raises `MissingPackageError` without pandas."""
@@ -214,7 +214,9 @@ class Diagnosis(_Shown):
         return f"Diagnosis({self.verdict})"
 
     def _print(self, console: Console) -> None:
-        self._examined.print(console)
+        from humanoid_sim.doctor.report import print_document  # noqa: PLC0415
+
+        print_document(self.document, console)
 
 
 def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
@@ -234,8 +236,7 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     checkpoint = policy_path(name, "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
     found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
-    document = found.document()
-    return Diagnosis(found.result.is_healthy, found.result.verdict, tuple(document["ranking"]), found.fix, found)
+    return Diagnosis(found["healthy"], found["verdict"], tuple(found["ranking"]), found["fix"], found)
 
 
 @dataclass(frozen=True, repr=False)

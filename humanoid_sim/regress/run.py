@@ -1,12 +1,17 @@
-"""`regress`: read, run, compare, show it, write it down."""
+"""`regress`: read, run here or on a Ray cluster, compare, show it, write it down."""
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import platform
-from contextlib import ExitStack
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -15,17 +20,19 @@ from rich.progress import Progress
 
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, blaming, known_names, needing, reason_of
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.files import regular_file, whole_file
+from humanoid_sim.regress import RegressConfig
 from humanoid_sim.regress.compare import compare_runs
-from humanoid_sim.regress.executors import Advance, Executor, ray_executor, run_locally
-from humanoid_sim.regress.options import RegressConfig
+from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, prepare_policy, prepare_suite
 from humanoid_sim.regress.report import junit_xml, report_page, verdict_lines
-from humanoid_sim.regress.results import Candidate, PolicyRun, Results
+from humanoid_sim.regress.results import Candidate, Episode, PolicyRun, Results
 from humanoid_sim.regress.suite import chosen_suite, load_suite
 
+Executor = Callable[[TestedPolicy], Iterator[list[Episode]]]  # case by case, seed by seed, as they end
+_CHUNK = 8  # seeds of one task of a cluster
 _AGAIN = "make it again with --write-baseline"
 
 
@@ -38,7 +45,7 @@ def regress(config: RegressConfig) -> int:
 
 
 def tested(config: RegressConfig) -> Results:
-    """Run policies over a suite, and write the files that were asked for.
+    """Run policies over a suite, and write the files that were requested.
 
     Raises `InputError` if what was given cannot be used.
     """
@@ -55,16 +62,7 @@ def tested(config: RegressConfig) -> Results:
         policies.append(prepare_policy(prepared, Path(config.baseline), contract, "baseline"))
     elif config.baseline is not None:
         baseline = stored_baseline(prepared, Path(config.baseline))
-    with ExitStack() as stack:
-        executor: Executor = partial(run_locally, threads=config.threads)
-        if config.ray is not None:
-            executor = stack.enter_context(ray_executor(config.ray, config.threads))
-        console = Console(stderr=True, emoji=False)
-        bar = stack.enter_context(Progress(console=console, transient=True, disable=not console.is_terminal))
-        runs = []
-        for policy in policies:
-            task = bar.add_task(policy.name, total=len(policy.cases) * prepared.suite.seeds)
-            runs.append(run_policy(policy, executor, partial(bar.advance, task)))
+    runs = _run_all(policies, config)
     if len(runs) > len(config.policies):
         baseline = runs.pop()
     compared = [() if baseline is None else compare_runs(prepared.suite, baseline, run) for run in runs]
@@ -82,19 +80,77 @@ def tested(config: RegressConfig) -> Results:
     return results
 
 
-def run_policy(policy: TestedPolicy, executor: Executor, advance: Advance) -> PolicyRun:
-    """Run every episode of a policy."""
+def _run_all(policies: Sequence[TestedPolicy], config: RegressConfig) -> list[PolicyRun]:
+    """Run every episode of each policy."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
-    return PolicyRun(
-        name=policy.name,
-        source=policy.checkpoint.source,
-        sha256=policy.checkpoint.sha256,
-        suite=policy.prepared.suite.name,
-        case_digests=policy.prepared.digests,
-        definitions=dict(DEFINITIONS),
-        episodes=tuple(executor(policy, advance)),
-        versions={"humanoid_sim": __version__, **packages, "platform": platform.platform()},
-    )
+    versions = {"humanoid_sim": __version__, **packages, "platform": platform.platform()}
+    console, runs = Console(stderr=True, emoji=False), []
+    with (
+        _executor(config) as executor,
+        Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
+        for policy in policies:
+            suite, episodes = policy.prepared.suite, list[Episode]()
+            task = bar.add_task(policy.name, total=len(policy.cases) * suite.seeds)
+            for done in executor(policy):
+                episodes += done
+                bar.advance(task, len(done))
+            runs.append(
+                PolicyRun(
+                    name=policy.name,
+                    source=policy.checkpoint.source,
+                    sha256=policy.checkpoint.sha256,
+                    suite=suite.name,
+                    case_digests=policy.prepared.digests,
+                    definitions=dict(DEFINITIONS),
+                    episodes=tuple(episodes),
+                    versions=versions,
+                )
+            )
+    return runs
+
+
+@contextmanager
+def _executor(config: RegressConfig) -> Iterator[Executor]:
+    """Yield what runs a policy's episodes: this process, or a Ray cluster, with the same results.
+
+    On a cluster the package, the checkpoint and the robot's files must be at the same paths on every machine.
+    """
+    address = config.ray
+    if address is None:
+        yield lambda policy: (run_episodes(c, c.suite.seed_numbers, threads=config.threads) for c in policy.cases)
+        return
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdecimal():  # Ray itself would try for minutes
+        with blaming(f"--ray: is '{address}', and nobody answers there", (OSError, OverflowError)):
+            socket.create_connection((host, int(port)), timeout=5.0).close()
+    with needing("ray", "cluster", "--ray"):
+        import ray  # noqa: PLC0415 - an extra, and slow to import
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    local = {"num_cpus": config.threads, "include_dashboard": False} if address == "local" else {}
+    with blaming(f"--ray: is '{address}', and no cluster answers there", (ConnectionError, ValueError, RuntimeError)):
+        ray.init(address, log_to_driver=False, logging_level="error", **local)
+    try:
+        yield partial(_run_on_ray, ray)
+    finally:
+        ray.shutdown()
+
+
+def _run_on_ray(ray: Any, policy: TestedPolicy) -> Iterator[list[Episode]]:
+    suite, task = policy.prepared.suite, ray.remote(num_cpus=1)(run_seeds)
+    file, contract = Path(policy.checkpoint.source).resolve(), policy.checkpoint.contract_file
+    parcel = ray.put((policy.prepared, file, contract and contract.resolve()))
+    seeds = [suite.seed_numbers[at : at + _CHUNK] for at in range(0, suite.seeds, _CHUNK)]
+    for running in [task.remote(parcel, i, chunk) for i in range(len(suite.cases)) for chunk in seeds]:
+        yield ray.get(running)
+
+
+def run_seeds(parcel: tuple[PreparedSuite, Path, Path | None], i: int, seeds: Sequence[int]) -> list[Episode]:
+    """Run some seeds of a suite's case `i`, as a worker of a cluster does."""
+    prepared, file, contract = parcel
+    one = replace(prepared.suite, cases=prepared.suite.cases[i : i + 1])
+    (case,) = prepare_policy(dataclasses.replace(prepared, suite=one), file, contract).cases
+    return run_episodes(case, seeds, threads=1)
 
 
 def json_of(value: msgspec.Struct) -> bytes:

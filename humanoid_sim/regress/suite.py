@@ -14,8 +14,8 @@ import msgspec
 from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
+from humanoid_sim.regress import RegressConfig
 from humanoid_sim.regress.metrics import Metric, TaskName, failures_of, has_metric, metrics_of
-from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.plant import BatchActuation

@@ -15,8 +15,8 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
-from humanoid_sim.regress.executors import run_seeds
 from humanoid_sim.regress.preparation import prepare_suite
+from humanoid_sim.regress.run import run_seeds
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 from humanoid_sim.testing import healthy_state
 
@@ -58,7 +58,8 @@ def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
     policy = changed_copy(SAMPLE, tmp_path / "other.onnx", "Add", np.full(1, 0.05, dtype=np.float32))
     one = replace(suite, cases=suite.cases[1:])
-    assert run_seeds((prepare_suite(one, folder), policy, None), [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
+    parcel = prepare_suite(suite, folder), policy, None
+    assert run_seeds(parcel, 1, [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
 
 
 def test_errors_are_those_of_the_tracking_report(short, samples):
