@@ -148,31 +148,31 @@ class Samples:
 
         Single policy steps are simulated, each from the trace's state and with its action.
         """
-        robot_description, trace = self._subject.description, self.trace(contract)
+        description, trace = self._subject.description, self.trace(contract)
+        steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
         try:
-            wiring, robot = self.wiring(contract), simulations.robot(contract)
+            wiring, robots = self.wiring(contract), simulations.robots(contract, len(steps))
         except (FieldError, InputError):
             return math.inf
         if "qpos" not in self._file:
             return math.inf
-        qpos, qvel = self._file["qpos"].astype(np.float64), self._file["qvel"].astype(np.float64)
-        free, data = (7 if robot_description.is_floating else 0), robot.data
-        own = joint_addresses(robot.model, self._names[len(self._names) - (qpos.shape[1] - free) :])
-        column = [trace.joint_names.index(name) for name in robot.joints]
-        dof, speed = joint_addresses(robot.model, robot.joints).dof, trace.arrays["joint_velocity"][:, column]
-        command = action_command(wiring.action_map, trace.arrays["action"])
-        off = change = 0.0
-        for i in np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp)).tolist():
-            robot.activate()
-            if free:
-                place, turn, linear, angular = base_addresses(robot.model, robot_description)
-                data.qpos[place], data.qpos[turn] = qpos[i, :3], qpos[i, 3:7]
-                data.qvel[linear], data.qvel[angular] = qvel[i, :3], qvel[i, 3:6]
-            data.qpos[own.qpos], data.qvel[own.dof] = qpos[i, free:], qvel[i, max(free - 1, 0) :]
-            robot.write(MITCommand(*(getattr(command, name)[i, column] for name in COMMAND_FIELDS)))
-            off += float(((data.qvel[dof] - speed[i + 1]) ** 2).sum())
-            change += float(((speed[i + 1] - speed[i]) ** 2).sum())
-        return math.sqrt(off / change) if math.isfinite(off) and change else math.inf
+        qpos, qvel = self._file["qpos"][steps].astype(np.float64), self._file["qvel"][steps].astype(np.float64)
+        model, free = robots.model(0), 7 if description.is_floating else 0
+        own = joint_addresses(model, self._names[len(self._names) - (qpos.shape[1] - free) :])
+        column = [trace.joint_names.index(name) for name in robots.joints]
+        positions, velocities = robots.start_pose.arrays((len(steps),))
+        if free:
+            place, turn, linear, angular = base_addresses(model, description)
+            positions[:, place], positions[:, turn] = qpos[:, :3], qpos[:, 3:7]
+            velocities[:, linear], velocities[:, angular] = qvel[:, :3], qvel[:, 3:6]
+        positions[:, own.qpos], velocities[:, own.dof] = qpos[:, free:], qvel[:, max(free - 1, 0) :]
+        robots.reset(qpos=positions, qvel=velocities)
+        command = action_command(wiring.action_map, trace.arrays["action"][steps])
+        robots.step(MITCommand(*(getattr(command, name)[:, column] for name in COMMAND_FIELDS)))
+        speed = trace.arrays["joint_velocity"][:, column]
+        off = ((robots.qvel[:, joint_addresses(model, robots.joints).dof] - speed[steps + 1]) ** 2).sum()
+        change = ((speed[steps + 1] - speed[steps]) ** 2).sum()
+        return math.inf if robots.fault.any() or not change else math.sqrt(off / change)
 
 
 def _frames(trace: Trace, count: int) -> npt.NDArray[np.int64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,36 +14,36 @@ from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
-from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.errors import pose_error
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
-from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.run_figures import MotionErrors
-from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription, with_contract, with_joint_limits
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.simulation.floating_base import BaseState
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import BatchActuation
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.stability import DampingStability
 
 Command = tuple[float, float, float]
 """vx, vy in m/s and yaw rate in rad/s."""
+Plant = tuple[bool, float]
+"""Implicit damping, and the physics step, s."""
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_PLANTS: tuple[tuple[BatchActuation, float], ...] = (
-    *(("affine", 0.005), ("affine", 0.0025), ("affine", 0.002), ("implicit", 0.0025), ("implicit", 0.002)),
-    *(("affine", 0.001), ("affine", 0.0005)),
+_EXPLICIT, _IMPLICIT = False, True
+_PLANTS: tuple[Plant, ...] = (
+    *((_EXPLICIT, 0.005), (_EXPLICIT, 0.0025), (_EXPLICIT, 0.002), (_IMPLICIT, 0.0025), (_IMPLICIT, 0.002)),
+    *((_EXPLICIT, 0.001), (_EXPLICIT, 0.0005)),
 )
-"""Plant and physics step, s, fastest first: where damping is stable the longest gives the figures of the shortest."""
+"""Fastest first: where damping is stable the longest step gives the figures of the shortest."""
 _STABLE = 1.5  # see simulation.stability
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
@@ -59,6 +59,7 @@ _NOTICED: Mapping[str, float] = {
     "torque": 15.0,  # N·m, root mean square
 }
 """Errors at which an onlooker begins to notice."""
+_SQUARED = ("shaking", "torque", "tilt")  # of these the squares are kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,8 +153,8 @@ class Simulations:
 
     def __init__(self, subject: Subject) -> None:
         self._subject = subject
-        self._robots: dict[tuple[object, ...], MujocoRobot] = {}
-        self._stability: dict[tuple[BatchActuation, float], DampingStability] = {}
+        self._robots: dict[tuple[object, ...], BatchSim] = {}
+        self._stability: dict[Plant, DampingStability] = {}
 
     def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
         """Run a contract once; one that cannot run is lost at 0 s. The same contract gives the same outcome.
@@ -163,71 +164,60 @@ class Simulations:
             commands: velocity commands, for equal shares of the time.
         """
         try:
-            loaded, robot = self._subject.load(contract), self.robot(contract)
-            robot.activate()
-            one = OneRobot(robot)
+            loaded, robot = self._subject.load(contract), self.robots(contract, 1)
+            robot.reset(base_yaw=np.array([_YAW]))
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
-            loop = ClosedLoop(one, wiring, np.array(commands[0]))
+            loop = ClosedLoop(robot, wiring, np.array(commands[:1]))
         except (FieldError, InputError) as error:
             return Outcome(0.0, seconds, {}, str(error))
         score, period = _Score(loaded, robot, self._subject.base_reference(contract)), contract.policy_dt
         steps = round(seconds / period)
         for step in range(steps):
-            command = commands[step * len(commands) // steps]
-            lost = score.look(int(loop.memory.frame), loop.state, robot.base_state)
-            if one.safety.level >= SafetyLevel.FAULT:
-                lost = one.safety.message
-            elif has_run_away(loop.state.joint_velocity):
+            command, frame = commands[step * len(commands) // steps], int(loop.memory.frame[0])
+            lost = score.compare(frame, loop)
+            if robot.fault[0] or has_run_away(loop.state.joint_velocity)[0]:
                 lost = "the joints run away"
-            if lost:
-                return Outcome(step * period, seconds, score.parts(period), lost)
-            inferred = infer(wiring, loaded.policy, loop.observation, int(loop.memory.frame))
+            inferred = infer(wiring, loaded.policy, loop.observation[0], frame)
             if isinstance(inferred, Fault):
-                return Outcome(step * period, seconds, score.parts(period), inferred.message)
-            sent = loop.act(inferred.action, velocity=np.array(command))
+                lost = lost or inferred.message
+            if lost or isinstance(inferred, Fault):
+                return Outcome(step * period, seconds, score.parts(period), lost)
+            sent = loop.act(inferred.action[None], velocity=np.array([command]))
             is_settled = step * period % (seconds / len(commands)) >= _SETTLED
-            score.add(loop.state, robot.base_state, sent.position, command if is_settled else None)
+            score.add(sent.position[0], command if is_settled else None)
         return Outcome(seconds, seconds, score.parts(period))
 
-    def robot(self, contract: PolicyContract) -> MujocoRobot:
-        """Return the robot in the contract's default pose, on the fastest plant that is stable with its gains."""
-        actuation, timestep = self._plant(contract)
+    def robots(self, contract: PolicyContract, count: int) -> BatchSim:
+        """Return robots in the contract's default pose, on the fastest plant that is stable with its gains."""
+        plant = is_implicit, timestep = self._plant(contract)
         order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
-            actuation,
-            timestep,
+            *(count, plant, contract.policy_dt, contract.anchor_body, contract.velocity_points),
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
-            contract.policy_dt,
-            contract.anchor_body,
-            contract.velocity_points,
         )
         if key not in self._robots:
-            self._robots[key] = MujocoRobot(
-                self._limp(contract),
+            config = SimConfig(
                 control_period=contract.policy_dt,
                 physics_timestep=timestep,
-                actuation=actuation,
-                support=False,
-                base_yaw=_YAW,
                 anchor_body=contract.anchor_body,
                 velocity_at=contract.velocity_points,
                 height_scan=contract.height_scan,
             )
+            self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=is_implicit, threads=1)
         return self._robots[key]
 
-    def _plant(self, contract: PolicyContract) -> tuple[BatchActuation, float]:
-        robot = self._subject.description
-        own = [contract.joint_names.index(name) for name in robot.joint_names]
+    def _plant(self, contract: PolicyContract) -> Plant:
+        own = [contract.joint_names.index(name) for name in self._subject.description.joint_names]
         for plant in _PLANTS:
-            actuation, timestep = plant
+            is_implicit, timestep = plant
             try:
                 steps_per_period(contract.policy_dt, timestep)
             except InputError:
                 continue
             if plant not in self._stability:
-                limp, is_implicit = self._limp(contract), actuation == "implicit"
+                limp = self._limp(contract)
                 model = build_model(
                     limp, physics_timestep=timestep, affine_actuators=True, implicit=is_implicit, scene=False
                 )
@@ -242,58 +232,54 @@ class Simulations:
         return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
 
 
-_SQUARED = ("shaking", "torque", "tilt")
-
-
 class _Score:
     """Errors of one episode: the robot in the world, whatever the contract says."""
 
-    def __init__(self, loaded: LoadedPolicy, robot: MujocoRobot, base: MotionReference | None) -> None:
+    def __init__(self, loaded: LoadedPolicy, robot: BatchSim, base: MotionReference | None) -> None:
         contract, terms = loaded.contract, loaded.reference.terms
-        self._walks = contract.task_type == "locomotion" and robot.base_state is not None
+        self._robot = robot
+        self._walks = contract.task_type == "locomotion"
         self._targets = loaded.reference if "reference_joint_pos" in terms else None
-        self._base = base
-        self._alignment: Alignment | None = None
         self._order = joint_indices(contract.joint_names, robot.joints, "joint_names of the policy")
         self._bodies = MotionErrors(robot.description, loaded) if "motion_body_pos_b" in terms else None
+        self._base, self._alignment = base, None if robot.base is None or base is None else base.align(_pose(robot))
         self._values: dict[str, list[float]] = {}
         self._velocities: dict[Command, list[FloatArray]] = {}
         self._sent: FloatArray | None = None
-        self._standing = 0.0
 
-    def _add(self, name: str, value: float) -> None:
-        self._values.setdefault(name, []).append(value)
+    def _add(self, name: str, value: object) -> None:
+        self._values.setdefault(name, []).append(float(np.asarray(value)))
 
-    def look(self, frame: int, state: MITState, base: BaseState | None) -> str:
+    def compare(self, frame: int, loop: ClosedLoop) -> str:
         """Compare the state with the reference's frame; return how the robot was lost, or ''."""
+        base, position = self._robot.base, loop.state.joint_position[0]
         if self._bodies is not None:
-            self._bodies.update(frame, state)
+            self._bodies.update(frame, _first(loop.state))
         if self._targets is not None:
             target = self._targets.term("reference_joint_pos", frame)
-            self._add("joints", float(np.abs(state.joint_position[self._order] - target).mean()))
+            self._add("joints", np.abs(position[self._order] - target).mean())
         if base is None:
             return ""
         if self._base is not None:
-            pose = np.concatenate([base.position, base.quaternion])
-            self._alignment = self._alignment or self._base.align(pose)
-            error = pose_error(pose, *self._base.anchor(frame, self._alignment))
-            self._add("position", float(error.distance))
-            self._add("angle", float(error.angle))
+            error = pose_error(_pose(self._robot), *self._base.anchor(frame, self._alignment))
+            self._add("position", error.distance)
+            self._add("angle", error.angle)
             return describe_stray(error) if has_strayed(error) else ""
-        self._standing = self._standing or float(base.mass_height)
-        return describe_fall(base, self._standing) if has_fallen(base, self._standing) else ""
+        standing = self._robot.start_pose.standing_height
+        return describe_fall(base, standing, 0) if has_fallen(base, standing)[0] else ""
 
-    def add(self, state: MITState, base: BaseState | None, sent: FloatArray, command: Command | None) -> None:
-        """Take in a policy step: the positions sent, the state after it, and the command; None: not settled yet."""
+    def add(self, sent: FloatArray, command: Command | None) -> None:
+        """Take in a policy step: the positions (n,) sent, and the command; None: not settled yet."""
+        base = self._robot.base
         if self._sent is not None:
-            self._add("shaking", float(((sent - self._sent) ** 2).mean()))
+            self._add("shaking", ((sent - self._sent) ** 2).mean())
         self._sent = sent
-        self._add("torque", float((state.joint_effort**2).mean()))
+        self._add("torque", (self._robot.effort[0] ** 2).mean())
         if self._walks and base is not None:
-            self._add("tilt", float(base.tilt) ** 2)
+            self._add("tilt", base.tilt[0] ** 2)
             if command is not None:
-                self._velocities.setdefault(command, []).append(np.array(base.planar_velocity))
-                self._add("height", float(base.height))
+                self._velocities.setdefault(command, []).append(np.array(base.planar_velocity[0]))
+                self._add("height", base.height[0])
 
     def parts(self, period: float) -> dict[str, float]:
         """Return the errors, each about 1 where an onlooker begins to notice."""
@@ -312,3 +298,16 @@ class _Score:
             for name, error in (("hand position", "hands position"), ("hand angle", "hands orientation")):
                 errors[name] = summary["errors"][error]["rms"]
         return {name: value / _NOTICED[name] for name, value in errors.items()}
+
+
+def _pose(robot: BatchSim) -> FloatArray:
+    """Return the base's pose, shape (7,), m and w x y z, world frame."""
+    assert robot.base is not None
+    return np.concatenate([robot.base.position[0], robot.base.quaternion[0]])
+
+
+def _first(state: MITState) -> MITState:
+    """Return the state of a batch's first robot, without its live inputs."""
+    return MITState(
+        **{field.name: getattr(state, field.name)[0] for field in fields(MITState) if field.name != "extern"}
+    )

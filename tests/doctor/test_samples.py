@@ -16,7 +16,7 @@ from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import search_trace
 from humanoid_sim.doctor.trial import Simulations, load_subject
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.robots.description import load_robot
@@ -31,21 +31,21 @@ def walker():
 
 def walk(walker):
     """Return the arrays of a trace."""
-    loaded, robot = walker.load(walker.contract), Simulations(walker).robot(walker.contract)
+    loaded, robot = walker.load(walker.contract), Simulations(walker).robots(walker.contract, 1)
     wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
-    robot.activate()
-    velocity = np.array([0.3, 0.1, 0.2])
-    loop, rows = ClosedLoop(OneRobot(robot), wiring, velocity), []
+    robot.reset()
+    velocity = np.array([[0.3, 0.1, 0.2]])
+    loop, rows = ClosedLoop(robot, wiring, velocity), []
     for _ in range(STEPS):
         state, seen = loop.state, loop.observation
-        row = {"qpos": robot.qpos, "qvel": robot.data.qvel.copy(), "obs": seen}
+        row = {"qpos": robot.qpos, "qvel": robot.qvel, "obs": seen}
         row |= {"joint_position": state.joint_position, "joint_velocity": state.joint_velocity}
         row |= {"imu_quaternion": state.imu_quaternion, "imu_angular_velocity": state.imu_angular_velocity}
-        row["action"] = walker.policy(seen, 0)
+        row["action"] = walker.policy(seen[0], 0)[None]
+        rows.append({name: array[0].copy() for name, array in row.items()})
         loop.act(row["action"])
-        rows.append(row)
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-    return {**arrays, "cmd": velocity, "joint_names": np.array(robot.joints)}
+    return {**arrays, "cmd": velocity[0], "joint_names": np.array(robot.joints)}
 
 
 @pytest.fixture(scope="module")
