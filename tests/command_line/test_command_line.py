@@ -1,37 +1,37 @@
-"""What is wrong with a command line is said in one line."""
+"""What is wrong with a command line is said in one line that names the option and what is accepted."""
 
-import os
 import shlex
-import subprocess
-import sys
 
 import pytest
-from refusals import is_said, refusals
+from refusals import is_said
 
 from humanoid_sim.cli import main
 
+REFUSED = {
+    "plya": "unknown verb 'plya' (did you mean 'play'?); known: play, robot, …",
+    "policy chek": "Unrecognized options: chek; Available subcommands: show, check, stamp, doctor; …",
+    "hardware param gett": "Unrecognized options: gett; Available subcommands: get, set, save; …",
+    "mode dmap": "invalid choice 'dmap' for argument 'intent'. Expected one of ('damp', …",
+    "play --robt lite": "Unrecognized options: --robt, lite; Perhaps you meant: --robot …",
+    "play x.onnx": "Unrecognized options: x.onnx; …",
+    "play --yaw x": "Error parsing --yaw: could not convert string to float: 'x'; …",
+    "play --policy_seconds x": "Error parsing --policy-seconds: …",
+    "play --script": "Missing value for argument '--script'. Expected 1 values.; …",
+    "play --policy lite_pino": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: …",
+    "play --policy lite_biped_velocity": "it fits --robot lite_biped; policy on robot 'lite': …",
+    "play --robot lite_bipd": "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, …",
+    "play --motion wve": "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, …",
+    "prepare --policy lite_pino --motion x.npz": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?…",
+    "policy show lite_pino": "CHECKPOINT: unknown policy 'lite_pino' (did you mean 'lite_piano'?); …",
+    "regress lite_tracking --suite velocty": "--suite: unknown suite 'velocty' (did you mean 'velocity'?); known: …",
+    "policy check x.onnx": "Missing from python -m humanoid_sim.policy check: --robot …",
+    "hardware ping can0": "Missing from python -m humanoid_sim.hardware ping: MOTOR_ID …",
+}
 
-@pytest.mark.parametrize(("command", "line"), refusals(__file__))
-def test_one_line(command, line, capsys):
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_one_line(command, capsys):
     assert main(shlex.split(command)) == 2
     out, error = capsys.readouterr()
     assert out == ""
-    assert is_said(line, error), error
-
-
-def test_underscores_do_as_well(capsys):
-    assert main(["play", "--policy_seconds", "x"]) == 2
-    assert capsys.readouterr().err.startswith("error: Error parsing --policy-seconds: ")
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
-def test_one_line_in_whatever_encoding(encoding):
-    run = subprocess.run(
-        [sys.executable, "-m", "humanoid_sim.play", "--yaw", "x"],
-        env={**os.environ, "PYTHONIOENCODING": encoding},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (run.returncode, run.stdout, run.stderr.count("\n")) == (2, "", 1)
-    assert run.stderr.startswith("error: Error parsing --yaw: could not convert string to float: 'x'; ")
+    assert is_said(REFUSED[command], error), error
