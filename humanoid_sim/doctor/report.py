@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def make_document(contract: PolicyContract, result: Result, file: Path) -> dict[
     }
 
 
-def print_document(document: dict[str, Any], console: Console) -> None:
+def print_document(document: Mapping[str, Any], console: Console) -> None:
     """Print the verdict first, then what differs, and last the lines for the contract file."""
     ranking = [f"{row['edit']}: {row['note']}" for row in document["ranking"][:_SHOWN]]
     lines = [f"{document['verdict']}.", *(f"  {line}" for line in (*document["changes"], document["note"], *ranking))]

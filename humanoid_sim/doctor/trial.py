@@ -174,7 +174,7 @@ class Simulations:
         score, period = _Score(loaded, robot, self._subject.base_reference(contract)), contract.policy_dt
         steps = round(seconds / period)
         for step in range(steps):
-            command, frame = commands[step * len(commands) // steps], int(loop.memory.frame[0])
+            command, frame = commands[step * len(commands) // steps], int(np.asarray(loop.memory.frame)[0])
             lost = score.compare(frame, loop)
             if robot.fault[0] or has_run_away(loop.state.joint_velocity)[0]:
                 lost = "the joints run away"

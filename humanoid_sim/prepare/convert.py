@@ -89,7 +89,7 @@ def interpret(
 
     motion = source
     if source.joints is not None:
-        own = source.joint_names and ",".join(source.joint_names)
+        own = None if source.joint_names is None else ",".join(source.joint_names)
         order = settle("--joint-order", own, options.joint_order, "contract")
         names = _named(source, "joint", order, skeleton.joint_orders, source.joints.shape[1], skeleton.joints)
         require_known("joint", skeleton.joints, names, f"{source.source}: ")
@@ -98,7 +98,8 @@ def interpret(
         motion = replace(motion, joints=source.joints[:, columns], joint_velocity=velocity)
     bodies: tuple[str, ...] = ()
     if source.bodies is not None:
-        count, own = source.bodies.shape[1], source.body_names and ",".join(source.body_names)
+        count = source.bodies.shape[1]
+        own = None if source.body_names is None else ",".join(source.body_names)
         usual = "contract" if count == len(skeleton.body_orders["contract"]) else "mjcf"
         order = settle("--body-order", own, options.body_order, usual)
         bodies = _named(source, "body", order, skeleton.body_orders, count, skeleton.bodies)
