@@ -193,7 +193,7 @@ def _joint_signs(case: _Case) -> Changes:
                 "observation": terms,
                 "action_scale": contract.action_scale * of_action,
                 "default_joint_pos": contract.default_joint_pos * of_joint + 0.0,  # -0 is 0
-                "action_offset": contract.action_offset * of_action + 0.0,
+                "action_offset": np.asarray(contract.action_offset) * of_action + 0.0,
             },
         )
 
