@@ -9,9 +9,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError, blaming, reason_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 LARGEST = 1 << 30  # bytes of a file that is read whole: more than any robot, policy or motion needs
 _SHOWN = 40  # characters of a file's name that its temporary one begins with: 255 bytes are the most
@@ -37,16 +40,41 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if not path.is_file():  # opening a pipe would wait for a writer that may never come
-        kind = "a directory" if path.is_dir() else "a pipe or a device"
-        raise InputError(f"{path}: is {kind}, expected {what}")
+        raise InputError(f"{path}: is {_kind(path)}, expected {what}")
     if largest is not None and size > largest:
         raise InputError(f"{path}: has {size} bytes, expected {what} of at most {largest}")
     return path
 
 
+def _kind(path: Path) -> str:
+    return "a directory" if path.is_dir() else "a pipe or a device"
+
+
 def is_file(path: str | os.PathLike[str]) -> bool:
     """Return True if there is such a regular file; False also for a name that no file can have."""
     return os.path.isfile(path)
+
+
+def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
+    """Every array of an `.npz` file by its name; none of them may need code to be read.
+
+    Raises `InputError` with the file and what is wrong with it.
+    """
+    import zipfile  # noqa: PLC0415 - heavy imports stay out of `--help`
+    import zlib  # noqa: PLC0415
+
+    import numpy as np  # noqa: PLC0415
+
+    path = regular_file(path, "an .npz file")
+    try:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise InputError(f"{path}: holds a single array (.npy), expected an .npz file of several")
+            with archive:
+                return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason_of(error)}") from None
 
 
 def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
@@ -65,8 +93,7 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
     with blaming(f"{what}: '{path}' cannot be written", OSError):
         exists = path.exists()
         if exists and not path.is_file():
-            kind = "a directory" if path.is_dir() else "a pipe or a device"
-            raise InputError(f"{what}: '{path}' is {kind}, expected a file name")
+            raise InputError(f"{what}: '{path}' is {_kind(path)}, expected a file name")
         if exists and not overwrite:
             raise InputError(f"{what}: '{path}' exists; choose another name, or add --overwrite")
         if not path.parent.is_dir():
@@ -85,7 +112,7 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
 
     flags = os.O_WRONLY | os.O_CREAT | (0 if overwrite else os.O_EXCL)
     try:
-        file = io.FileIO(os.open(path, flags, 0o666), "wb")  # not truncated yet: it may be somebody's
+        file = io.FileIO(os.open(path, flags, 0o666), "wb")  # not truncated yet: it may be another session's
     except FileExistsError:
         raise InputError(f"{path}: exists; choose another name") from None
     except OSError as error:

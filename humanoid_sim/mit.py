@@ -1,8 +1,8 @@
 """State and command of a robot's joints, and between the two the MIT control law and its limit.
 
-Simulator, emulated motors and real motors share these two types and this one law. Arrays are copied at construction
-and read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or
-a batch of them.
+Simulator, emulated motors and real motors share these types and this law. Arrays are copied at construction and
+read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or a
+batch of them.
 """
 
 from __future__ import annotations
@@ -29,18 +29,11 @@ COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 
 
 def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
-    """Return a read-only float64 copy of `value`, shape unchanged.
-
-    Raises `FieldError` if `value` is not an array of real numbers; the message starts with `owner.name`.
-    """
+    """Return a read-only float64 copy of `value`, shape unchanged; raises `FieldError` if it holds no numbers."""
     try:
-        array = np.array(value)
-    except ValueError as error:
-        raise FieldError(f"{owner}.{name}: not a rectangular array of numbers ({error})") from None
-    if array.dtype != np.float64:
-        if array.dtype.kind not in "fiu":
-            raise FieldError(f"{owner}.{name}: dtype is {array.dtype}, expected real numbers (float64)")
-        array = array.astype(np.float64)
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise FieldError(f"{owner}.{name}: is no array of numbers: {error}") from None
     array.setflags(write=False)
     return array
 
@@ -72,18 +65,11 @@ class Extern:
         _freeze(self, np.shape(self.value), "value")
 
     def at(self, time: float | FloatArray) -> FloatArray:
-        """Return the value at `time`: zeros once it is older than `timeout`, or its age is not a number.
-
-        Args:
-            time: s, robot's clock; scalar, or shape (...) for a batch whose clocks differ.
-
-        Returns:
-            Shape (k,), or (..., k) for such a batch.
-        """
+        """Return the value, shape (k,), or zeros where it is not fresh: (..., k) for clocks of shape (...), in s."""
         return np.where(self.is_fresh(time)[..., None], self.value, 0.0)
 
-    def is_fresh(self, time: float | FloatArray) -> npt.NDArray[np.bool_]:
-        """Return whether the value still counts at `time`, in s as for `at`; shape () or (...)."""
+    def is_fresh(self, time: float | FloatArray) -> BoolArray:
+        """Return whether the value is not older than `timeout` at `time`, s, shape (...); False for no number."""
         with np.errstate(invalid="ignore"):  # infinity - infinity is not a number, and so is that age
             return np.asarray(np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout)
 
@@ -259,8 +245,8 @@ def bounded_position(
     """Commanded positions, moved towards the joints where the MIT law would ask for more than the effort limit.
 
     No manual says that the firmware's torque limit covers the sum of the MIT law, so the host bounds it as well. What
-    the host knows is as old as the last status and holds for a whole period: the bound leaves K_p |velocity| lead of
-    room, so that a joint on its way is not slowed down, as the same law with a limit in the motor would not.
+    it knows is as old as the last status and holds for a period: K_p |velocity| lead of room keeps a joint on its way
+    from being slowed down.
 
     Args:
         command: shape (n,), joint frame, its effort within the limit.

@@ -1,15 +1,14 @@
 """The programs as functions, for notebooks and scripts: options are keywords, results are objects.
 
 `humanoid_sim` offers them under its own name and loads them when they are used first. A result is shown as the program
-prints it, in a notebook as tables; it holds arrays, and becomes a pandas frame or a Matplotlib figure on request. Bad
-input raises `humanoid_sim.errors.InputError` with the line that the program would print.
+prints it, in a notebook as tables. Bad input raises `humanoid_sim.errors.InputError` with the line that the program
+would print.
 """
 
 from __future__ import annotations
 
 import io
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -51,16 +50,14 @@ __all__ = [
 ]
 
 _Config = TypeVar("_Config", PlayConfig, DoctorConfig, RegressConfig)
-_WIDTH = 120
-"""Columns of what is printed into a text or a notebook."""
 _PAGE = '<pre style="line-height: 1.2; font-family: monospace">{code}</pre>'
 
 
-class _Shown(ABC):
+class _Shown:
     """A result that is shown as its program prints it."""
 
-    @abstractmethod
-    def _print(self, console: Console) -> None: ...
+    def _print(self, console: Console) -> None:
+        raise NotImplementedError
 
     def __str__(self) -> str:
         return self._printed().export_text()
@@ -69,10 +66,7 @@ class _Shown(ABC):
         return self._printed().export_html(inline_styles=True, code_format=_PAGE)
 
     def _printed(self) -> Console:
-        # Whatever it runs in, a terminal or a notebook, whose own way of showing things rich would take.
-        console = Console(
-            file=io.StringIO(), width=_WIDTH, highlight=False, emoji=False, record=True, force_jupyter=False
-        )
+        console = Console(file=io.StringIO(), width=120, highlight=False, emoji=False, record=True, force_jupyter=False)
         self._print(console)
         return console
 
@@ -87,12 +81,9 @@ class Policy(_Shown):
 
     @classmethod
     def load(cls, path: str | Path, *, contract: str | Path | None = None, robot: str | None = None) -> Policy:
-        """Load a checkpoint without running it on a robot.
-
-        Raises `InputError` if the file cannot be used, or its contract lacks fields.
+        """Load an ONNX file, or a policy that ships, without running it on a robot.
 
         Args:
-            path: ONNX file, or the name of a policy that ships with the package.
             contract: a contract.yaml with what the checkpoint does not say; None: the one beside it.
             robot: whose joints they are, where the contract names them by their places.
         """
@@ -115,8 +106,7 @@ class Policy(_Shown):
         return checkpoint_document(self.checkpoint)
 
     def __repr__(self) -> str:
-        joints, terms = len(self.contract.joint_names), len(self.contract.terms)
-        return f"Policy('{self.path}': {self.contract.task_type}, {joints} joints, {terms} observation terms)"
+        return f"Policy('{self.path}': {self.contract.task_type}, {len(self.contract.joint_names)} joints)"
 
     def _print(self, console: Console) -> None:
         print_checkpoint(console, self.checkpoint)
@@ -160,10 +150,6 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         record: the recording to write (.mcap); None: one that goes with the result.
         options: those of `play`, such as `robot="lite_biped"`, `command=(0.3, 0, 0)`, `policy_seconds=5`,
             `script="damp; load_a"`; neither `hardware` nor `manual`, for whose operators `play` is.
-
-    Raises:
-        InputError: an option, the policy or the robot is not accepted; nothing has moved then.
-        MissingPackageError: an optional package is not installed.
     """
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
     from humanoid_sim.play.refusals import refuse_early  # noqa: PLC0415
@@ -173,9 +159,8 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     for name in ("hardware", "manual"):
         if options.get(name):
             raise InputError(f"simulate: {name} is {options[name]!r}, expected none; an operator's runs are play's")
-    thread = threading.current_thread()
-    if thread is not threading.main_thread():  # which alone gets signals
-        raise InputError(f"simulate: is called from the thread '{thread.name}', expected the main one")
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+        raise InputError("simulate: is called from another thread, expected the main one")
     with ExitStack() as stack:
         folder = Path(mkdtemp(prefix="humanoid_sim-"))
         stack.callback(rmtree, folder, ignore_errors=True)
@@ -220,20 +205,16 @@ class Diagnosis(_Shown):
 
 
 def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
-    """Find out what is wired wrongly in a policy that does not behave; shows how far it is.
-
-    Raises `InputError` if an option, the policy, the motion or the trace is not accepted.
+    """Find out what is wired wrongly in a policy that does not behave; shows how far it is unless `quiet`.
 
     Args:
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
-        quiet: do not show how far it is.
         options: those of `policy doctor`, such as `motion`, `trace`.
     """
     from humanoid_sim.doctor.report import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
     chosen = _of_policy(policy)
-    (name,) = chosen.pop("policy")
-    checkpoint = policy_path(name, "diagnose")
+    checkpoint = policy_path(chosen.pop("policy")[0], "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
     found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
     return Diagnosis(found["healthy"], found["verdict"], tuple(found["ranking"]), found["fix"], found)
@@ -256,7 +237,6 @@ class SuiteRun(_Shown):
     def frame(self) -> Any:
         """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
         baseline = () if self.results.baseline is None else (self.results.baseline,)
-        runs = (*baseline, *(candidate.run for candidate in self.results.candidates))
         return _frame(
             {
                 "policy": run.name,
@@ -266,7 +246,7 @@ class SuiteRun(_Shown):
                 "duration": episode.duration,
                 **episode.metrics,
             }
-            for run in runs
+            for run in (*baseline, *(candidate.run for candidate in self.results.candidates))
             for episode in run.episodes
         )
 
@@ -285,8 +265,6 @@ class SuiteRun(_Shown):
 def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
     """Run policies over a suite and compare them with a baseline; shows how far it is.
 
-    Raises `InputError` if what was given cannot be used.
-
     Args:
         baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
         options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
@@ -294,15 +272,15 @@ def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, 
     from humanoid_sim.regress.run import tested  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
     several = [policies] if isinstance(policies, str | Path | Policy) else list(policies)
-    given = {**options, "policies": [str(_path_of(policy)) for policy in several]}
+    given = {**options, "policies": [_path_of(policy) for policy in several]}
     if baseline is not None:
-        given["baseline"] = str(_path_of(baseline))
+        given["baseline"] = _path_of(baseline)
     results = tested(checked(_config("run_suite", RegressConfig, given)))
     return SuiteRun(results.passed, results)
 
 
-def _path_of(policy: Given) -> str | Path:
-    return policy.name if isinstance(policy, Policy) else policy
+def _path_of(policy: Given) -> str:
+    return policy.name if isinstance(policy, Policy) else str(policy)
 
 
 def _of_policy(policy: Given | None) -> dict[str, Any]:
@@ -310,7 +288,7 @@ def _of_policy(policy: Given | None) -> dict[str, Any]:
     if policy is None:
         return {}
     file = policy.checkpoint.contract_file if isinstance(policy, Policy) else None
-    return {"policy": [str(_path_of(policy))], **({} if file is None else {"contract": str(file)})}
+    return {"policy": [_path_of(policy)], **({} if file is None else {"contract": file})}
 
 
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
@@ -319,11 +297,11 @@ def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Co
     for name in given:
         if name not in names:
             raise InputError(f"{function}: unknown option '{name}'{meant(name, names)}")
-    plain = {name: _plain(value) for name, value in given.items()}
     try:
+        plain = {name: _plain(value) for name, value in given.items()}
         return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))
     except msgspec.ValidationError as error:
-        raise InputError(f"{function}: {schema_problem(error, plain, kind)}") from None
+        raise InputError(f"{function}: {schema_problem(error)}") from None
 
 
 def _plain(value: Any) -> Any:

@@ -50,8 +50,8 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
     ("options", "line"),
     [
         ({"polcy_seconds": 1}, r"simulate: unknown option 'polcy_seconds' \(did you mean 'policy_seconds'\?\)"),
-        ({"actuation": "afine"}, "simulate: actuation: is 'afine', expected one of qfrc_applied, affine, implicit"),
-        ({"duration": "long"}, "simulate: duration: is 'long', expected a number"),
+        ({"actuation": "afine"}, "simulate: actuation: Invalid enum value 'afine'"),
+        ({"duration": "long"}, "simulate: duration: Expected `float"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
         ({"record": "none"}, r"--record: .*/none"),
         ({"policy": "nothing.onnx"}, "nothing.onnx: no such file"),

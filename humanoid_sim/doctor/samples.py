@@ -18,8 +18,8 @@ from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term
 from humanoid_sim.doctor.trial import Simulations, Subject
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
-from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
 from humanoid_sim.policy.words import shown
 from humanoid_sim.policy_tools.stamp import body_reader

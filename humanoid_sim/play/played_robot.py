@@ -18,8 +18,10 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checks import effort_findings, model_damping_findings
 from humanoid_sim.policy.plausibility import suspicious_findings
 from humanoid_sim.policy.song import key_name
+from humanoid_sim.robots.actuators import own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import bare_model, prefix_line
 from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode

@@ -23,8 +23,8 @@ from humanoid_sim.policy.plausibility import (
     symmetry_findings,
     term_findings,
 )
+from humanoid_sim.robots.actuators import own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import own_actuators, own_joint_damping
 from humanoid_sim.robots.motors import MOTORS
 
 _ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is taken for a slip of the other

@@ -13,8 +13,8 @@ from humanoid_sim.mit import BoolArray, FloatArray
 from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.describe import field_lines
 from humanoid_sim.policy.findings import Finding, Severity, on_joints
+from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import NO_RANGE, OwnActuator
 
 _FEW = 4  # joints below which values that are alike say nothing
 _POSE = 0.01  # rad by which the two sides of a pose may differ

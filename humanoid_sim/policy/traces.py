@@ -18,8 +18,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
-from humanoid_sim.npz_file import read_arrays
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]

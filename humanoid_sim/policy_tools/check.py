@@ -27,7 +27,8 @@ from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 from humanoid_sim.robots.guards import describe_unwatched
-from humanoid_sim.robots.mjcf import bare_model, imu_line, prefix_line
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import bare_model, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 

@@ -15,9 +15,8 @@ import numpy as np
 from humanoid_sim.controllers.contract import QuaternionOrder
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.errors import InputError, blaming, needing, one_line, reason_of, require_known
-from humanoid_sim.files import regular_file
+from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.npz_file import read_arrays
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
 _LONGEST_GAP = 0.1  # s between two frames, if that is also more than three of the usual steps

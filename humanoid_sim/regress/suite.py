@@ -117,7 +117,7 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     try:
         suite = msgspec.convert(document, Suite)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {schema_problem(error, document, Suite)}") from None
+        raise InputError(f"{path}: {schema_problem(error)}") from None
     for problem in _problems(suite):
         raise InputError(f"{path}: {problem}")
     return suite, path.resolve().parent

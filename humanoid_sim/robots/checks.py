@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
@@ -22,8 +22,7 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         if first != i:
             yield f"joints[{i}]: has the same name '{joint.name}' as joints[{first}]"
         if joint.lower >= joint.upper:
-            expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
-            yield f"joints[{i}].upper: is {joint.upper:g}, expected {expected}"
+            yield f"joints[{i}].upper: is {joint.upper:g}, expected more than lower, which is {joint.lower:g}"
     yield from _motor_problems(robot)
     try:
         steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
@@ -35,25 +34,25 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
 def _list_problems(robot: RobotDescription) -> Iterator[str]:
     """Yield lists that are not as long as the joints, and poses beyond limits."""
     following, speed = robot.guards.following, robot.guards.speed
-    optional: dict[str, Sequence[object]] = {
+    optional = {
         "damping_controller.damping": robot.damping_controller.damping,
         "remote_policy_controller.damping": robot.remote_policy_controller.damping,
         "guards.following.effort": following.effort if following else (),
         "guards.speed.limit": speed.limit if speed else (),
     }
-    lists = {place: values for place, values in optional.items() if values}
+    lengths = {place: len(values) for place, values in optional.items() if values}
     poses = {"initial_position": robot.initial_position}
     for name in ("standby_controller_a", "standby_controller_b"):
         standby = getattr(robot, name)
-        lists[f"{name}.target_stiffness"] = standby.target_stiffness
-        lists[f"{name}.target_damping"] = standby.target_damping
+        lengths[f"{name}.target_stiffness"] = len(standby.target_stiffness)
+        lengths[f"{name}.target_damping"] = len(standby.target_damping)
         poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
         count, expected = len(standby.pose_segments), len(standby.segment_durations)
         if count != expected:
             yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
-    for place, values in {**lists, **poses}.items():
-        if len(values) != robot.joint_count:
-            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
+    for place, count in (lengths | {place: len(pose) for place, pose in poses.items()}).items():
+        if count != robot.joint_count:
+            yield f"{place}: has {count} values, expected {robot.joint_count}, one per joint"
     for place, pose in poses.items():
         for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
             if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:

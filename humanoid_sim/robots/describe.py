@@ -15,8 +15,10 @@ import yaml
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.robots.actuators import own_actuators
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import imu_line, own_actuators, prefix_line
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import prefix_line
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 

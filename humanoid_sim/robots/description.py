@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
@@ -57,11 +58,8 @@ def load_robot(name_or_path: str | Path, imu_site: str | None = None) -> RobotDe
 
         robot = describe_mjcf(path)
     else:
-        document = read_yaml(path, label)
-        if not isinstance(document, dict):
-            raise InputError(f"{label}: is no robot description, expected a mapping with name, mjcf, joints, …")
-        robot = _described(document, label, path.resolve().parent)
-    return robot if imu_site is None else msgspec.structs.replace(robot, imu=imu_site)
+        robot = _described(read_yaml(path, label), label, path.resolve().parent)
+    return robot if imu_site is None else replace(robot, imu=imu_site)
 
 
 def _robot_file(name_or_path: str) -> tuple[Path, str]:
@@ -78,46 +76,37 @@ def _robot_file(name_or_path: str) -> tuple[Path, str]:
     return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
 
 
-def _described(document: dict[str, Any], label: str, folder: Path) -> RobotDescription:
-    if "folder" in document:
-        raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
-    for place in _not_finite(document):
-        raise InputError(f"{label}: {place}, expected a finite number")
-    if isinstance(document.get("mjcf"), str):
-        if not is_file(folder / document["mjcf"]):
-            raise InputError(f"{label}: mjcf: '{document['mjcf']}' is not a file beside the description")
-        if isinstance(document.get("joints", {}), dict):
-            with blaming(label, InputError):
-                document = _completed(document, folder)
-    try:
-        robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{label}: {schema_problem(error, document, RobotDescription, hidden='folder')}") from None
-    if problems := list(description_problems(robot)):
-        raise InputError(f"{label}: {'; '.join(problems)}")
-    return robot
-
-
-def _not_finite(value: Any, place: str = "") -> Iterator[str]:
-    """Yield `joints[3].upper: is nan` for each number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        yield f"{place}: is {value}"
-    elif isinstance(value, dict):
-        for name, item in value.items():
-            yield from _not_finite(item, f"{place}.{name}" if place else str(name))
-    elif isinstance(value, list):
-        for i, item in enumerate(value):
-            yield from _not_finite(item, f"{place}[{i}]")
+def _described(document: Any, label: str, folder: Path) -> RobotDescription:
+    with blaming(label, InputError):
+        if not isinstance(document, dict):
+            raise InputError("is no robot description, expected a mapping with name, mjcf, joints, …")
+        if "folder" in document:
+            raise InputError("folder: is not a field of the file; give 'mjcf' relative to the file instead")
+        with blaming("holds a number that is not finite", ValueError):
+            json.dumps(document, allow_nan=False, default=str)
+        mjcf = document.get("mjcf")
+        if isinstance(mjcf, str):
+            if not is_file(folder / mjcf):
+                raise InputError(f"mjcf: '{mjcf}' is not a file beside the description")
+            if isinstance(document.get("joints", {}), dict):
+                document = _completed(document, folder / mjcf)
+        try:
+            robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
+        except msgspec.ValidationError as error:
+            raise InputError(schema_problem(error)) from None
+        if problems := list(description_problems(robot)):
+            raise InputError("; ".join(problems))
+        return robot
 
 
 _POSE = "initial_position"
 
 
-def _completed(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
     """Return the whole document of a file that gives only what differs from its MJCF."""
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 
-    described = describe_mjcf(folder / document["mjcf"])
+    described = describe_mjcf(mjcf)
     whole: dict[str, Any] = msgspec.to_builtins(described)
     changes = dict(document)
     for name, fields in changes.pop("joints", {}).items():
@@ -155,23 +144,24 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
     stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
     pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
-    replace, limited = msgspec.structs.replace, with_contract_physics(description, contract)
+    limited = with_contract_physics(description, contract)
 
     def standby(own: StandbySettings) -> StandbySettings:
-        return StandbySettings(
+        duration = sum(own.segment_durations)
+        return replace(
+            own,
             target_stiffness=stiffness,
             target_damping=damping,
-            segment_durations=(sum(own.segment_durations),),
+            segment_durations=(duration,),
             pose_segments=(pose,),
         )
 
-    joints = (
-        replace(joint, stiffness=k_p, damping=k_d)
-        for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
-    )
     return replace(
         limited,
-        joints=tuple(joints),
+        joints=tuple(
+            replace(joint, stiffness=k_p, damping=k_d)
+            for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
+        ),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
         standby_controller_a=standby(description.standby_controller_a),
@@ -186,7 +176,6 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
     On a floating base the following guard keeps the shares of the robot's own limits: legs that were trained with less
     press at that for as long as they like.
     """
-    replace = msgspec.structs.replace
     if contract.model_joint_damping != "undecided":
         simulation = replace(description.simulation, joint_damping=contract.model_joint_damping)
         description = replace(description, simulation=simulation)

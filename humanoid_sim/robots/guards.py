@@ -25,27 +25,25 @@ def guards_of(robot: RobotDescription) -> Guards | None:
     A following guard needs an effort limit, a limit guard limits, a speed guard limits or a known motor: joints without
     are not watched by it.
     """
-    settings, kind = robot.guards, robot.base.type
+    settings, off = robot.guards, np.full(robot.joint_count, np.inf)
     if not (settings.following or settings.limit or settings.speed):
         return None
-    off = np.full(robot.joint_count, np.inf)
-    following = settings.following or FollowingGuard()
-    limit, speed = settings.limit or LimitGuard(), settings.speed or SpeedGuard()
-    given = [np.inf if bound is None else bound for bound in following.effort]
-    effort = np.array(given) if given else following.effort_share * robot.effort_limit
-    fastest = speed_limit(robot)
+    following, limit = settings.following or FollowingGuard(), settings.limit or LimitGuard()
+    effort = following.effort_share * robot.effort_limit
+    if following.effort:
+        effort = np.array([np.inf if bound is None else bound for bound in following.effort])
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
         upper=robot.upper,
         following_effort=effort if settings.following else off,
-        following_time=following.time or _FOLLOWING_TIME[kind],
+        following_time=following.time or _FOLLOWING_TIME[robot.base.type],
         following_progress=following.progress,
         following_within=robot.is_floating,
         limit_margin=np.full(robot.joint_count, limit.margin) if settings.limit else off,
         limit_time=limit.time,
-        speed_limit=fastest if settings.speed else off,
-        speed_time=speed.time,
+        speed_limit=speed_limit(robot) if settings.speed else off,
+        speed_time=(settings.speed or SpeedGuard()).time,
     )
 
 
@@ -54,14 +52,12 @@ def describe_unwatched(robot: RobotDescription) -> str:
     guards, n = guards_of(robot), robot.joint_count
     if guards is None:
         return "guards: all are off in the robot's description"
-    has_limits = np.isfinite(robot.lower) | np.isfinite(robot.upper)
-    needs = {
-        "following": (np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
-        "limit": (has_limits, "position limits"),
-        "speed": (np.isfinite(guards.speed_limit), "position limits or a known motor"),
-    }
     texts = []
-    for name, (watched, needed) in needs.items():
+    for name, watched, needed in (
+        ("following", np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
+        ("limit", np.isfinite(robot.lower) | np.isfinite(robot.upper), "position limits"),
+        ("speed", np.isfinite(guards.speed_limit), "position limits or a known motor"),
+    ):
         if getattr(robot.guards, name) is None:
             texts.append(f"{name} is off in the robot's description")
         elif not watched.all():
@@ -72,8 +68,10 @@ def describe_unwatched(robot: RobotDescription) -> str:
 def speed_limit(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the description's, else the whole range in the crossing time, within the motor's speeds."""
     reported, unloaded = _motor_speeds(robot)
-    chosen = _given_speed(robot) or np.minimum(_crossing_speed(robot), unloaded)
-    limit: FloatArray = np.minimum(chosen, _OF_SCALE * reported)
+    kind = robot.base.type
+    crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
+    given = robot.guards.speed.limit if robot.guards.speed else ()
+    limit: FloatArray = np.minimum(given or np.minimum(crossing, unloaded), _OF_SCALE * reported)
     return limit
 
 
@@ -82,17 +80,8 @@ def rated_speed(robot: RobotDescription) -> FloatArray:
     return np.minimum(*_motor_speeds(robot))
 
 
-def _given_speed(robot: RobotDescription) -> tuple[float, ...]:
-    return robot.guards.speed.limit if robot.guards.speed else ()
-
-
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
     """Shape (n,) each, rad/s: the largest speed that a motor can report, and that without load; inf for no motor."""
     models = [MOTORS.get(joint.motor.model) if joint.motor else None for joint in robot.joints]
     reported = np.array([model.velocity if model else np.inf for model in models])
     return reported, np.array([model.no_load_velocity if model else np.inf for model in models])
-
-
-def _crossing_speed(robot: RobotDescription) -> FloatArray:
-    kind = robot.base.type
-    return np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])

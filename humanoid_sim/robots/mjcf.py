@@ -1,13 +1,10 @@
-"""MJCF files: any user's robot by path, its own actuators, and the frame that is its IMU."""
+"""MJCF files: reading and compiling them, and any user's robot described by nothing else."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 from xml.etree import ElementTree
 
 import mujoco
@@ -15,7 +12,8 @@ import numpy as np
 
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
+from humanoid_sim.robots.imu import find_imu, root_of
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -30,7 +28,6 @@ _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
 _STANDBY_SECONDS = 2.0
-NO_RANGE = (-math.inf, math.inf)
 _MUJOCO_ERRORS = (ValueError, mujoco.FatalError)
 _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
 """An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
@@ -143,24 +140,21 @@ def describe_mjcf(path: Path) -> RobotDescription:
     joints = _robot_joints(model)
     if not joints:
         raise InputError(f"{path}: has no hinge joint, expected a robot")
-    base = _root(model, joints[0])
+    base = root_of(model, joints[0])
     for i in joints:
         if not model.joint(i).name:
             body = model.body(model.jnt_bodyid[i]).name
             raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
     if not model.body(base).name:
         raise InputError(f"{path}: the base, which carries '{model.joint(joints[0]).name}', has no name")
-    is_floating, own = _has_free_joint(model, base), own_actuators(model)
+    own, zeros = own_actuators(model), (0.0,) * len(joints)
     described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
     starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
     pose = tuple(min(max(value, joint.lower), joint.upper) for value, joint in starts)
-    zeros = (0.0,) * len(joints)
     standby = StandbySettings(
-        target_stiffness=zeros,
-        target_damping=zeros,
-        segment_durations=(_STANDBY_SECONDS,),
-        pose_segments=(pose,),
+        target_stiffness=zeros, target_damping=zeros, segment_durations=(_STANDBY_SECONDS,), pose_segments=(pose,)
     )
+    is_floating = _has_free_joint(model, base)
     return RobotDescription(
         name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
         mjcf=path.name,
@@ -191,12 +185,8 @@ def _robot_joints(model: mujoco.MjModel) -> list[int]:
     if model.nu:
         driven = own_actuators(model)
         return [i for i in hinges if model.joint(i).name in driven]
-    floating = [i for i in hinges if _has_free_joint(model, _root(model, i))]
+    floating = [i for i in hinges if _has_free_joint(model, root_of(model, i))]
     return floating or hinges  # doors and other furniture have hinges too
-
-
-def _root(model: mujoco.MjModel, joint: int) -> int:
-    return int(model.body_rootid[model.jnt_bodyid[joint]])
 
 
 def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
@@ -213,115 +203,3 @@ def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
     except InputError:
         return longest
     return min(own, longest)
-
-
-def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
-    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
-    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
-    return {name: value for name, value in damping.items() if value}
-
-
-@dataclass(frozen=True, slots=True)
-class OwnActuator:
-    """What the actuators of a model itself do to a joint, at the joint; simulations leave them out."""
-
-    joint: str
-    kind: Literal["servo", "motor", "other"]
-    """`servo`: its control is a target of a position or a velocity; `motor`: its control is a force."""
-    stiffness: float  # N·m/rad, K_p; 0 for a motor
-    damping: float  # N·m·s/rad, K_d; 0 for a motor
-    force_range: tuple[float, float]  # N·m
-    target_range: tuple[float, float]
-    """rad, to which a servo clips its target (`ctrlrange`, `inheritrange`); `NO_RANGE` where it does not."""
-
-
-def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
-    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
-    on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    found: dict[str, OwnActuator] = {}
-    for i in np.flatnonzero(np.isin(model.actuator_trntype, on_joint)).tolist():
-        actuator = _own_actuator(model, i)
-        other = found.get(actuator.joint)
-        found[actuator.joint] = actuator if other is None else _together(other, actuator)
-    return found
-
-
-def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
-    joint, gear = model.joint(int(model.actuator_trnid[i, 0])).name, float(model.actuator_gear[i, 0])
-    gain = float(model.actuator_gainprm[i, 0])
-    rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
-    force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
-    control = np.array(_range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i])))
-    is_fixed = bool(model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED)
-    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE:
-        is_position = stiffness * gear != 0.0  # its target is where it has no force
-        target = _range((gain * control - rest) / (stiffness * gear), True) if is_position else NO_RANGE
-        return OwnActuator(joint, "servo", stiffness * gear**2, damping * gear**2, force, target)
-    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
-        low, high = _range(control * gain * gear, True)
-        return OwnActuator(joint, "motor", 0.0, 0.0, (max(force[0], low), min(force[1], high)), NO_RANGE)
-    return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
-
-
-def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
-    return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
-
-
-def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
-    """Several actuators of one joint, such as one of its position and one of its velocity."""
-    return replace(
-        max((one, other), key=lambda actuator: actuator.stiffness),
-        stiffness=one.stiffness + other.stiffness,
-        damping=one.damping + other.damping,
-        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
-    )
-
-
-_Sensor = mujoco.mjtSensor
-_FRAME = (_Sensor.mjSENS_ACCELEROMETER, _Sensor.mjSENS_FRAMEQUAT, _Sensor.mjSENS_FRAMEZAXIS, _Sensor.mjSENS_FRAMEANGVEL)
-"""Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
-
-
-def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
-    """Return the site or body that is the IMU of the robot with this base, and why.
-
-    In this order: the site of a gyro on the base, or of the only gyro on the robot; a site of the base named like an
-    IMU; the only site on the robot with a sensor of an orientation; the base itself.
-    """
-    sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
-    gyros = [i for i in _sensor_sites(model, _Sensor.mjSENS_GYRO) if i in sites]
-    frames = [i for i in _sensor_sites(model, *_FRAME) if i in sites]
-    named = [i for i in sites if "imu" in model.site(i).name.lower()]
-    choices = (
-        ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
-        (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
-        ([i for i in named if model.site_bodyid[i] == base], "a site of the base named like an IMU"),
-        (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
-    )
-    for found, why in choices:
-        if found:
-            return model.site(found[0]).name, why
-    others = ", ".join(model.site(i).name for i in dict.fromkeys((*gyros, *frames, *named)))
-    elsewhere = f"; other sites could be it: {others}" if others else ""
-    return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
-
-
-def _sensor_sites(model: mujoco.MjModel, *kinds: mujoco.mjtSensor) -> list[int]:
-    """Return the sites that have such a sensor, in the order of the sensors."""
-    chosen = np.isin(model.sensor_type, [int(kind) for kind in kinds]) & (
-        model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE
-    )
-    return list(dict.fromkeys(model.sensor_objid[chosen].tolist()))
-
-
-def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """Return which frame of a robot's model is its IMU, on which body, and why that one."""
-    base = _root(model, model.joint(description.joints[0].name).id)
-    name, (found, why) = description.imu, find_imu(model, base)
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
-    root, reason = model.body(base).name, why if name == found else "as it was given"
-    owner = f"the base '{root}'" if body.id == base else f"'{body.name}', not the base '{root}'"
-    if site >= 0:
-        return f"site '{name}' on {owner} ({reason})"
-    return f"{owner} itself ({reason})" if body.id == base else f"body {owner} ({reason})"

@@ -27,13 +27,9 @@ def public_mjcf(name: str) -> Path:
             with contextlib.redirect_stdout(sys.stderr):
                 return Path(importlib.import_module(f"robot_descriptions.{short}{_MJCF}").MJCF_PATH)
         except Exception as error:  # of git, of the network, of the disk: whatever it is, the robot is not here
-            raise InputError(
-                f"{name}: could not be fetched: {reason_of(error)}; git clones it at its first use, into "
-                "~/.cache/robot_descriptions or the folder that ROBOT_DESCRIPTIONS_CACHE names"
-            ) from None
+            raise InputError(f"{name}: could not be fetched: {reason_of(error)}") from None
     if short in _robots(_URDF):
-        hint = "`python -m humanoid_sim.robot convert` makes an MJCF of one"
-        raise InputError(f"{name}: robot_descriptions has this robot as a URDF only; {hint}")
+        raise InputError(f"{name}: is there as a URDF only; `python -m humanoid_sim.robot convert` makes an MJCF of it")
     near = _near(short, known)
     others = f"near: {near}" if near else f"known: {', '.join(known)}"
     raise InputError(f"{name}: unknown public robot; {others}")

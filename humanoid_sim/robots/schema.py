@@ -18,7 +18,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import blaming
 from humanoid_sim.mit import FloatArray
 
-Text = Annotated[str, msgspec.Meta(pattern=r"\S")]
+Text = Annotated[str, msgspec.Meta(min_length=1)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 Key = Annotated[int, msgspec.Meta(ge=0, le=87)]  # 0 is A0, 87 is C8

@@ -26,7 +26,8 @@ from humanoid_sim.robots.mjcf import bare_model, compile_spec, read_spec
 _SHOWN_GROUPS = 3  # groups of geoms that MuJoCo's own viewer shows
 _GIMBAL = 1e-12
 _SPECK = 1e-9  # kg and kg·m², of a link between the joints of one body: MuJoCo refuses a moving link without mass
-_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def body_documents(description: RobotDescription) -> dict[str, str]:
@@ -53,9 +54,6 @@ class _Link:
     quaternion: FloatArray  # shape (4,), w x y z
 
 
-_ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-
-
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     """Return the robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
 
@@ -64,7 +62,7 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     the link `world` by a joint of type `floating`. Of a body with several joints, each has a link of its own.
     """
     data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, _SCALAR)]] = 0.0
+    data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, (_HINGE, _SLIDE))]] = 0.0
     mujoco.mj_kinematics(model, data)
     limits = _limits(model, description)
     root, joints = Element("robot", name=description.name), []
@@ -76,29 +74,27 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
         own = range(first, first + int(model.body_jntnum[body])) or (-1,)  # -1: fixed to its parent
         for joint in own:
             parent, joint_name = link, _joint_name(model, joint) if joint >= 0 else f"{name}_fixed"
-            is_last = joint == own[-1]
             position = data.xanchor[joint] if joint >= 0 else place
-            link = _Link(name if is_last else f"{name}_{joint_name}", position, turn)
+            link = _Link(name if joint == own[-1] else f"{name}_{joint_name}", position, turn)
             kind = _kind(model, joint)
             joints.append(_joint(joint_name, kind, parent, link))
             if kind not in ("fixed", "floating"):
                 SubElement(joints[-1], "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[joint])))
                 SubElement(joints[-1], "limit", limits[joint_name])
             element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, position - place)
-            if not is_last:
-                _add_inertia(element, _SPECK, np.full(3, _SPECK))
+            if joint != own[-1]:
+                _add_inertia(element, _SPECK, np.full(3, _SPECK), _ORIGIN, _LEVEL)
         if mass := float(model.body_mass[body]):
-            inertial = _add_inertia(element, mass, model.body_inertia[body])
-            _add_origin(inertial, model.body_ipos[body] - shift, model.body_iquat[body])
+            centre, axes = model.body_ipos[body] - shift, model.body_iquat[body]
+            _add_inertia(element, mass, model.body_inertia[body], centre, axes)
         _add_geoms(element, model, body, shift)
         links.append(link)
     root.extend(joints)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, description.imu)
     if site >= 0 and description.imu not in [link.name for link in links]:
         owner = int(model.site_bodyid[site])
-        turn = multiply(data.xquat[owner], model.site_quat[site])
         SubElement(root, "link", name=description.imu)
-        imu = _Link(description.imu, data.site_xpos[site], turn)
+        imu = _Link(description.imu, data.site_xpos[site], multiply(data.xquat[owner], model.site_quat[site]))
         root.append(_joint(f"{description.imu}_fixed", "fixed", links[owner], imu))
     indent(root)
     return tostring(root, encoding="unicode")
@@ -107,10 +103,9 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
 def _kind(model: mujoco.MjModel, joint: int) -> str:
     if joint < 0:
         return "fixed"
-    kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
-    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+    if model.jnt_type[joint] == _HINGE:
         return "revolute" if model.jnt_limited[joint] else "continuous"
-    return "prismatic" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "floating"
+    return "prismatic" if model.jnt_type[joint] == _SLIDE else "floating"
 
 
 def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
@@ -124,27 +119,25 @@ def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
 
 def _limits(model: mujoco.MjModel, description: RobotDescription) -> dict[str, dict[str, str]]:
     """Return the limits of all joints by name; effort and velocity are 0 where they are not known."""
-    known = {}
-    for i in range(model.njnt):
-        lower, upper = model.jnt_range[i].tolist()
-        known[_joint_name(model, i)] = {"lower": lower, "upper": upper}
+    known = {_joint_name(model, i): (*model.jnt_range[i].tolist(), 0.0, 0.0) for i in range(model.njnt)}
     for joint, speed in zip(description.joints, rated_speed(description).tolist(), strict=True):
-        bounds = {"lower": joint.lower, "upper": joint.upper}
-        known[joint.name] = {**bounds, "effort": joint.effort_limit, "velocity": speed}
-    unknown = {"effort": "0.0", "velocity": "0.0"}
-    return {
-        name: unknown | {key: _number(value) for key, value in values.items() if math.isfinite(value)}
-        for name, values in known.items()
-    }
+        known[joint.name] = (joint.lower, joint.upper, joint.effort_limit, speed)
+    limits = {}
+    for name, (lower, upper, effort, speed) in known.items():
+        bounds = {"lower": lower, "upper": upper} if math.isfinite(upper - lower) else {}
+        least = {"effort": effort, "velocity": speed}
+        values = bounds | {key: value if math.isfinite(value) else 0.0 for key, value in least.items()}
+        limits[name] = {key: _number(value) for key, value in values.items()}
+    return limits
 
 
-def _add_inertia(element: Element, mass: float, inertia: FloatArray) -> Element:
-    """Add a mass in kg, and its principal moments of inertia (3,), kg·m²."""
+def _add_inertia(element: Element, mass: float, inertia: FloatArray, centre: FloatArray, axes: FloatArray) -> None:
+    """Add a mass in kg, and its principal moments of inertia (3,), kg·m², about axes (4,), w x y z, in its centre."""
     inertial = SubElement(element, "inertial")
     SubElement(inertial, "mass", value=_number(mass))
     xx, yy, zz = (_number(value) for value in inertia)
     SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
-    return inertial
+    _add_origin(inertial, centre, axes)
 
 
 def _add_geoms(element: Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:
@@ -228,27 +221,21 @@ def convert_urdf(
         spec.body(imu).add_site(name="imu")
         spec.add_sensor(name="gyro", type=mujoco.mjtSensor.mjSENS_GYRO, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
     spec.modelfiledir = str(folder.resolve())
-    model = compile_spec(spec, path)
+    gaps = list(_gaps(compile_spec(spec, path), imu))
     text: str = spec.to_xml()
-    return text, _gaps(model, imu)
+    return text, gaps
 
 
-def _gaps(model: mujoco.MjModel, imu: str | None) -> list[str]:
-    """Return what a URDF cannot say, or this one does not."""
-    hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-    without = int((model.dof_armature[model.jnt_dofadr[hinges]] == 0.0).sum())
-    colliding = int((model.geom_contype > 0).sum())
-    unlimited, weak = (
-        ", ".join(model.joint(int(i)).name for i in hinges if not limited[i])
-        for limited in (model.jnt_limited, model.jnt_actfrclimited)
-    )
-    lines = {
-        f"armature: {without} joints have none; add each motor's rotor inertia times its gear ratio squared (kg m²): "
-        "without it damping chatters": without,
-        f"range: none for {unlimited}": unlimited,
-        f"effort limit: none for {weak}": weak,
-        "IMU: no site; --imu LINK adds one": imu is None,
-        f"contacts: {colliding} geoms collide with everything, the robot's own among them; leave the feet, or add "
-        "<exclude> for bodies that touch": colliding,
-    }
-    return [line for line, is_missing in lines.items() if is_missing]
+def _gaps(model: mujoco.MjModel, imu: str | None) -> Iterator[str]:
+    """Yield what a URDF cannot say, or this one does not."""
+    hinges = [i for i in range(model.njnt) if model.jnt_type[i] == _HINGE]
+    without = sum(model.dof_armature[model.jnt_dofadr[i]] == 0.0 for i in hinges)
+    if without:
+        yield f"armature: {without} joints have none; add rotor inertia · gear ratio² (kg m²), or damping chatters"
+    for what, limited in (("range", model.jnt_limited), ("effort limit", model.jnt_actfrclimited)):
+        if names := [model.joint(i).name for i in hinges if not limited[i]]:
+            yield f"{what}: none for {', '.join(names)}"
+    if imu is None:
+        yield "IMU: no site; --imu LINK adds one"
+    if colliding := int((model.geom_contype > 0).sum()):
+        yield f"contacts: {colliding} geoms collide with everything, the robot too; keep the feet, or <exclude> pairs"

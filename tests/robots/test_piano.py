@@ -38,8 +38,8 @@ def test_keys_and_body_of_the_shipped_mjcf_are_the_published_ones(robot, name):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("_tip, right_finger2_tip]", "_tip]", "fingers: is ['left_finger2_tip'], expected a list of length 2"),
-        ("[5, 55]", "[5, 88]", "reach[0][1]: is 88, expected a whole number <= 87"),
+        ("_tip, right_finger2_tip]", "_tip]", "fingers: Expected `array` of length 2"),
+        ("[5, 55]", "[5, 88]", "reach[0][1]: Expected `int` <= 87"),
     ],
 )
 def test_a_wrong_piano_is_refused(tmp_path, old, new, problem):
