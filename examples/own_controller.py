@@ -19,7 +19,8 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.005
@@ -81,7 +82,7 @@ def main() -> None:
     sound = build_supervisor(lite, PERIOD, None)
     sway = Sway(lite.joint_names, ("left_wrist_yaw", "right_wrist_yaw"))
     stack = Supervisor(lite.joint_names, {**sound.controllers, RL_POLICY: sway}, guards=sound.guards)
-    robot = MujocoRobot(lite, control_period=PERIOD)
+    robot = SimRobot(lite, SimConfig(control_period=PERIOD))
     robot.activate()
     memory, mode = stack.initial(), ""
     wrist, angles = lite.joint_names.index("left_wrist_yaw"), []

@@ -39,8 +39,8 @@ from humanoid_sim.session.simulation_controls import SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import IntentSource, PolicySelection, RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.push import Push
+from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import run_header
 
 _STANDSTILL = 0.1
@@ -154,7 +154,7 @@ class Run:
     def _controls(self, plan: Plan) -> SimulationControls:
         """Return what operators may do to a simulated robot, and to no other."""
         robot = plan.setup.robot
-        if not isinstance(robot, MujocoRobot):
+        if not isinstance(robot, SimRobot):
             return SimulationControls()
         return SimulationControls(
             lambda vx, vy, body: robot.pushes.add(Push(vx, vy, robot.time, body)),

@@ -29,8 +29,8 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
+from humanoid_sim.simulation.kinematics import AnchorOrientation
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.sensors import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""

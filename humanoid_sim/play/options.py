@@ -136,9 +136,6 @@ class PlayConfig:
     """Picture of the robot at the end of the motion (.png); needs OpenGL."""
     summary: Annotated[str | None, tyro.conf.arg(metavar="FILE.json")] = None
     """The final table as JSON."""
-    actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
-    """Law of the simulated motors (MIT): run at every physics step in Python, or as MuJoCo's own actuators, which
-    agree with that, or, with longer steps and implicit damping, come close to it."""
     control_frequency: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Hz; default: the robot's, for simulation and for hardware."""
     physics_timestep: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
@@ -166,7 +163,7 @@ class PlayConfig:
 
 
 SIMULATED = (
-    *("actuation", "base_height", "command_delay", "drop", "imu_site", "physics_timestep"),
+    *("base_height", "command_delay", "drop", "imu_site", "physics_timestep"),
     *("state_delay", "state_sampling", "yaw"),
 )
 """Options of the simulated robot."""

@@ -24,7 +24,6 @@ from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity
-from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.stack import build_supervisor
 
 if TYPE_CHECKING:
@@ -129,7 +128,7 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
             )
     if config.hardware is not None:
         return period, notice
-    timestep = timestep_of(description, config.actuation, config.physics_timestep)
+    timestep = config.physics_timestep or description.simulation.physics_timestep
     try:
         steps_per_period(period, timestep, step_name="--physics-timestep")
     except InputError as error:

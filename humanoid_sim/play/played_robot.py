@@ -26,10 +26,9 @@ from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.keys import Touch
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import timestep_of
+from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.push import parse_pushes
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 
 class PlayedRobot(Robot, Protocol):
@@ -62,7 +61,7 @@ class Touches:
     The limit is for a robot that is driven. In DAMPING and ZERO_TORQUE arms sink onto the keys by their weight.
     """
 
-    def __init__(self, robot: MujocoRobot, limit: float) -> None:
+    def __init__(self, robot: SimRobot, limit: float) -> None:
         self._robot, self._limit, self._is_limp = robot, limit, True
         self._driven: Touch | None = None
         self._sunk = 0.0
@@ -139,15 +138,13 @@ def simulated_robot(
     config: PlayConfig, description: RobotDescription, control_period: float, contracts: Sequence[PolicyContract]
 ) -> RobotSetup:
     """Return a robot in MuJoCo that measures what the policies of contracts observe; the control period is in s."""
-    timestep = timestep_of(description, config.actuation, config.physics_timestep)
+    timestep = config.physics_timestep or description.simulation.physics_timestep
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
         delay_steps(option, delay, timestep)
     pushes = parse_pushes(config.push)
-    robot = MujocoRobot(
-        description,
+    settings = SimConfig(
         control_period=control_period,
         physics_timestep=timestep,
-        actuation=config.actuation,
         command_delay=config.command_delay,
         state_delay=config.state_delay,
         state_sampling=config.state_sampling,
@@ -159,6 +156,7 @@ def simulated_robot(
         velocity_at=tuple(dict.fromkeys(point for one in contracts for point in one.velocity_points)),
         height_scan=shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
     )
+    robot = SimRobot(description, settings)
     touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)
     imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()

@@ -23,8 +23,8 @@ from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import base_addresses
-from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.simulation.sensors import BodySensors
+from humanoid_sim.simulation.model import SimConfig, build_model, joint_addresses
+from humanoid_sim.simulation.sensing import Sensors
 
 
 def stamp(
@@ -128,9 +128,10 @@ def body_reader(
     The ground is what the robot's MJCF brings, or a level floor. Raises `InputError` if the robot's model lacks the
     anchor body, a site, or the middle of the scan.
     """
-    model = build_model(description, scene=False if height_scan is None else "floor")
-    data = mujoco.MjData(model)
-    sensors = BodySensors(model, description, anchor_body, velocity_at, height_scan)
+    config = SimConfig(anchor_body=anchor_body, velocity_at=tuple(velocity_at), height_scan=height_scan)
+    model = build_model(description, scene=False if height_scan is None else "floor", sensors=config)
+    data, sensors = mujoco.MjData(model), Sensors(model, description, config)
+    no_effort = np.zeros(description.joint_count)
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)
@@ -146,9 +147,10 @@ def body_reader(
                 data.qpos[place], data.qpos[turn] = position[:3], position[3:7]
                 data.qvel[linear], data.qvel[angular] = velocity[:3], velocity[3:6]
             data.qpos[addresses.qpos], data.qvel[addresses.dof] = position[free:], velocity[max(free - 1, 0) :]
-            sample = sensors.read(data)
-            imu = {"imu_quaternion": sample.imu.quaternion, "imu_angular_velocity": sample.imu.angular_velocity}
-            rows.append({**imu, **sample.live})
+            mujoco.mj_forward(model, data)
+            state = sensors.state(0.0, data.qpos, data.qvel, data.sensordata, no_effort)
+            imu = {"imu_quaternion": state.imu_quaternion, "imu_angular_velocity": state.imu_angular_velocity}
+            rows.append({**imu, **{name: live.value for name, live in state.extern.items()}})
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
     return read

@@ -8,10 +8,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses, named_frame
 
 _LENGTH = 0.3
 """m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
@@ -191,3 +192,28 @@ class InverseKinematics(_Posed):
             mujoco.mju_quat2Vel(turn, quaternion, 1.0)
             errors += [position[i] - data.xpos[body], _LENGTH * turn]
         return np.concatenate(errors), np.concatenate(rows)
+
+
+class AnchorOrientation:
+    """Orientation of a body by the IMU and the joints between them, as a real robot knows it. Not thread-safe."""
+
+    def __init__(self, description: RobotDescription, body: str) -> None:
+        """Find IMU and body in the robot's model. Raises `InputError` if the body is not in it."""
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._qpos = joint_addresses(self._model, description.joint_names).qpos
+        kind, i = named_frame(self._model, description.imu, "imu")
+        is_site = kind == mujoco.mjtObj.mjOBJ_SITE
+        self._imu_body = int(self._model.site_bodyid[i]) if is_site else i
+        self._imu_site = self._model.site_quat[i] if is_site else None
+        with blaming("anchor body", InputError):
+            self._body = int(body_ids(self._model, [body])[0])
+
+    def read(self, joint_position: FloatArray, imu_quaternion: FloatArray) -> FloatArray:
+        """Return the body's quaternion (4,), w x y z, in the world of the IMU's; NaN where a joint between is."""
+        self._data.qpos[self._qpos] = joint_position
+        mujoco.mj_kinematics(self._model, self._data)
+        imu = self._data.xquat[self._imu_body]
+        if self._imu_site is not None:
+            imu = multiply(imu, self._imu_site)
+        return multiply(imu_quaternion, multiply(conjugate(imu), self._data.xquat[self._body]))

@@ -8,7 +8,8 @@ from humanoid_sim.messages import Intent, RemoteCommand, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.005
@@ -21,7 +22,7 @@ class Drive:
         self, loaded: LoadedPolicy | None = None, *, robot: str | RobotDescription = "lite", remote: bool = False
     ) -> None:
         self.description = load_robot(robot) if isinstance(robot, str) else robot
-        self.robot = MujocoRobot(self.description, control_period=PERIOD)
+        self.robot = SimRobot(self.description, SimConfig(control_period=PERIOD))
         self.supervisor = build_supervisor(self.description, PERIOD, loaded, remote=remote)
         self.memory = self.supervisor.initial()
         self.states: list[MITState] = []

@@ -6,7 +6,8 @@ from humanoid_sim.evaluation.errors import PoseError
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.simulation.stance import clearance
 
 
@@ -98,10 +99,10 @@ def posed(robot, joints, quaternion=None):
 
 @pytest.mark.parametrize("floor", [0.0, -0.8])
 def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure, floor):
-    robot = MujocoRobot(load_robot(figure(floor)), support=False)
+    robot = SimRobot(load_robot(figure(floor)), SimConfig(support=False))
     standing = BaseObserver(robot.model, robot.description).standing_height(robot.qpos)
     assert standing == pytest.approx(MASS)
-    base = robot.base_state
+    base = robot.base
     assert base.mass_height == pytest.approx(MASS)
     assert not failure.has_fallen(base, standing)
     crouching = posed(robot, np.array([-0.6, 1.2]))

@@ -30,9 +30,7 @@ def seeing(path):
 def test_play_makes_it_records_it_and_replays_it(run, quick, folder):
     policy = seeing(folder / "seeing.onnx")
     script = "damp; load_a; wait; start_locomotion; hold 0.1; damp"
-    result = run(
-        "--robot", quick, "--policy", str(policy), "--script", script, "--html", "none", "--actuation", "affine"
-    )
+    result = run("--robot", quick, "--policy", str(policy), "--script", script, "--html", "none")
     assert result.status == 0, result.err
     walking = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
     assert walking

@@ -10,7 +10,7 @@ from humanoid_sim.messages import Mode
 
 def test_a_key_that_a_finger_presses_is_told_everywhere(run, make_robot, folder):
     robot = make_robot("lite_piano", change=press_in_standby)
-    fast = ("--actuation", "affine", "--html", "none")
+    fast = ("--html", "none")
     result = run("--robot", robot, "--policy", "placeholder", "--script", "damp; load_a; wait; hold 0.3", *fast)
     assert result.status == 0, result.err
     assert all(tick.input.state.extern["key_pressed"].value.shape == (88,) for tick in result.ticks)

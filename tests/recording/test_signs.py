@@ -13,7 +13,8 @@ from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.recording.signs import judge_signs
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor, run_header
 
 LITE = load_robot("lite")
@@ -26,7 +27,7 @@ def recorded(path, *, mirrored=(), zeros=None, ticks=280):
     sign = np.array([-1.0 if name in mirrored else 1.0 for name in LITE.joint_names])
     zero = np.array([(zeros or {}).get(name, 0.0) for name in LITE.joint_names])
     supervisor = build_supervisor(LITE, PERIOD, None)
-    plant = MujocoRobot(LITE, control_period=PERIOD)
+    plant = SimRobot(LITE, SimConfig(control_period=PERIOD))
     plant.activate()
     memory, recorder = supervisor.initial(), McapRecorder(path)
     recorder.start(run_header(LITE, PERIOD, None, settings={}))

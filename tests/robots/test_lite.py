@@ -11,8 +11,8 @@ import pytest
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig, build_model, joint_addresses
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())
 ARMS = pytest.mark.parametrize("robot", [load_robot("lite"), load_robot("lite_neck")], ids=lambda robot: robot.name)
@@ -155,7 +155,7 @@ def test_the_arms_start_at_rest_without_torque(robot):
     ],
 )
 def test_the_legs_centre_of_mass_feet_and_height_are_the_published_ones(pose, center, foot, height):
-    robot = MujocoRobot(BIPED)
+    robot = SimRobot(BIPED)
     model, data = robot.model, robot.data
     data.qpos[2], data.qpos[7:] = height - 5e-5, pose * 2
     mujoco.mj_forward(model, data)
@@ -170,7 +170,7 @@ def test_the_legs_centre_of_mass_feet_and_height_are_the_published_ones(pose, ce
 
 def test_the_legs_carry_themselves_for_ten_seconds():
     """At K_p 80 and K_d 2, held for a second and then released on their feet."""
-    robot = MujocoRobot(BIPED, base_yaw=0.7)
+    robot = SimRobot(BIPED, SimConfig(base_yaw=0.7))
     zeros = np.zeros(14)
     stand = MITCommand(np.array(BIPED.initial_position), zeros, zeros, BIPED.stiffness, BIPED.damping)
     heights, tilts, efforts = [], [], []
@@ -178,7 +178,7 @@ def test_the_legs_carry_themselves_for_ten_seconds():
         if tick == 200:
             robot.set_support(False)
         robot.write(stand)
-        base = robot.base_state
+        base = robot.base
         heights.append(base.height)
         tilts.append(base.tilt)
         efforts.append(np.abs(robot.read()[0].joint_effort))

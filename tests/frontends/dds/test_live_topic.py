@@ -92,7 +92,7 @@ def repeated(sensor, *values):
 
 def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder):
     options = sensing(folder, "/feet/contact", "1.0")
-    options += ("--script", "hold 600", "--dds", "--actuation", "affine")
+    options += ("--script", "hold 600", "--dds")
     with playing(folder, *options) as play, client(play.domain) as ros:
         told = newest(ros.reader("rt/clock")).clock
         behind = time.time() - told.sec - 1e-9 * told.nanosec
