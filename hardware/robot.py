@@ -41,7 +41,7 @@ from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand,
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
 from humanoid_sim.session.rest import RestDetector
-from humanoid_sim.simulation.sensors import AnchorOrientation
+from humanoid_sim.simulation.kinematics import AnchorOrientation
 
 LINKS: Mapping[str, Callable[[OpenChannels, MotorGroup, LinkTerms], MotorLink]] = {
     "sito": SitoMotors,

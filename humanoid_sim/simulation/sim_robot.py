@@ -32,21 +32,6 @@ _WARNINGS = {
 }
 """MuJoCo's warnings of a simulation that is no longer sound."""
 
-
-class Soundness:
-    """MuJoCo's counts of warnings that a simulation is no longer sound."""
-
-    def __init__(self, data: mujoco.MjData) -> None:
-        self._warnings = [(quantity, data.warning[int(kind)]) for quantity, kind in _WARNINGS.items()]
-
-    def fault(self) -> str:
-        """Return what is wrong since the last reset; empty if nothing is."""
-        for quantity, warning in self._warnings:
-            if warning.number:
-                return f"simulation unstable: {quantity} is not finite, or huge"
-        return ""
-
-
 _Sample = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
 """Physics step at which it was taken, `qpos`, `qvel`, `sensordata`, effort."""
 
@@ -79,7 +64,7 @@ class SimRobot:
         """The compiled MuJoCo model."""
         self.data = mujoco.MjData(self.model)
         """MuJoCo's state, live, with all that it derives from `qpos` and `qvel`."""
-        self._soundness = Soundness(self.data)
+        self._warnings = [(quantity, self.data.warning[int(kind)]) for quantity, kind in _WARNINGS.items()]
         self._sensors = Sensors(self.model, description, config)
         self.extern = self._sensors.widths
         """Names and widths of the live inputs that the state has."""
@@ -259,8 +244,10 @@ class SimRobot:
             self._advance(self.physics_steps)
         else:
             self._advance_slowly()
-        if fault := self._soundness.fault():
-            self._fault = f"{fault} (t = {self.time:.4f} s)"
+        for quantity, warning in self._warnings:
+            if warning.number:
+                self._fault = f"simulation unstable: {quantity} is not finite, or huge (t = {self.time:.4f} s)"
+                break
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support hold a floating base where it now is, or let the base go.
