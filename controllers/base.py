@@ -21,10 +21,8 @@ class Memory:
     """State that a controller carries from one tick to the next, and its report besides the command."""
 
     standby: StandbyState | None = None
-    policy_step: PolicyStep | None = None
-    """Set only in the tick in which the policy ran."""
-    notice: str = ""
-    """Message to the operator about this tick; set only in the tick in which it is news."""
+    policy_step: PolicyStep | None = None  # set only in the tick in which the policy ran
+    notice: str = ""  # message to the operator about this tick; set only in the tick in which it is news
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +30,9 @@ class Fault:
     """Failure of a controller, returned in place of a result: DAMPING, or else ZERO_TORQUE, takes over in that tick."""
 
     message: str
-    policy_step: PolicyStep | None = None
-    """Input and output of the policy, if they are what went wrong."""
-    policy_error: str | None = None
-    """Error that the policy raised, if that is what went wrong."""
-    is_bug: bool = False
-    """Set by the supervisor for a controller that raised."""
+    policy_step: PolicyStep | None = None  # input and output of the policy, if they are what went wrong
+    policy_error: str | None = None  # error that the policy raised, if that is what went wrong
+    is_bug: bool = False  # set by the supervisor for a controller that raised
 
 
 class Controller(Protocol):

@@ -51,22 +51,14 @@ class HeightScan:
     `mdp.height_scan` of 1.6.0).
     """
 
-    at: str = BASE
-    """The body in the grid's middle: `base`, `imu`, or the name of a site or body."""
-    grid: tuple[float, float] = (1.6, 1.0)
-    """m, length along the body's x and y."""
-    resolution: float = 0.1
-    """m between two points."""
-    ray_order: RayOrder = "xy"
-    """The coordinate that changes first from one value to the next."""
-    offset: float = 0.0
-    """m"""
-    range: float = 5.0
-    """m, length of a ray."""
-    miss: float | None = None
-    """m, value of a ray that hits nothing; None: its range."""
-    above: float = 0.0
-    """m above the body where rays begin."""
+    at: str = BASE  # the body in the grid's middle: `base`, `imu`, or the name of a site or body
+    grid: tuple[float, float] = (1.6, 1.0)  # m, length along the body's x and y
+    resolution: float = 0.1  # m between two points
+    ray_order: RayOrder = "xy"  # the coordinate that changes first from one value to the next
+    offset: float = 0.0  # m
+    range: float = 5.0  # m, length of a ray
+    miss: float | None = None  # m, value of a ray that hits nothing; None: its range
+    above: float = 0.0  # m above the body where rays begin
 
     def __post_init__(self) -> None:
         one_of("HeightScan", "ray_order", self.ray_order, RayOrder)
@@ -121,39 +113,27 @@ TERM_CHOICES: Mapping[str, Any] = MappingProxyType(
 class Term:
     """One observation term. Processing order: the value, its conventions, clip, scale, history."""
 
-    name: str
-    """As the exporter calls it."""
+    name: str  # as the exporter calls it
     kind: str = ""
     """Its meaning, a name of `TERM_KINDS` or `command`; empty: by its name. Any other is the name of a live input."""
-    scale: FloatArray | float = 1.0
-    """Scalar, or one factor per value. 0 feeds zeros."""
-    clip: tuple[float, float] | None = None
-    """Bounds before scaling."""
-    history: int = 1
-    """Number of policy steps that are shown, this one included."""
+    scale: FloatArray | float = 1.0  # scalar, or one factor per value. 0 feeds zeros
+    clip: tuple[float, float] | None = None  # bounds before scaling
+    history: int = 1  # number of policy steps that are shown, this one included
     history_order: HistoryOrder = "oldest_first"
-    frame: Frame = "body"
-    """For velocities and the anchor position."""
-    at: str = BASE
-    """For the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site."""
+    frame: Frame = "body"  # for velocities and the anchor position
+    at: str = BASE  # for the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site
     relative: bool | None = None
     """For joint positions (default true) and the motion command (default false): less the default pose."""
     layout: OrientationLayout = "rows"
     """Layout of six orientation values: the first two columns row by row, column by column, or the first two rows."""
-    inverse: bool = False
-    """For the anchor orientation: seen from the reference instead of from the robot."""
-    quaternion: QuaternionOrder = "wxyz"
-    """For terms that are quaternions."""
-    form: ActionForm = "raw"
-    """For the last action: the network's output, or that times the action scale."""
+    inverse: bool = False  # for the anchor orientation: seen from the reference instead of from the robot
+    quaternion: QuaternionOrder = "wxyz"  # for terms that are quaternions
+    form: ActionForm = "raw"  # for the last action: the network's output, or that times the action scale
     joints: tuple[str, ...] | None = None
     """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
-    scan: HeightScan | None = None
-    """For a height scan: its grid; None: mjlab's."""
-    width: int | None = None
-    """Number of values of a live input that no kind of term expresses; None: the kind's."""
-    topic: str | None = None
-    """Topic on which other programs publish a live input; None: the kind's."""
+    scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
+    width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
+    topic: str | None = None  # topic on which other programs publish a live input; None: the kind's
     timeout: float | None = None
     """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
 
@@ -200,8 +180,7 @@ class LiveTopic(NamedTuple):
     """Topic on which other programs publish a live input, as `std_msgs/msg/Float32MultiArray`."""
 
     name: str
-    timeout: float | None = None
-    """s after its arrival from which a value is stale, also infinite; None: not stated."""
+    timeout: float | None = None  # s after its arrival from which a value is stale, also infinite; None: not stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,24 +189,19 @@ class TensorNames:
 
     observation: str = ""
     action: str = ""
-    time_step: str = ""
-    """Input that selects a frame of a motion inside the graph."""
+    time_step: str = ""  # input that selects a frame of a motion inside the graph
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseRule:
     """The gait clock of policies that observe one: an angle per foot, and how it moves from one step to the next."""
 
-    period: float | None = None
-    """s of one gait cycle; None: `frequency` says how fast it is."""
+    period: float | None = None  # s of one gait cycle; None: `frequency` says how fast it is
     offsets: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi]))
     """Shape (k,), rad, of the k feet at activation."""
-    advance_first: bool = True
-    """The first observation shows the phase one step on, not the offsets themselves."""
-    standing_threshold: float = 0.0
-    """Magnitude of the velocity command below which the robot stands; 0: it never does."""
-    standing_value: float | None = np.pi
-    """rad, shown for every foot while standing; None: sine and cosine are both 0."""
+    advance_first: bool = True  # the first observation shows the phase one step on, not the offsets themselves
+    standing_threshold: float = 0.0  # magnitude of the velocity command below which the robot stands; 0: it never does
+    standing_value: float | None = np.pi  # rad, shown for every foot while standing; None: sine and cosine are both 0
     standing_restarts: bool = True
     """Walking on starts from the offsets again; false: the clock runs on while the robot stands."""
     frequency: FloatArray | None = None
@@ -269,36 +243,25 @@ class PolicyContract:
     Raises `FieldError` at construction if the fields do not fit each other.
     """
 
-    task_type: TaskType
-    """Selects the layout of the motion reference."""
-    joint_names: tuple[str, ...]
-    """The full articulation, n joints; the order of the per-joint arrays."""
+    task_type: TaskType  # selects the layout of the motion reference
+    joint_names: tuple[str, ...]  # the full articulation, n joints; the order of the per-joint arrays
     action_joint_names: tuple[str, ...]
     """The m joints that the action drives, in its order; the others are pinned to position 0."""
-    joint_stiffness: FloatArray
-    """Shape (n,), N·m/rad; a scalar stands for all, as in every field of this shape."""
-    joint_damping: FloatArray
-    """Shape (n,), N·m·s/rad."""
-    default_joint_pos: FloatArray
-    """Shape (n,), rad."""
+    joint_stiffness: FloatArray  # shape (n,), N·m/rad; a scalar stands for all, as in every field of this shape
+    joint_damping: FloatArray  # shape (n,), N·m·s/rad
+    default_joint_pos: FloatArray  # shape (n,), rad
     observation: Sequence[Term | str]
     """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
-    command_names: tuple[str, ...]
-    """Runtime command terms."""
-    action_scale: FloatArray
-    """Shape (m,), rad per unit of action."""
-    policy_dt: float
-    """s"""
-    body_names: tuple[str, ...] = ()
-    """Bodies that the motion reference describes, b of them."""
-    dataset_repo_id: str = ""
-    """Dataset that the default motion comes from; empty for none."""
+    command_names: tuple[str, ...]  # runtime command terms
+    action_scale: FloatArray  # shape (m,), rad per unit of action
+    policy_dt: float  # s
+    body_names: tuple[str, ...] = ()  # bodies that the motion reference describes, b of them
+    dataset_repo_id: str = ""  # dataset that the default motion comes from; empty for none
     lookahead_steps: tuple[int, ...] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
     action_offset: FloatArray | None = None
     """Shape (m,), rad, added to the scaled action; None: the default pose of the driven joints."""
-    action_clip: float = np.inf
-    """Magnitude at which a raw action is clipped before it is scaled."""
+    action_clip: float = np.inf  # magnitude at which a raw action is clipped before it is scaled
     action_limit: float | None = None
     """Magnitude of a raw action beyond which the policy has failed; None: `ACTION_LIMIT`."""
     position_clip: FloatArray | str | None = None
@@ -314,16 +277,12 @@ class PolicyContract:
     """Order of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: FloatArray | None = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
-    phase: PhaseRule | None = None
-    """The gait clock of policies that observe one."""
-    anchor_body: str = ""
-    """The body that the reference's anchor terms compare."""
+    phase: PhaseRule | None = None  # the gait clock of policies that observe one
+    anchor_body: str = ""  # the body that the reference's anchor terms compare
     align_reference: bool = True
     """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
-    reference_quaternion: QuaternionOrder = "wxyz"
-    """Order in which the motion's source gives quaternions."""
-    tensors: TensorNames = field(default_factory=TensorNames)
-    """Names in the model's graph."""
+    reference_quaternion: QuaternionOrder = "wxyz"  # order in which the motion's source gives quaternions
+    tensors: TensorNames = field(default_factory=TensorNames)  # names in the model's graph
     source: Mapping[str, str] = field(default_factory=dict)
     """Field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION` to where it came from; others: by default."""
 

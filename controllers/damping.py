@@ -34,8 +34,7 @@ class DampingController:
     """Holds the joint positions of its activation with damping only: soft under gravity, viscous against motion."""
 
     joints: tuple[str, ...]
-    damping: FloatArray
-    """Shape (n,), N·m·s/rad."""
+    damping: FloatArray  # shape (n,), N·m·s/rad
 
     def activate(self, tick_input: TickInput) -> HeldMemory | Fault:
         """Capture the positions; fails only if none is known: one silent joint must not make the others limp."""

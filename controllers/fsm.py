@@ -32,8 +32,7 @@ class Rule:
 
     modes: frozenset[Mode]
     target: str | None
-    standby_finished: bool = False
-    """True if the standby controller must have arrived."""
+    standby_finished: bool = False  # True if the standby controller must have arrived
 
 
 RULES: Mapping[Intent, Rule] = MappingProxyType(

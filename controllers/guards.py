@@ -29,14 +29,10 @@ _ROUNDING = 1e-9  # s: times are decimal fractions that binary numbers round
 class GuardMemory:
     """State that the guards carry from tick to tick while something is suspicious; None while nothing is."""
 
-    time: float | FloatArray
-    """s, robot's clock at the previous tick; scalar, or shape (...)."""
-    held: FloatArray
-    """Shape (..., 3, n), s for which the condition of each guard has held; -1: it does not hold."""
-    side: FloatArray
-    """Shape (..., n), +1 or -1: direction in which the following guard saw the joint pulled."""
-    start: FloatArray
-    """Shape (..., n), rad: position from which it counts how much nearer the joint has come."""
+    time: float | FloatArray  # s, robot's clock at the previous tick; scalar, or shape (...)
+    held: FloatArray  # shape (..., 3, n), s for which the condition of each guard has held; -1: it does not hold
+    side: FloatArray  # shape (..., n), +1 or -1: direction in which the following guard saw the joint pulled
+    start: FloatArray  # shape (..., n), rad: position from which it counts how much nearer the joint has come
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,24 +40,16 @@ class Guards:
     """The parameters of all guards, and one pure step. An infinite bound, and so an absent one, never trips."""
 
     joints: tuple[str, ...]
-    lower: FloatArray
-    """Shape (n,), rad, the joints' lower limits; -infinity for none."""
-    upper: FloatArray
-    """Shape (n,), rad, upper limits."""
+    lower: FloatArray  # shape (n,), rad, the joints' lower limits; -infinity for none
+    upper: FloatArray  # shape (n,), rad, upper limits
     following_effort: FloatArray
     """Shape (n,), N·m: K_p times the error from which a joint must come nearer; infinity: not watched."""
-    following_time: float
-    """s in which it must have come nearer."""
-    following_progress: float
-    """rad by which it must."""
-    limit_margin: FloatArray
-    """Shape (n,), rad beyond the limits; infinity: not watched."""
-    limit_time: float
-    """s"""
-    speed_limit: FloatArray
-    """Shape (n,), rad/s; infinity: not watched."""
-    speed_time: float
-    """s"""
+    following_time: float  # s in which it must have come nearer
+    following_progress: float  # rad by which it must
+    limit_margin: FloatArray  # shape (n,), rad beyond the limits; infinity: not watched
+    limit_time: float  # s
+    speed_limit: FloatArray  # shape (n,), rad/s; infinity: not watched
+    speed_time: float  # s
     following_within: bool = False
     """True where the following guard takes a command beyond a limit for one to the limit, or to the joint if that is
     further out: policies of legs ask for more than their joints have, and a joint at its stop does not then lag."""

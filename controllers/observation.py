@@ -25,12 +25,9 @@ class ObservationLayout:
 
     terms: tuple[BoundTerm, ...]
     history_layout: HistoryLayout = "per_term"
-    width: int = field(init=False)
-    """N, the number of values of the whole observation."""
-    step_width: int = field(init=False)
-    """Number of values of one step."""
-    history: int = field(init=False)
-    """Steps that the longest term shows."""
+    width: int = field(init=False)  # N, the number of values of the whole observation
+    step_width: int = field(init=False)  # number of values of one step
+    history: int = field(init=False)  # steps that the longest term shows
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "width", sum(term.width for term in self.terms))

@@ -51,17 +51,13 @@ def action_limit_of(contract: PolicyContract, given: float | None = None) -> flo
 class PolicyMemory:
     """State carried from one policy step to the next."""
 
-    frame: Frame
-    """Shape (...), the reference frame that the next inference shows."""
-    last_action: Float32Array
-    """Shape (..., m), raw; zeros at activation."""
+    frame: Frame  # shape (...), the reference frame that the next inference shows
+    last_action: Float32Array  # shape (..., m), raw; zeros at activation
     history: Float32Array | None = None
     """Shape (..., h, step_width), what was observed in the last steps, oldest first; None before the first, or without
     terms that show one."""
-    walked: FloatArray | float = 0.0
-    """Shape (...), rad of gait phase since activation, or since standing."""
-    alignment: Alignment | None = None
-    """Alignment of the reference with the robot, made at activation."""
+    walked: FloatArray | float = 0.0  # shape (...), rad of gait phase since activation, or since standing
+    alignment: Alignment | None = None  # alignment of the reference with the robot, made at activation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,16 +67,13 @@ class PolicyWiring:
     Raises `FieldError` at construction, if the contract does not fit the robot, or a term lacks its source.
     """
 
-    joints: tuple[str, ...]
-    """The robot's, in its order."""
+    joints: tuple[str, ...]  # the robot's, in its order
     contract: PolicyContract
     reference: MotionReference
-    extern: Mapping[str, int]
-    """Name and width of the live inputs that states carry."""
+    extern: Mapping[str, int]  # name and width of the live inputs that states carry
     action_limit: float | None = None
     """Largest magnitude of a raw action; beyond it the policy has failed. None: as `action_limit_of` says."""
-    limit: float = field(init=False)
-    """`action_limit`, resolved to a number."""
+    limit: float = field(init=False)  # `action_limit`, resolved to a number
     layout: ObservationLayout = field(init=False, repr=False)
     action_map: ActionMap = field(init=False, repr=False)
     takes_velocity_command: bool = field(init=False, repr=False)
@@ -181,20 +174,13 @@ def _anchor_pose(state: MITState) -> FloatArray | None:
 class ActionMap:
     """The contract's action in the robot's joint order."""
 
-    indices: IndexArray
-    """Shape (m,), the robot's joint that each action drives."""
-    offset: FloatArray
-    """Shape (m,), rad."""
-    scale: FloatArray
-    """Shape (m,), rad per unit of action."""
-    stiffness: FloatArray
-    """Shape (n,), N·m/rad, robot order."""
-    damping: FloatArray
-    """Shape (n,), N·m·s/rad, robot order."""
-    clip: float = float("inf")
-    """Magnitude at which a raw action is clipped."""
-    position_clip: FloatArray | None = None
-    """Shape (m, 2), rad, least and greatest position; None: any."""
+    indices: IndexArray  # shape (m,), the robot's joint that each action drives
+    offset: FloatArray  # shape (m,), rad
+    scale: FloatArray  # shape (m,), rad per unit of action
+    stiffness: FloatArray  # shape (n,), N·m/rad, robot order
+    damping: FloatArray  # shape (n,), N·m·s/rad, robot order
+    clip: float = float("inf")  # magnitude at which a raw action is clipped
+    position_clip: FloatArray | None = None  # shape (m, 2), rad, least and greatest position; None: any
 
 
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:

@@ -25,10 +25,8 @@ def _least(frame: Frame, last: Frame) -> Frame:
 class Alignment:
     """A rotation about the vertical and a shift along the ground, from the motion's world to the robot's."""
 
-    yaw: FloatArray
-    """Shape (..., 4), w x y z."""
-    offset: FloatArray
-    """Shape (..., 3), m."""
+    yaw: FloatArray  # shape (..., 4), w x y z
+    offset: FloatArray  # shape (..., 3), m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,18 +19,15 @@ StaleCommandPolicy = Literal["passive", "hold"]
 class RemoteMemory(Memory):
     """The command in force, and its age."""
 
-    activation_time: float
-    """s, robot's clock."""
-    time: float
-    """s, robot's clock at the previous tick."""
+    activation_time: float  # s, robot's clock
+    time: float  # s, robot's clock at the previous tick
     stamp: float
     """Arrival time of the latest command, as given; tells one command from the next. NaN before the first; that of a
     command which was already there at activation and is not applied."""
     age: float = 0.0
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
     command: MITCommand | None = None
-    is_fresh: bool = False
-    """True while a command that is not stale is in force."""
+    is_fresh: bool = False  # True while a command that is not stale is in force
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +38,7 @@ class RemotePolicyController:
     """
 
     joints: tuple[str, ...]
-    damping: FloatArray
-    """Shape (n,), N·m·s/rad, of the passive hold."""
+    damping: FloatArray  # shape (n,), N·m·s/rad, of the passive hold
     stale_command_policy: StaleCommandPolicy = "passive"
     """`passive`: K_p 0 and `damping` at the live position. `hold`: the last command stays in force."""
     stale_command_timeout_ms: float = 100.0

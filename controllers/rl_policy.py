@@ -31,10 +31,8 @@ class RLPolicyMemory(Memory):
     """Position of the policy between two inferences, and its memory."""
 
     policy: PolicyMemory
-    held_ticks: int
-    """Ticks since the last inference; at `decimation` the next one is due."""
-    command: MITCommand | None = None
-    """Command of the last inference."""
+    held_ticks: int  # ticks since the last inference; at `decimation` the next one is due
+    command: MITCommand | None = None  # command of the last inference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,14 +47,10 @@ class RLPolicyController:
     contract: PolicyContract
     reference: MotionReference
     policy: Policy
-    control_period: float
-    """s between two ticks; `policy_dt` is a whole multiple of it."""
-    action_limit: float | None = None
-    """Largest magnitude of a raw action; None: as `action_limit_of` says."""
-    extern: Mapping[str, int] = field(default_factory=dict)
-    """Name and width of the live observation terms."""
-    decimation: int = field(init=False)
-    """Ticks per inference."""
+    control_period: float  # s between two ticks; `policy_dt` is a whole multiple of it
+    action_limit: float | None = None  # largest magnitude of a raw action; None: as `action_limit_of` says
+    extern: Mapping[str, int] = field(default_factory=dict)  # name and width of the live observation terms
+    decimation: int = field(init=False)  # ticks per inference
     wiring: PolicyWiring = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

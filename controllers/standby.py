@@ -18,12 +18,9 @@ _LONGEST_STEP = 0.05  # s of trajectory that one tick may cover: after a stall o
 class StandbyMemory(Memory):
     """Start of the trajectory, and the progress along it."""
 
-    start: FloatArray
-    """Shape (n,), rad, the positions captured at activation."""
-    elapsed: float
-    """s of trajectory."""
-    time: float
-    """s, robot's clock at the previous tick."""
+    start: FloatArray  # shape (n,), rad, the positions captured at activation
+    elapsed: float  # s of trajectory
+    time: float  # s, robot's clock at the previous tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,14 +31,10 @@ class StandbyController:
     """
 
     joints: tuple[str, ...]
-    target_stiffness: FloatArray
-    """Shape (n,), N·m/rad."""
-    target_damping: FloatArray
-    """Shape (n,), N·m·s/rad."""
-    segment_durations: FloatArray
-    """Shape (s,), s, each > 0."""
-    pose_segments: FloatArray
-    """Shape (s, n), rad, the pose at the end of each segment."""
+    target_stiffness: FloatArray  # shape (n,), N·m/rad
+    target_damping: FloatArray  # shape (n,), N·m·s/rad
+    segment_durations: FloatArray  # shape (s,), s, each > 0
+    pose_segments: FloatArray  # shape (s, n), rad, the pose at the end of each segment
 
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""

@@ -39,17 +39,13 @@ class SupervisorMemory:
     """State that the supervisor carries from one tick to the next."""
 
     controller: str
-    controller_memory: Any
-    """Memory of that controller; None: it is to be activated in the next tick."""
-    status_message: str
-    """The latest message to the operator."""
-    command: MITCommand
-    """The command of the previous tick, which was accepted; zeros at the start."""
+    controller_memory: Any  # memory of that controller; None: it is to be activated in the next tick
+    status_message: str  # the latest message to the operator
+    command: MITCommand  # the command of the previous tick, which was accepted; zeros at the start
     guards: GuardMemory | None = None
     """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
     ZERO_TORQUE, which push nowhere, end it."""
-    policy: str = ""
-    """Name of the selected policy; '' where there is only one."""
+    policy: str = ""  # name of the selected policy; '' where there is only one
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,15 +52,11 @@ class TermInput:
     """Everything that a term may read in one policy step."""
 
     state: MITState
-    last_action: Float32Array
-    """Shape (..., m), raw."""
+    last_action: Float32Array  # shape (..., m), raw
     reference: MotionReference
-    frame: Frame
-    """Shape (...)."""
-    alignment: Alignment | None = None
-    """Alignment of the reference with the robot, made at activation."""
-    phase: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Shape (..., k), rad."""
+    frame: Frame  # shape (...)
+    alignment: Alignment | None = None  # alignment of the reference with the robot, made at activation
+    phase: FloatArray = field(default_factory=lambda: np.empty(0))  # shape (..., k), rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,17 +67,12 @@ class BoundTerm:
     kind: TermKind
     contract: PolicyContract
     reference: MotionReference
-    extern: Mapping[str, int]
-    """Name and width of the live inputs that exist."""
-    order: IndexArray
-    """The joints that the term shows, as places among the robot's."""
-    zero: FloatArray | float
-    """rad, of these joints: subtracted from positions."""
-    start: int
-    """Place of the first value within one step's values."""
+    extern: Mapping[str, int]  # name and width of the live inputs that exist
+    order: IndexArray  # the joints that the term shows, as places among the robot's
+    zero: FloatArray | float  # rad, of these joints: subtracted from positions
+    start: int  # place of the first value within one step's values
     stop: int
-    is_plain: bool
-    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every step is not free."""
+    is_plain: bool  # neither clipped nor scaled: most terms are, and a multiplication by 1 in every step is not free
 
     @property
     def name(self) -> str:
@@ -268,30 +259,20 @@ class TermKind:
     """Description of a kind of observation term, whatever the term is called."""
 
     name: str
-    meaning: str
-    """Meaning in words, with its unit."""
-    width: int | Width
-    """Number of values of one step."""
+    meaning: str  # meaning in words, with its unit
+    width: int | Width  # number of values of one step
     value: Value
     _: KW_ONLY
-    names: tuple[str, ...] = ()
-    """Names that exporters use for it, beside its own."""
+    names: tuple[str, ...] = ()  # names that exporters use for it, beside its own
     reads: str = ""
     """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
-    estimate: str = ""
-    """Part of it that a simulation knows and a robot has to estimate."""
-    tables: tuple[str, ...] = ()
-    """Tables of the motion that it needs."""
-    conventions: tuple[Convention, ...] = ()
-    """Conventions that may be mistaken: options of `Term`, or its `sign`."""
-    relative: bool = False
-    """True if positions are relative to the default pose unless the term says otherwise."""
-    requires: str = ""
-    """Field of the contract without which it means nothing."""
-    scales: tuple[float, ...] = (1.0,)
-    """Scales seen in published policies."""
-    topic: str = ""
-    """Topic on which other programs publish it, where the term names none; empty: none does."""
+    estimate: str = ""  # part of it that a simulation knows and a robot has to estimate
+    tables: tuple[str, ...] = ()  # tables of the motion that it needs
+    conventions: tuple[Convention, ...] = ()  # conventions that may be mistaken: options of `Term`, or its `sign`
+    relative: bool = False  # True if positions are relative to the default pose unless the term says otherwise
+    requires: str = ""  # field of the contract without which it means nothing
+    scales: tuple[float, ...] = (1.0,)  # scales seen in published policies
+    topic: str = ""  # topic on which other programs publish it, where the term names none; empty: none does
 
     @property
     def task(self) -> Literal["", "tracking", "piano"]:

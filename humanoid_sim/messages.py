@@ -94,13 +94,10 @@ class ControlMode:
 class StandbyState:
     """Progress of a standby controller."""
 
-    current_segment: int
-    """Index into the pose sequence."""
+    current_segment: int  # index into the pose sequence
     total_segments: int
-    progress: float
-    """[0, 1] within the current segment."""
-    is_finished: bool
-    """The command is at the final pose and the final gains."""
+    progress: float  # [0, 1] within the current segment
+    is_finished: bool  # the command is at the final pose and the final gains
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,20 +105,16 @@ class RemoteCommand:
     """A command from outside the control loop, its joint names already checked, stamped when it arrived."""
 
     command: MITCommand
-    arrival_time: float
-    """s, robot's clock. The sender's clock plays no part."""
+    arrival_time: float  # s, robot's clock. The sender's clock plays no part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyStep:
     """One inference: what the policy saw and what it answered."""
 
-    frame: int
-    """Index of the reference frame that was shown."""
-    observation: npt.NDArray[np.float32]
-    """Shape (N,), the terms in their order."""
-    action: npt.NDArray[np.float32]
-    """Shape (M,), raw: neither scaled nor offset."""
+    frame: int  # index of the reference frame that was shown
+    observation: npt.NDArray[np.float32]  # shape (N,), the terms in their order
+    action: npt.NDArray[np.float32]  # shape (M,), raw: neither scaled nor offset
 
     def __post_init__(self) -> None:
         for name in ("observation", "action"):
@@ -137,8 +130,7 @@ class FaultReport:
     controller: str
     fallback: str
     message: str
-    is_bug: bool = False
-    """The controller raised instead of returning a fault."""
+    is_bug: bool = False  # the controller raised instead of returning a fault
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,14 +138,10 @@ class TickInput:
     """Everything that one tick may depend on."""
 
     state: MITState
-    safety: tuple[SafetyStatus, ...] = ()
-    """One status per source."""
-    intents: tuple[Intent, ...] = ()
-    """All of this tick, in order of arrival."""
-    remote: RemoteCommand | None = None
-    """The latest accepted remote command, if there ever was one."""
-    policy: str = ""
-    """Name of the loaded policy to select; '' keeps the one that is selected."""
+    safety: tuple[SafetyStatus, ...] = ()  # one status per source
+    intents: tuple[Intent, ...] = ()  # all of this tick, in order of arrival
+    remote: RemoteCommand | None = None  # the latest accepted remote command, if there ever was one
+    policy: str = ""  # name of the loaded policy to select; '' keeps the one that is selected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,14 +150,11 @@ class TickOutput:
 
     command: MITCommand
     control_mode: ControlMode
-    standby: StandbyState | None = None
-    """Set in STANDBY."""
+    standby: StandbyState | None = None  # set in STANDBY
     quit: bool = False
     faults: tuple[FaultReport, ...] = ()
-    refusals: tuple[str, ...] = ()
-    """Reasons why intents of this tick took no effect."""
-    policy_step: PolicyStep | None = None
-    """Set in the ticks in which the policy ran."""
+    refusals: tuple[str, ...] = ()  # reasons why intents of this tick took no effect
+    policy_step: PolicyStep | None = None  # set in the ticks in which the policy ran
     policy_error: str | None = None
     """Error that the policy raised instead of an answer in this tick; None if it raised none."""
 
@@ -182,17 +167,13 @@ URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
 class SessionHeader:
     """Description of a run: everything that a reader needs to interpret, and to repeat, its ticks."""
 
-    robot: str
-    """The robot's name, e.g. `lite`."""
+    robot: str  # the robot's name, e.g. `lite`
     joint_names: tuple[str, ...]
-    control_period: float
-    """s"""
-    start_time_ns: int
-    """Wall-clock nanoseconds (Unix epoch) of the robot clock's zero."""
+    control_period: float  # s
+    start_time_ns: int  # Wall-clock nanoseconds (Unix epoch) of the robot clock's zero
     documents: Mapping[str, str] = field(default_factory=dict)
     """JSON texts by name: robot description, policy contract, settings, versions, hashes."""
-    attachments: Mapping[str, bytes] = field(default_factory=dict)
-    """Files by name: the motion that was played."""
+    attachments: Mapping[str, bytes] = field(default_factory=dict)  # files by name: the motion that was played
     observation_terms: tuple[tuple[str, int], ...] = ()
     """Name and width of each observation term, in order; empty without a policy."""
 
@@ -201,14 +182,12 @@ class SessionHeader:
 class TickRecord:
     """One tick of the loop."""
 
-    index: int
-    """Counts from 0; a skipped deadline does not skip an index."""
+    index: int  # counts from 0; a skipped deadline does not skip an index
     input: TickInput
     output: TickOutput
     duration: float
     """s of wall time from the start of `read` to the end of `write`, less the physics of a simulated robot."""
-    overrun: bool
-    """The tick missed its deadline."""
+    overrun: bool  # the tick missed its deadline
     qpos: FloatArray | None = None
     """Shape (nq,), MuJoCo's generalised position when the state was read, for viewers; None without a simulator."""
 
@@ -237,8 +216,6 @@ class EventKind(IntEnum):
 class Event:
     """Something that happened outside the ticks."""
 
-    time: float
-    """s, robot's clock."""
-    text: str
-    """One line."""
+    time: float  # s, robot's clock
+    text: str  # one line
     kind: EventKind = EventKind.NOTE

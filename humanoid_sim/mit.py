@@ -54,12 +54,9 @@ def _freeze(instance: object, shape: tuple[int, ...], *names: str) -> None:
 class Extern:
     """A named live input that is not a joint state: pressed piano keys, a velocity command."""
 
-    value: FloatArray
-    """Shape (k,), in the term's own unit."""
-    arrival_time: float
-    """s, robot's clock, when the value was received."""
-    timeout: float = float("inf")
-    """s after `arrival_time` from which the value counts as zero."""
+    value: FloatArray  # shape (k,), in the term's own unit
+    arrival_time: float  # s, robot's clock, when the value was received
+    timeout: float = float("inf")  # s after `arrival_time` from which the value counts as zero
 
     def __post_init__(self) -> None:
         _freeze(self, np.shape(self.value), "value")
@@ -101,24 +98,17 @@ def point_velocity(point: str) -> str:
 class MITState:
     """State that a robot reports at one instant; the layout is frozen, because trained policies depend on it."""
 
-    time: float | FloatArray
-    """s, robot's clock. Scalar for one robot; shape (...) for a batch whose clocks differ."""
-    joint_position: FloatArray
-    """Shape (..., n), rad, joint frame. NaN: nothing was ever received of this joint."""
-    joint_velocity: FloatArray
-    """Shape (..., n), rad/s, joint frame."""
-    joint_effort: FloatArray
-    """Shape (..., n), N·m, measured or simulated."""
+    time: float | FloatArray  # s, robot's clock. Scalar for one robot; shape (...) for a batch whose clocks differ
+    joint_position: FloatArray  # shape (..., n), rad, joint frame. NaN: nothing was ever received of this joint
+    joint_velocity: FloatArray  # shape (..., n), rad/s, joint frame
+    joint_effort: FloatArray  # shape (..., n), N·m, measured or simulated
     joint_age: FloatArray
     """Shape (..., n), s since the joint last reported; a silent joint keeps its last values and ages."""
-    imu_quaternion: FloatArray
-    """Shape (..., 4), w x y z, body frame in the world frame."""
-    imu_angular_velocity: FloatArray
-    """Shape (..., 3), rad/s, body frame."""
+    imu_quaternion: FloatArray  # shape (..., 4), w x y z, body frame in the world frame
+    imu_angular_velocity: FloatArray  # shape (..., 3), rad/s, body frame
     imu_linear_acceleration: FloatArray
     """Shape (..., 3), m/s², body frame, gravity included: (0, 0, +9.81) at rest and upright."""
-    extern: Mapping[str, Extern] = field(default_factory=dict)
-    """Named live arrays with their arrival time and timeout."""
+    extern: Mapping[str, Extern] = field(default_factory=dict)  # named live arrays with their arrival time and timeout
 
     def __post_init__(self) -> None:
         shape = np.shape(self.joint_position)
@@ -157,16 +147,11 @@ class MITState:
 class MITCommand:
     """A controller's command to every joint, every tick. Field names and order are frozen."""
 
-    position: FloatArray
-    """Shape (..., n), rad, joint frame."""
-    velocity: FloatArray
-    """Shape (..., n), rad/s, joint frame."""
-    effort: FloatArray
-    """Shape (..., n), N·m, feed-forward."""
-    stiffness: FloatArray
-    """Shape (..., n), N·m/rad, K_p."""
-    damping: FloatArray
-    """Shape (..., n), N·m·s/rad, K_d."""
+    position: FloatArray  # shape (..., n), rad, joint frame
+    velocity: FloatArray  # shape (..., n), rad/s, joint frame
+    effort: FloatArray  # shape (..., n), N·m, feed-forward
+    stiffness: FloatArray  # shape (..., n), N·m/rad, K_p
+    damping: FloatArray  # shape (..., n), N·m·s/rad, K_d
 
     def __post_init__(self) -> None:
         _freeze(self, np.shape(self.position), *COMMAND_FIELDS)

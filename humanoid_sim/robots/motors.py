@@ -34,8 +34,7 @@ class MotorModel:
     fault_temperature: float  # °C, reports over-temperature and stops; the lower of the manuals' languages
     warning_temperature: float  # °C, warns in a fault report only
     position: float = POSITION_RANGE  # rad, range
-    family: str = ""
-    """Key of `FAMILIES`, set by the family's row."""
+    family: str = ""  # key of `FAMILIES`, set by the family's row
 
 
 _ROBSTRIDE = (
@@ -68,8 +67,7 @@ class MotorFamily:
 
     name: str
     models: tuple[MotorModel, ...]
-    ids: range
-    """Ids that its frames can address."""
+    ids: range  # ids that its frames can address
     last_bytes: frozenset[int] = frozenset()
     """Last bytes of its host's identifiers, where that is no motor's id: a motor of a family that is addressed by this
     byte must not have one of these ids."""

@@ -98,8 +98,7 @@ class StandbySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     target_stiffness: tuple[NotNegative, ...]  # N·m/rad, one per joint
     target_damping: tuple[NotNegative, ...]  # N·m·s/rad, one per joint
     segment_durations: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)]  # s
-    pose_segments: tuple[tuple[float, ...], ...]
-    """rad, for each segment the pose at its end, one value per joint."""
+    pose_segments: tuple[tuple[float, ...], ...]  # rad, for each segment the pose at its end, one value per joint
 
 
 class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
