@@ -39,39 +39,22 @@ class FrontEnd:
 
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
     {
-        "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad", ("pygame",), "gamepad"),
-        "midi": FrontEnd(
-            "tell a running session which keys of a MIDI keyboard are down",
-            "a MIDI keyboard",
-            "--midi",
-            ("rtmidi",),
-            "midi",
-        ),
-        "gravity": FrontEnd(
-            "compensate gravity in REMOTE, on a running session", "gravity compensation, for REMOTE", "--remote"
-        ),
-        "console": FrontEnd(
-            "serve a page for the operator, on a running session",
-            "the browser console",
-            "--console",
-            ("plotly",),
-            "console",
-        ),
-        "viewer": FrontEnd(
-            "watch a running session in a window, or move a robot's joints by sliders", "MuJoCo's window", "--viewer"
-        ),
-        "dds": FrontEnd(
-            "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
-            "the DDS bridge",
-            "--dds",
-            ("cyclonedds",),
-            "dds",
-        ),
-        "rerun": FrontEnd(
-            "watch a running session in rerun's viewer", "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"
-        ),
+        "gamepad": FrontEnd("drive a running session with a gamepad",
+                            "a gamepad", "--gamepad", ("pygame",), "gamepad"),
+        "midi": FrontEnd("send to a running session which keys of a MIDI keyboard are down",
+                         "a MIDI keyboard", "--midi", ("rtmidi",), "midi"),
+        "gravity": FrontEnd("compensate gravity in REMOTE, on a running session",
+                            "gravity compensation, for REMOTE", "--remote"),
+        "console": FrontEnd("serve a page for the operator, on a running session",
+                            "the browser console", "--console", ("plotly",), "console"),
+        "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders",
+                           "MuJoCo's window", "--viewer"),
+        "dds": FrontEnd("serve a running session to ROS 2 and DDS, and take commands for REMOTE",
+                        "the DDS bridge", "--dds", ("cyclonedds",), "dds"),
+        "rerun": FrontEnd("watch a running session in rerun's viewer",
+                          "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"),
     }
-)
+)  # fmt: skip
 """Front ends by name, which is also that of the module `humanoid_sim/<name>.py` and of the verb."""
 
 VERBS = {
@@ -215,47 +198,14 @@ def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
 
 
 def _print_page(words: Sequence[str] | None) -> int:
-    from humanoid_sim import __version__  # noqa: PLC0415 - only for its page
+    if words == ["--version"]:
+        from humanoid_sim import __version__  # noqa: PLC0415 - only here
 
-    print(_start_page() if not words else __version__ if words[0] == "--version" else _list_of_verbs())
-    return ExitStatus.OK
-
-
-_START = """\
-Run, test and deploy humanoid policies: in simulation and on the robot.
-
-See something move:
-  python -m humanoid_sim.play
-  python -m humanoid_sim.play --robot lite_biped --command 0.3,0,0
-
-A policy of your own:
-  python -m humanoid_sim.policy show x.onnx                  what is it?
-  python -m humanoid_sim.policy check x.onnx --robot ROBOT   does it fit?
-  python -m humanoid_sim.play --policy x.onnx --robot ROBOT  does it work?
-  python -m humanoid_sim.policy doctor x.onnx --robot ROBOT  why does it fall?
-  python -m humanoid_sim.regress x.onnx --baseline y.onnx    is it worse?
-
-ROBOT is the path of an MJCF or of a robot's YAML file, robot_descriptions:NAME
-for a public robot, such as robot_descriptions:g1, or an included one:
-
-{shipped}
-
-All verbs: python -m humanoid_sim --help. Each takes --help. Documentation:
-README.md and docs/ in the project's repository."""
-
-
-def _start_page() -> str:
-    """Return what can be done, for somebody who starts the package to find out."""
-    from humanoid_sim.assets import shipped  # noqa: PLC0415 - only for this page
-
-    rows: list[str] = []
-    for kind in ("robots", "motions", "songs", "suites", "policies"):
-        rows += textwrap.wrap(f"{kind:<10}" + ", ".join(shipped(kind)), 78, subsequent_indent=" " * 10)
-    return _START.format(shipped=textwrap.indent("\n".join(rows), "  "))
-
-
-def _list_of_verbs() -> str:
-    lines = ["usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]", ""]
+        print(__version__)
+        return ExitStatus.OK
+    print("usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]\n")
     for verb, purpose in VERBS.items():
-        lines += textwrap.wrap(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18)
-    return "\n".join([*lines, "", "'python -m humanoid_sim VERB --help' describes a verb; --version."])
+        print(textwrap.fill(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18))
+    print("\nBegin with `python -m humanoid_sim play`, which shows the sample robot.")
+    print("'python -m humanoid_sim VERB --help' describes a verb; --version.")
+    return ExitStatus.OK

@@ -47,8 +47,7 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
 
     remote: bool
     action_limit: float
-    guards: bool | dict[str, Any] | None
-    """True for the guards of the robot's description; older recordings hold their parameters."""
+    guards: bool | dict[str, Any] | None  # true for the guards of the robot's description; older: their parameters
 
 
 def build_supervisor(
@@ -75,22 +74,19 @@ def build_supervisor(
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
     """
-    joints = description.joint_names
-    remote_settings = description.remote_policy_controller
+    joints, remote_settings = description.joint_names, description.remote_policy_controller
+
+    def learned(policy: LoadedPolicy) -> RLPolicyController:
+        return policy_controller(description, control_period, policy, live=live, action_limit=action_limit)
+
     controllers: dict[str, Controller] = {
         ZERO_TORQUE: ZeroTorqueController(joints),
         DAMPING: DampingController(joints, description.mode_damping),
         STANDBY_A: _standby(joints, description.standby_controller_a),
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
-    named = {
-        name: policy_controller(description, control_period, one, live=live, action_limit=action_limit)
-        for name, one in (policies or {}).items()
-    }
-    if loaded is not None and not named:
-        controllers[RL_POLICY] = policy_controller(
-            description, control_period, loaded, live=live, action_limit=action_limit
-        )
+    if loaded is not None and not policies:
+        controllers[RL_POLICY] = learned(loaded)
     if remote:
         controllers[REMOTE_POLICY] = RemotePolicyController(
             joints,
@@ -99,8 +95,8 @@ def build_supervisor(
             remote_settings.stale_command_timeout_ms,
             needs_producer=description.is_floating,
         )
-    watching = guards_of(description) if guards else None
-    return Supervisor(joints, controllers, guards=watching, policies=named)
+    named = {name: learned(policy) for name, policy in (policies or {}).items()}
+    return Supervisor(joints, controllers, guards=guards_of(description) if guards else None, policies=named)
 
 
 def policy_controller(
@@ -111,10 +107,7 @@ def policy_controller(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
 ) -> RLPolicyController:
-    """Return the controller of a policy on a robot; arguments as of `build_supervisor`.
-
-    Raises `InputError` if the policy does not fit the robot.
-    """
+    """Return the controller of a policy on a robot; arguments and errors as of `build_supervisor`."""
     with blaming(f"policy on robot '{description.name}'"):
         return RLPolicyController(
             description.joint_names,
@@ -127,13 +120,13 @@ def policy_controller(
         )
 
 
-def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyController:
+def _standby(joints: tuple[str, ...], settings: StandbySettings) -> StandbyController:
     return StandbyController(
         joints,
-        target_stiffness=np.array(description.target_stiffness),
-        target_damping=np.array(description.target_damping),
-        segment_durations=np.array(description.segment_durations),
-        pose_segments=np.array(description.pose_segments),
+        np.array(settings.target_stiffness),
+        np.array(settings.target_damping),
+        np.array(settings.segment_durations),
+        np.array(settings.pose_segments),
     )
 
 
@@ -211,13 +204,10 @@ def recorded_contracts(header: SessionHeader) -> tuple[PolicyContract, ...]:
     return tuple(decode(text, "recording") for text in texts if text is not None)
 
 
-def recorded_motion(header: SessionHeader) -> Motion | None:
-    """Return the motion that a recorded run's policy follows; None if it follows none.
-
-    Raises `InputError` if it is damaged.
-    """
-    attached = header.attachments.get(MOTION_ATTACHMENT)
-    return None if attached is None else parse_motion(attached, MOTION_ATTACHMENT)
+def recorded_motion(header: SessionHeader, name: str | None = MOTION_ATTACHMENT) -> Motion | None:
+    """Return the motion that a recorded run's policy follows; None if it follows none."""
+    attached = None if name is None else header.attachments.get(name)
+    return None if attached is None else parse_motion(attached, name or "")
 
 
 def no_policy(*_: object) -> NoReturn:
@@ -234,15 +224,6 @@ def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | Non
     return None if contract is None else load_policy(contract, policy, recorded_motion(header))
 
 
-def _recorded_policies(header: SessionHeader, policy: Policy) -> dict[str, LoadedPolicy]:
-    """Return the policies of a run that had several, each with `policy` in its place; empty for any other run."""
-    found = {}
-    for name, one in json.loads(header.documents.get("policies", "{}")).items():
-        motion = None if one["motion"] is None else parse_motion(header.attachments[one["motion"]], one["motion"])
-        found[name] = load_policy(decode(one["contract"], "recording"), policy, motion)
-    return found
-
-
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """Return the supervisor of a recorded run with `policy` in the place of the one that ran.
 
@@ -251,11 +232,14 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     try:
         description = RobotDescription.from_json(header.documents["robot"])
         controllers = msgspec.json.decode(header.documents["controllers"], type=_ControllerSettings)
-        policies = _recorded_policies(header, policy)
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     except (msgspec.DecodeError, RecursionError) as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
+    policies = {
+        name: load_policy(decode(one["contract"], "recording"), policy, recorded_motion(header, one["motion"]))
+        for name, one in json.loads(header.documents.get("policies", "{}")).items()
+    }
     return build_supervisor(
         description,
         header.control_period,

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim import __version__
-from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import VERBS, load_program, main, run_program
 from humanoid_sim.errors import InputError, MissingPackageError, RobotError
 
@@ -45,8 +44,8 @@ def test_what_ends_a_program_is_one_line_and_a_status(error, status, line, capsy
 
 
 def test_the_list_of_verbs(capsys):
-    for word in ("-h", "--help"):
-        assert main([word]) == 0
+    for words in ([], ["-h"], ["--help"]):
+        assert main(words) == 0
         out = capsys.readouterr().out
         assert out.startswith("usage: python -m humanoid_sim VERB [options]")
         assert max(len(line) for line in out.splitlines()) <= 80
@@ -56,24 +55,6 @@ def test_the_list_of_verbs(capsys):
             assert f"{verb} {purpose}" in text
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"{__version__}\n"
-
-
-def test_the_start_page(capsys):
-    assert main([]) == 0
-    out = capsys.readouterr().out
-    assert max(len(line) for line in out.splitlines()) <= 80
-    commands = [line.split()[3:] for line in out.splitlines() if line.startswith("  python -m ")]
-    assert len(commands) == out.count("python -m humanoid_sim.") == 7
-    text = " ".join(out.split())
-    assert "robots lite, lite_biped, lite_neck, " in text
-    assert "motions circle, drum, reach, wave " in text
-    assert "suites lite_piano, lite_tracking, " in text
-    assert "policies lite_biped_velocity, lite_piano, lite_tracking" in text
-    assert "songs black_keys, " in text
-    for kind in ("robots", "motions", "suites", "policies", "songs"):
-        suffixes = {"policies": (".onnx",)}.get(kind, (".yaml", ".mcap", ".mid"))  # a contract is not a policy
-        files = [path for path in asset_path(kind).iterdir() if path.suffix in suffixes]
-        assert [path for path in files if path.name.partition(".")[0] not in text] == []
 
 
 @pytest.mark.parametrize("verb", VERBS)

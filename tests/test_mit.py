@@ -1,6 +1,6 @@
 """The joint surface: types that cannot be changed or malformed, and the MIT law."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,12 +21,6 @@ STATE_ARRAYS = (
 def state_arrays(*batch, n=2):
     widths = dict.fromkeys(STATE_ARRAYS[:4], n) | {"imu_quaternion": 4}
     return {name: np.full((*batch, widths.get(name, 3)), 0.5) for name in STATE_ARRAYS}
-
-
-def test_field_order_is_frozen():
-    assert tuple(f.name for f in fields(mit.MITState)) == ("time", *STATE_ARRAYS, "extern")
-    assert [f.name for f in fields(mit.MITCommand)] == ["position", "velocity", "effort", "stiffness", "damping"]
-    assert mit.COMMAND_FIELDS == ("position", "velocity", "effort", "stiffness", "damping")
 
 
 COMMAND_ARRAYS = {name: np.full(2, 0.5) for name in mit.COMMAND_FIELDS}

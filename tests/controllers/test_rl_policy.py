@@ -1,7 +1,6 @@
 """LOCOMOTION: the policy's view, its rate and its motion; `tests/survive` has its failures."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from rig import JOINTS, PERIOD, contract, good_answer, reference, tick
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import Extern
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 
 
@@ -37,18 +35,6 @@ def run(rl, count):
         memory, command = rl.update(memory, tick(i * PERIOD))
         results.append((memory, command))
     return results
-
-
-def test_the_policy_sees_its_own_joint_order():
-    policy = ScriptedPolicy(zeros)
-    state = tick(0.0, position=(0.4, 0.5, 0.6), extern={"velocity_command": Extern([7.0, 8.0, 9.0], 0.0)}).state
-    rl, moving = controller(policy), replace(tick(), state=replace(state, joint_velocity=[1.0, 2.0, 3.0]))
-    rl.update(rl.activate(moving), moving)
-    ((observation, frame),) = policy.calls
-    assert frame == 0
-    assert observation.dtype == np.float32
-    expected = [0.0, 0.25, 0.5, 0.59, 0.48, 0.37, 3.0, 2.0, 1.0, 0.0, 0.0, 0.0, 7.0, 8.0, 9.0]
-    assert observation.tolist() == np.array(expected, dtype=np.float32).tolist()
 
 
 def test_the_action_drives_its_own_joints_and_is_seen_raw_one_step_later():
