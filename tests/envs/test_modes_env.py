@@ -141,7 +141,7 @@ def test_free_standing_legs_are_held_until_a_policy_takes_over():
     operator.ask(Intent.DAMP)
     operator.ask(Intent.LOAD_A, 45)
     assert operator.env.robot.supported
-    assert operator.ask(Intent.START_REMOTE) is Mode.REMOTE
+    assert operator.ask(Intent.START_REMOTE, command=np.zeros((5, 14))) is Mode.REMOTE
     assert not operator.env.robot.supported
     operator.ask(Intent.DAMP)
     assert operator.env.robot.supported
