@@ -62,6 +62,8 @@ class _Shown:
     def __str__(self) -> str:
         return self._printed().export_text()
 
+    __repr__ = __str__
+
     def _repr_html_(self) -> str:
         return self._printed().export_html(inline_styles=True, code_format=_PAGE)
 
@@ -92,11 +94,6 @@ class Policy(_Shown):
         return cls(str(path), load_checkpoint(policy_path(path, "Policy.load"), file, joints, verify=False))
 
     @property
-    def path(self) -> Path:
-        """The file."""
-        return Path(self.checkpoint.source)
-
-    @property
     def contract(self) -> PolicyContract:
         """Joints, observation, action, rates."""
         return self.checkpoint.contract
@@ -104,9 +101,6 @@ class Policy(_Shown):
     def document(self) -> dict[str, Any]:
         """Return everything as plain values, as `policy show --json` prints it."""
         return checkpoint_document(self.checkpoint)
-
-    def __repr__(self) -> str:
-        return f"Policy('{self.path}': {self.contract.task_type}, {len(self.contract.joint_names)} joints)"
 
     def _print(self, console: Console) -> None:
         print_checkpoint(console, self.checkpoint)
@@ -127,10 +121,6 @@ class Simulation(_Shown):
     problems: tuple[str, ...]
     """Parts of the run that failed while it went on, a line each."""
     recording: Recording
-
-    def __repr__(self) -> str:
-        verdict = "passed" if self.passed else "failed"
-        return f"Simulation({self.summary['robot']}, {self.summary['policy']}: {verdict}, {self.summary['reason']})"
 
     def _print(self, console: Console) -> None:
         from humanoid_sim.play.report import print_report  # noqa: PLC0415 - heavy
@@ -181,27 +171,17 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
 class Diagnosis(_Shown):
     """Findings of `policy doctor`, shown as it prints them."""
 
-    is_healthy: bool
-    """Nothing wrong was found."""
-    verdict: str
-    ranking: tuple[Mapping[str, Any], ...]
-    """The changes that may be right, the best first, as `policy doctor --json` lists them."""
-    fix: Mapping[str, Any]
-    """Fields of the contract file that put it right; empty where nothing was found."""
     document: Mapping[str, Any]
-    """Everything, as `policy doctor --json` prints it."""
+    """Everything, as `policy doctor --json` prints it: `healthy`, `verdict`, `ranking`, `fix` for the contract file."""
 
     def frame(self) -> Any:
-        """Return the ranking as a pandas frame. Raises `MissingPackageError` without pandas."""
-        return _frame(self.ranking)
-
-    def __repr__(self) -> str:
-        return f"Diagnosis({self.verdict})"
+        """Return the ranking as a pandas frame, the best change first. Raises `MissingPackageError` without pandas."""
+        return _frame(self.document["ranking"])
 
     def _print(self, console: Console) -> None:
         from humanoid_sim.doctor.report import print_document  # noqa: PLC0415
 
-        print_document(self.document, console)
+        print_document(dict(self.document), console)
 
 
 def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
@@ -216,8 +196,7 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     chosen = _of_policy(policy)
     checkpoint = policy_path(chosen.pop("policy")[0], "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
-    found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
-    return Diagnosis(found["healthy"], found["verdict"], tuple(found["ranking"]), found["fix"], found)
+    return Diagnosis(examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -227,12 +206,7 @@ class SuiteRun(_Shown):
     passed: bool
     """No policy is worse than the baseline by more than the suite tolerates."""
     results: Results
-    """Everything, as `regress --json` writes it: a `humanoid_sim.regress.results.Results`."""
-
-    def document(self) -> dict[str, Any]:
-        """Return everything as plain values."""
-        document: dict[str, Any] = msgspec.to_builtins(self.results)
-        return document
+    """Everything, as `regress --json` writes it."""
 
     def frame(self) -> Any:
         """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
@@ -249,10 +223,6 @@ class SuiteRun(_Shown):
             for run in (*baseline, *(candidate.run for candidate in self.results.candidates))
             for episode in run.episodes
         )
-
-    def __repr__(self) -> str:
-        names = ", ".join(candidate.run.name for candidate in self.results.candidates)
-        return f"SuiteRun({names} on {self.results.suite.name}: {'passed' if self.passed else 'failed'})"
 
     def _print(self, console: Console) -> None:
         from humanoid_sim.regress.report import verdict_lines  # noqa: PLC0415

@@ -73,4 +73,4 @@ def test_a_policy_is_what_policy_show_prints(
     assert capsys.readouterr().out == str(policy)
     assert policy_program(["show", "lite_tracking", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(policy.document()))
-    assert simulate(policy, script="damp; hold 0.1; damp").summary["policy"] == str(policy.path)
+    assert simulate(policy, script="damp; hold 0.1; damp").summary["policy"] == policy.checkpoint.source
