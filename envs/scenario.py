@@ -267,7 +267,7 @@ def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str
         return load_checkpoint(path, None, joints)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"policy: is '{source}', expected a checkpoint (.onnx) or a contract (.yaml)")
-    contract = required_contract(join([read_contract_file(path)], str(path), joints), path)
+    contract = required_contract(join([read_contract_file(path)], str(path)), path)
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 

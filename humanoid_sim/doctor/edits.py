@@ -16,9 +16,9 @@ from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, IMU, FloatArray
 from humanoid_sim.names import mirrored_pairs
+from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.own import flattened, plain
-from humanoid_sim.policy.words import shown
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import breadth_first, build_model, joints_of
 

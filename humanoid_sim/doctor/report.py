@@ -18,8 +18,8 @@ from humanoid_sim.doctor.edits import wiring_values
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import Result, search_episodes, search_trace
 from humanoid_sim.doctor.trial import load_subject
+from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.readers.own import own_contract
-from humanoid_sim.policy.words import shown
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot
 

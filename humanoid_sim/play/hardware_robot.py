@@ -23,8 +23,7 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup, shared
-from humanoid_sim.policy.checks import motor_findings
-from humanoid_sim.policy.plausibility import suspicious_findings
+from humanoid_sim.policy.checks import motor_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads

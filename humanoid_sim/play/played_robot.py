@@ -15,8 +15,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.policy.checks import effort_findings, model_damping_findings
-from humanoid_sim.policy.plausibility import suspicious_findings
+from humanoid_sim.policy.checks import effort_findings, model_damping_findings, suspicious_findings
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.actuators import own_joint_damping
 from humanoid_sim.robots.description import RobotDescription

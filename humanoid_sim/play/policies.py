@@ -23,7 +23,6 @@ from humanoid_sim.policy.checkpoint import (
     zero_policy,
 )
 from humanoid_sim.policy.describe import field_lines
-from humanoid_sim.policy.layers import is_from_robot
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
@@ -162,15 +161,7 @@ def _choose_one(config: PlayConfig, description: RobotDescription, name: str | N
 
 def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple[PolicyChoice, RobotDescription]:
     """Return the policy, chosen by `choose_policy`, and the robot with what it takes from the policy's contract."""
-    try:
-        policy = choose_policy(config, description)
-    except InputError as error:
-        is_default = config.robot == DEFAULT_ROBOT and config.first_policy is not None
-        count = _count_of_places(config) if is_default else None
-        if count is None:
-            raise
-        has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
-        raise InputError(f"{_ANOTHER_ROBOT}: {error}{f'{has}: give --robot'}") from None
+    policy = choose_policy(config, description)
     contract = policy.contract
     if contract is None and description.has_no_gains:
         raise InputError(
@@ -197,20 +188,6 @@ def require_joints(contract: PolicyContract, description: RobotDescription) -> N
             fitting = [name for name in shipped("robots") if contract.joint_names == load_robot(name).joint_names]
             hint = f"it fits --robot {fitting[0]}; " if fitting else f"{_ANOTHER_ROBOT}: "
         raise InputError(f"{hint}policy on robot '{description.name}': {error}") from None
-
-
-def _count_of_places(config: PlayConfig) -> int | None:
-    """Return the joints of a policy that gives them by their places on its robot.
-
-    None for any other policy: one by places any other robot cannot but refuse.
-    """
-    try:
-        contract = read_contract(
-            checkpoint_path(config.first_policy) or Path(), None if config.contract is None else Path(config.contract)
-        )
-    except InputError:
-        return None
-    return len(contract.joint_names) if is_from_robot(contract.source["joint_names"]) else None
 
 
 def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:

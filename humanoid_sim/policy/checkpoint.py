@@ -12,7 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.graph_motion import sweep_motion
@@ -41,13 +41,13 @@ class Checkpoint:
     observation_width: int | None = None
     """N as the model declares it; None if any width will do."""
     motion: Motion | None = None
-    """The motion that the model carries in its graph; None if it carries none."""
+    """The motion that the model carries in its graph."""
     contract_file: Path | None = None
-    """The contract.yaml that took part, beside the model or named; None without one."""
+    """The contract.yaml that took part, beside the model or named."""
     golden: str = ""
     """Worth of the golden vectors that were computed again, in words; empty without any."""
     reading: Reading | None = None
-    """All that its sources say; None for the placeholder."""
+    """All that its sources state; None for the placeholder."""
 
     @property
     def model(self) -> OnnxModel | None:
@@ -61,15 +61,16 @@ class Checkpoint:
 
     def limit_inference(self, seconds: float) -> None:
         """End an inference after so many s, where the graph can loop: it is then a fault of the policy controller."""
-        if isinstance(self.policy, OnnxPolicy):
-            self.policy.model.time_limit = seconds
+        if self.model is not None:
+            self.model.time_limit = seconds
 
     def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
         """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
+        motion = self.motion if motion is None else motion
         return load_policy(
             self.contract,
             self.policy,
-            self.motion if motion is None else motion,
+            motion,
             self.observation_width,
             source=self.source,
             motion_source=motion_source,
@@ -92,21 +93,23 @@ def load_checkpoint(
     reading = read_model(model, contract_file, robot_joints)
     contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
-    if policy.action_width != contract.action_count:
-        raise InputError(
-            f"{path}: the model's output is {policy.action_width} wide, "
-            f"expected {contract.action_count}, one for each of action_joint_names"
-        )
-    try:
+    with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
         answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
-    except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
-        raise InputError(f"{path}: the model fails on an observation of zeros: {reason_of(error)}") from None
-    if answer.shape != (contract.action_count,):
-        raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
-    motion = sweep_motion(policy, contract)
-    used = find_contract(path) if contract_file is None else contract_file
+    for width in (policy.action_width, len(answer)):
+        if width != contract.action_count:
+            raise InputError(
+                f"{path}: the model's output is {width} wide, expected {contract.action_count}, "
+                "one for each of action_joint_names"
+            )
     checkpoint = Checkpoint(
-        contract, policy, str(path), file_digest(path), policy.observation_width, motion, used, reading=reading
+        contract,
+        policy,
+        str(path),
+        file_digest(path),
+        policy.observation_width,
+        sweep_motion(policy, contract),
+        find_contract(path) if contract_file is None else contract_file,
+        reading=reading,
     )
     if not verify or GOLDEN_KEY not in model.metadata:
         return checkpoint
@@ -118,11 +121,9 @@ def load_checkpoint(
 def read_model(
     model: OnnxModel, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> Reading:
-    """Return what the sources of a model say; arguments as of `load_checkpoint`."""
-    widths = [tensor.width for tensor in model.inputs if tensor.width is not None]
+    """Return what the sources of a model state; arguments as of `load_checkpoint`."""
     outputs = [tensor.name for tensor in model.outputs]
-    width = max(widths, default=None)
-    return read_checkpoint(model.path, model.metadata, outputs, contract_file, robot_joints, width)
+    return read_checkpoint(model.path, model.metadata, outputs, contract_file, robot_joints, model.width)
 
 
 def read_contract(
@@ -143,7 +144,7 @@ def file_digest(path: Path) -> str:
 
 
 def zero_policy(action_count: int) -> Policy:
-    """Return a policy that answers zeros of shape (m,), whatever it sees."""
+    """Return a policy that answers zeros of shape (m,), whatever it observes."""
     action = np.zeros(action_count, dtype=np.float32)
     action.setflags(write=False)
 
@@ -170,6 +171,5 @@ def placeholder_checkpoint(
         command_names=(),
         action_scale=np.ones(len(joints)),
         policy_dt=policy_dt,
-        body_names=(),
     )
     return Checkpoint(contract, zero_policy(len(joints)), PLACEHOLDER)

@@ -1,36 +1,41 @@
-"""Checks of a contract against a robot: joints, bodies, motors, ranges, torques, damping, estimates, rate."""
+"""Checks of a contract against a robot, without running it: names, ranges, gains, torques, and evidence at hand.
+
+Each yields findings, one for all the joints that it concerns; `contract_findings` runs all.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
-from humanoid_sim.errors import known_names
-from humanoid_sim.mit import BASE, IMU
-from humanoid_sim.names import near_miss
-from humanoid_sim.policy.findings import Finding, Severity, joint_list, on_joints
+from humanoid_sim.mit import BASE, IMU, BoolArray, FloatArray
+from humanoid_sim.names import mirrored_pairs, near_miss
+from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.findings import Finding, Severity, list_joints, on_joints
 from humanoid_sim.policy.layers import is_from_robot
-from humanoid_sim.policy.plausibility import (
-    actuator_findings,
-    assumption_findings,
-    formula_findings,
-    rounding_findings,
-    suspicious_findings,
-    symmetry_findings,
-    term_findings,
-)
-from humanoid_sim.robots.actuators import own_actuators, own_joint_damping
+from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
 
 _ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is taken for a slip of the other
+_FEW = 4  # joints below which values that are alike show nothing
 _ANGLE = 1e-3  # rad; exporters round poses to three decimals
+_POSE = 0.01  # rad by which the two sides of a pose may differ
 _STUCK = 0.02  # rad; a joint that an action of one unit moves by less hardly moves
-_COARSE = 0.02  # relative error of a gain by the motor's format
+_CLOSE = 0.02  # relative, within which two gains are the same
+_RATIO = (0.005, 0.5)  # s, K_d / K_p of position-controlled legs and arms
+_PLACEHOLDER = 1.0  # N·m/rad; K_p is hardly as low at every joint
+_RATES = (20.0, 200.0)  # Hz, of policies that run on robots
+_DECIMALS = 3  # as mjlab's exporter rounds
+_LOST = (0.005, 0.1)  # relative error by rounding, from which it is a warning, and an error
+_FACTORS = (1e-3, 1e3)  # beyond these a factor of an observation term is not a change of units
+_RULED = 0.7  # share of the joints from which on a formula is taken for the exporter's
 
 
 def contract_findings(
@@ -45,25 +50,27 @@ def contract_findings(
     own_damping, actuators = own_joint_damping(model, description), own_actuators(model)
     own = [joint.stiffness for joint in description.joints] + [servo.stiffness for servo in actuators.values()]
     return [
-        *joint_findings(contract, description),
-        *frame_findings(contract, description.name, model),
+        *_joint_findings(contract, description),
+        *_frame_findings(contract, description.name, model),
         *motor_findings(contract, description, hardware=hardware),
-        *range_findings(contract, description),
+        *_range_findings(contract, description),
         *effort_findings(contract, description),
         *suspicious_findings(contract, own_damping, max(own)),
-        *term_findings(contract),
-        *symmetry_findings(contract),
-        *actuator_findings(contract, actuators, own_damping),
-        *formula_findings(contract, description, model),
+        *_term_findings(contract, hardware=hardware),
+        *_symmetry_findings(contract),
+        *_actuator_findings(contract, actuators, own_damping),
+        *_scale_findings(contract, description),
         *model_damping_findings(contract, own_damping),
-        *input_findings(contract, hardware=hardware),
-        *(rate_findings(contract, description) if hardware else ()),
-        *rounding_findings(contract),
-        *assumption_findings(contract),
+        *(_rate_findings(contract, description) if hardware else ()),
+        *_rounding_findings(contract),
+        *_assumption_findings(contract),
     ]
 
 
-def joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+# --- names ---
+
+
+def _joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints that only the policy or only the robot has, and names that only the robot gives."""
     field, robot = "joint_names", f"'{description.name}'"
     surplus = [name for name in description.joint_names if name not in contract.joint_names]
@@ -72,15 +79,15 @@ def joint_findings(contract: PolicyContract, description: RobotDescription) -> I
     slips = {name: f"robot has {other}" for name, other in meant.items() if other}
     yield from on_joints("error", field, f"not of {robot}, rename in x.contract.yaml:", slips)
     yield from on_joints("error", field, f"not of {robot}:", [name for name in foreign if name not in slips])
-    missing = [name for name in surplus if name not in meant.values()]
-    yield from on_joints("error", field, f"have to be the robot's, the policy lacks {robot}'s", missing)
+    lacking = [name for name in surplus if name not in meant.values()]
+    yield from on_joints("error", field, f"have to be the robot's, the policy lacks {robot}'s", lacking)
     source = contract.source.get(field, "")
     if is_from_robot(source):
         message = f"are those of {robot} ({source}): any robot with as many would do; x.contract.yaml can name them"
         yield Finding("warning", field, message)
 
 
-def frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel) -> Iterator[Finding]:
+def _frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel) -> Iterator[Finding]:
     """Bodies of the motion, and points whose velocity or ground is observed, that the robot's model lacks."""
     bodies = [model.body(i).name for i in range(1, model.nbody)]
     sites = [BASE, IMU, *(model.site(i).name for i in range(model.nsite) if model.site(i).name)]
@@ -97,9 +104,11 @@ def frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel) 
             needed.append((f"observation term {term.name}", term.at, "site", sites))
     for field, name, kind, known in needed:
         if name not in known:
-            near = near_miss(name, known, _ALIKE)
-            listed = f"'{near}'" if near else ", ".join(known)
+            listed = near_miss(name, known, _ALIKE) or ", ".join(known)
             yield Finding("error", field, f"'{name}' is no {kind} of '{robot}', which has {listed}")
+
+
+# --- what the robot can do ---
 
 
 def motor_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
@@ -112,28 +121,22 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
     if hardware:
         without = [name for name in description.joint_names if name in contract.joint_names and name not in models]
         yield from on_joints("error", "robot", "the description names no motor of", without)
-    for model in sorted({*models.values()} - MOTORS.keys()):
-        yield Finding("warning", "robot", known_names("motor model", model, MOTORS))
     motors = {name: MOTORS[model] for name, model in models.items() if model in MOTORS}
     for gain in ("stiffness", "damping"):
-        over, coarse = {}, {}
-        for name, value in zip(contract.joint_names, getattr(contract, f"joint_{gain}").tolist(), strict=True):
-            most = getattr(motors[name], gain) if name in motors else np.inf
-            step = most / 65535  # gains are 16 bits on the wire
-            if value > most:
-                over[name] = f"{value:g}, {motors[name].name} at most {most:g}"
-            elif 0.0 < value < step / _COARSE < np.inf:
-                coarse[name] = f"{value:g}, {motors[name].name} in steps of {step:.2g}"
+        over = {
+            name: f"{value:g}, {motors[name].name} at most {getattr(motors[name], gain):g}"
+            for name, value in _each(contract.joint_names, getattr(contract, f"joint_{gain}"))
+            if name in motors and value > getattr(motors[name], gain)
+        }
         yield from on_joints("error", f"joint_{gain}", "is more than the motor can encode for", over)
-        yield from on_joints("warning", f"joint_{gain}", "is encoded coarsely by the motor of", coarse)
 
 
-def range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+def _range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Poses and actions against the joints' ranges, for joints that the robot has."""
     ranges = {joint.name: (joint.lower, joint.upper) for joint in description.joints}
-    pose = dict(zip(contract.joint_names, contract.default_joint_pos.tolist(), strict=True))
+    pose = dict(_each(contract.joint_names, contract.default_joint_pos))
     assert contract.action_offset is not None  # filled in at construction
-    offsets = dict(zip(contract.action_joint_names, contract.action_offset.tolist(), strict=True))
+    offsets = dict(_each(contract.action_joint_names, contract.action_offset))
     moved = {name: value for name, value in offsets.items() if abs(value - pose[name]) > _ANGLE}
     held = {name: 0.0 for name in pose if name not in offsets}
     for field, values, what in (
@@ -145,31 +148,26 @@ def range_findings(contract: PolicyContract, description: RobotDescription) -> I
         in_degrees = all(abs(value) > np.pi and _is_in(np.deg2rad(value), ranges[name]) for name, value in far.items())
         shown = {name: f"{value:g}, range {_span(ranges[name])}" for name, value in far.items()}
         remark = "; is it in degrees?" if in_degrees else ""
-        yield from on_joints("error", field, f"is {what}beyond the range, rad, of", shown, remark)
-    scales = dict(zip(contract.action_joint_names, np.abs(contract.action_scale).tolist(), strict=True))
+        yield from on_joints("error", field, f"is {what}beyond the range, rad, of {{}}{remark}", shown)
+    scales = dict(_each(contract.action_joint_names, np.abs(contract.action_scale)))
     stuck = {name: f"{scale:g}" for name, scale in scales.items() if 0.0 < scale < _STUCK}
     yield from on_joints("warning", "action_scale", "an action of 1 hardly moves, in rad,", stuck)
     clip = contract.position_clip
-    if isinstance(clip, str):  # the joints' own ranges
-        return
-    ends = [(offsets[name] - scale, offsets[name] + scale) for name, scale in scales.items()]
-    spans = zip(scales, ends if clip is None else clip.tolist(), strict=True)
-    wide = {
-        name: f"{_span(span)}, range {_span(ranges[name])}"
-        for name, span in spans
-        if name in ranges and not all(_is_in(end, ranges[name]) for end in span)
-    }
-    if clip is None:
-        yield from on_joints("info", "action_scale", "actions of -1 to 1 leave the range of", wide)
-    else:
+    if clip is not None and not isinstance(clip, str):
+        spans = dict(_each(contract.action_joint_names, clip))
+        wide = {
+            name: f"{_span(span)}, range {_span(ranges[name])}"
+            for name, span in spans.items()
+            if name in ranges and not all(_is_in(end, ranges[name]) for end in span)
+        }
         yield from on_joints("warning", "position_clip", "is wider than the range of", wide)
 
 
-def _is_in(value: float, span: tuple[float, float]) -> bool:
+def _is_in(value: float, span: Sequence[float]) -> bool:
     return bool(span[0] - _ANGLE <= value <= span[1] + _ANGLE)
 
 
-def _span(span: tuple[float, float]) -> str:
+def _span(span: Sequence[float]) -> str:
     return f"{span[0]:.4g} to {span[1]:.4g}"
 
 
@@ -178,7 +176,7 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     robot = {joint.name: joint.effort_limit for joint in description.joints}
     trained = np.full(len(contract.joint_names), np.inf) if contract.effort_limit is None else contract.effort_limit
     free, weaker, stronger = list[str](), dict[str, str](), dict[str, str]()
-    for name, limit in zip(contract.joint_names, trained.tolist(), strict=True):
+    for name, limit in _each(contract.joint_names, trained):
         own = robot.get(name, limit)
         if name in robot and own == limit == np.inf:
             free.append(name)
@@ -186,41 +184,104 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
             weaker[name] = f"{limit:g}, robot {own:g}"
         elif limit < own < np.inf:
             stronger[name] = f"{limit:g}, robot {own:g}"
-    field, where = "effort_limit", f"in the contract or in '{description.name}'"
-    remark = ": a simulation applies any torque, a real motor does not; x.contract.yaml can state it"
-    yield from on_joints("warning", field, f"no torque limit, {where}, for", free, remark, len(robot))
-    yield from on_joints("warning", field, "the robot allows less, N·m, which counts, for", weaker)
-    yield from on_joints("info", field, "the robot allows more, N·m; simulations keep the contract's for", stronger)
+    where = f"no torque limit, in the contract or in '{description.name}', for {{}}: a simulation applies any torque"
+    yield from on_joints("warning", "effort_limit", where, free, len(robot))
+    yield from on_joints("warning", "effort_limit", "the robot allows less, N·m, which counts, for", weaker)
+    yield from on_joints("info", "effort_limit", "the robot allows more, N·m; simulations keep these for", stronger)
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
-    """Joints that the robot's model damps as well, beside the contract's K_d.
-
-    Args:
-        own: N·m·s/rad by joint, as `humanoid_sim.robots.mjcf.own_joint_damping` gives it.
-    """
+    """Joints that the robot's model damps as well, N·m·s/rad by joint, beside the contract's K_d."""
     pairs: dict[tuple[float, float], list[str]] = {}
-    for name, damping in zip(contract.joint_names, contract.joint_damping.tolist(), strict=True):
+    for name, damping in _each(contract.joint_names, contract.joint_damping):
         if name in own:
             pairs.setdefault((damping, own[name]), []).append(name)
     if not pairs:
         return
-    listed = "; ".join(f"{kd:g} + {model:g} for {joint_list(names)}" for (kd, model), names in pairs.items())
-    decision, what = contract.model_joint_damping, f"the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
-    severity: Severity = "info"
-    if decision == "undecided":
-        severity = "warning" if any(kd > 0.0 for kd, _ in pairs) else "info"
-        message = f"nobody decides, so both act: {what}; x.contract.yaml decides: keep or drop"
+    listed = "; ".join(f"{kd:g} + {model:g} for {list_joints(names)}" for (kd, model), names in pairs.items())
+    decision = contract.model_joint_damping
+    is_open = decision == "undecided" and any(kd > 0.0 for kd, _ in pairs)
+    effect = {
+        "undecided": "nobody decides, so both act; x.contract.yaml decides, keep or drop",
+        "keep": "keep: both act",
+        "drop": "drop: simulations leave out the second number",
+    }[decision]
+    message = f"{effect}: the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
+    yield Finding("warning" if is_open else "info", "model_joint_damping", message)
+
+
+def _rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Find a policy's period that is not a multiple of the real robot's control period."""
+    period = 1.0 / description.hardware.control_frequency
+    if not ticks_per_step(contract.policy_dt, period)[1]:
+        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
+        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate")
+
+
+# --- values that are hardly meant ---
+
+
+def suspicious_findings(
+    contract: PolicyContract, own_damping: Mapping[str, float] = MappingProxyType({}), own_stiffness: float = 0.0
+) -> Iterator[Finding]:
+    """Gains, scales, pose and rate that hardly anybody means.
+
+    Args:
+        own_damping: N·m·s/rad by joint, of the robot's model: where it is kept, it brakes a joint without K_d.
+        own_stiffness: N·m/rad, the robot's largest; a low one excuses low ones in the contract.
+    """
+    joints, driven, scale = contract.joint_names, contract.action_joint_names, contract.action_scale
+    stiffness, damping = contract.joint_stiffness, contract.joint_damping
+    limp = [name for name in _where(joints, stiffness == 0.0) if name in driven]
+    yield from on_joints("error", "joint_stiffness", "is 0: the action cannot move", limp, len(joints))
+    is_weak = 0.0 < own_stiffness <= _PLACEHOLDER
+    if len(joints) >= _FEW and 0.0 < stiffness.max() <= _PLACEHOLDER and not is_weak:
+        yield Finding("error", "joint_stiffness", f"is {stiffness.max():g} or less for every joint: a placeholder?")
+    kept = {} if contract.model_joint_damping == "drop" else own_damping
+    free = [name for name in _where(joints, damping == 0.0) if name not in kept]
+    severity: Severity = "error" if len(free) == len(joints) else "warning"
+    yield from on_joints(severity, "joint_damping", "is 0: nothing brakes", free, len(joints))
+    has_both = (damping > 0.0) & (stiffness > 0.0)
+    ratio = damping / np.where(has_both, stiffness, 1.0)
+    if has_both.any() and ratio[has_both].min() > 1.0:
+        yield Finding("error", "joint_damping", "is larger than joint_stiffness for every joint: swapped?")
     else:
-        act = "both act:" if decision == "keep" else "simulations leave out the second number of"
-        message = f"{decision}: {act} {what}"
-    yield Finding(severity, "model_joint_damping", message)
+        is_odd = has_both & ((ratio < _RATIO[0]) | (ratio > _RATIO[1]))
+        odd = {name: f"{value:.2g}" for name, value, hit in _each(joints, ratio, is_odd) if hit}
+        usual = f"{_RATIO[0]:g} to {_RATIO[1]:g} are usual"
+        yield from on_joints(
+            "warning", "joint_damping", f"over joint_stiffness, in s, is unusual for {{}}; {usual}", odd
+        )
+    still = _where(driven, scale == 0.0)
+    yield from on_joints("error", "action_scale", "is 0: the action cannot move", still, len(driven))
+    turned = _where(driven, scale < 0.0)
+    yield from on_joints("warning", "action_scale", "is negative, direction reversed? for", turned)
+    if (scale == 1.0).all():
+        yield Finding("warning", "action_scale", "is 1 rad for every joint: usual are less than 0.6; was it forgotten?")
+    if len(joints) >= _FEW and not contract.default_joint_pos.any():
+        message = "is 0 for every joint: is it the pose that the policy was trained around?"
+        yield Finding("warning", "default_joint_pos", message)
+    rate, period = 1.0 / contract.policy_dt, f"is {contract.policy_dt:g} s"
+    if not _RATES[0] <= rate <= _RATES[1]:
+        usual = f"policies run at {_RATES[0]:g} to {_RATES[1]:g} Hz"
+        yield Finding("warning", "policy_dt", f"{period} ({rate:g} Hz); {usual}")
+    elif abs(rate - round(rate)) > 1e-3 * rate:
+        yield Finding("warning", "policy_dt", f"{period}, {rate:.4g} Hz: rounded by an exporter?")
 
 
-def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
-    """Terms that a robot has to estimate (an error on hardware), and live inputs that have to come from somewhere."""
+def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
+    """Scales and clips that hardly anybody trains with, estimates that a robot lacks, and live inputs."""
     for term in contract.terms:
-        kind, field = contract.kind(term), f"observation term {term.name}"
+        kind, field, scale = contract.kind(term), f"observation term {term.name}", np.atleast_1d(term.scale)
+        size = np.abs(scale[scale != 0.0])
+        if (scale < 0.0).any():
+            up = ": when upright, gravity points up; almost always wrong" if term.name == "projected_gravity" else ""
+            yield Finding("warning", field, f"has the negative scale {scale.min():g}{up}")
+        if not len(size):
+            yield Finding("warning", field, "has scale 0: the policy sees zeros there")
+        elif size.min() < _FACTORS[0] or size.max() > _FACTORS[1]:
+            accepted = f"{_FACTORS[0]:g} to {_FACTORS[1]:g}"
+            yield Finding("warning", field, f"has the scale {size.max():g}, expected {accepted}")
         if kind.name == "motion_anchor_ori":
             if hardware:
                 yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
@@ -236,9 +297,130 @@ def input_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
             yield Finding("info", field, message)
 
 
-def rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Find a policy's period that is not a multiple of the real robot's control period."""
-    period = 1.0 / description.hardware.control_frequency
-    if not ticks_per_step(contract.policy_dt, period)[1]:
-        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
-        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate")
+# --- evidence at hand ---
+
+
+def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
+    """Gains, limits, scales and poses that differ between left and right; a pose may be mirrored by its sign."""
+    for field in ("joint_stiffness", "joint_damping", "effort_limit", "default_joint_pos", "action_scale"):
+        if getattr(contract, field) is None:
+            continue
+        names, values = _named(contract, field)
+        size = dict(_each(names, np.abs(values)))
+        far, relative = (_POSE, 0.0) if field == "default_joint_pos" else (0.0, _CLOSE)
+        found = {
+            left: f"{size[left]:g}, {right} {size[right]:g}"
+            for left, right in mirrored_pairs(names)
+            if not np.isclose(size[left], size[right], rtol=relative, atol=far)
+        }
+        yield from on_joints("warning", field, "differs between left and right:", found)
+
+
+def _actuator_findings(
+    contract: PolicyContract, actuators: Mapping[str, OwnActuator], own_damping: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Gains and targets that differ from those of the model's own actuators, which simulations leave out.
+
+    Args:
+        actuators: by joint, in the model's order.
+        own_damping: N·m·s/rad by joint, of the model, which a contract may hold in its K_d.
+    """
+    servos = {name: own for name, own in actuators.items() if own.stiffness > 0.0 and name in contract.joint_names}
+    places = [contract.joint_names.index(name) for name in servos]
+    passive = np.array([own_damping.get(name, 0.0) for name in servos])
+    for gain, extra in (("stiffness", 0.0), ("damping", passive)):
+        field, gains = f"joint_{gain}", np.array([getattr(own, gain) for own in servos.values()])
+        values = getattr(contract, field)
+        ours = values[places] + 0.0  # no -0
+        is_same = _is_rounded(ours, gains) | _is_rounded(ours, gains + extra) | (gains == 0.0)
+        found = {
+            name: f"{value:g}, actuator {own:g}"
+            for name, value, own, same in _each(servos, ours, gains, is_same)
+            if not same
+        }
+        # One gain for all is a placeholder in the model.
+        severity: Severity = "warning" if len(set(gains.tolist())) > 1 else "info"
+        message = f"is not that of the model's own actuators for {len(found)} joints:"
+        yield from on_joints(severity, field, message, found)
+    if contract.position_clip is None:
+        clipped = [name for name, own in servos.items() if own.target_range != NO_RANGE]
+        message = f"none, but the model's own actuators clip the targets of {{}}: `{JOINT_LIMITS}` is what training saw"
+        yield from on_joints("warning", "position_clip", message, clipped, len(servos))
+
+
+def _scale_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Find joints that leave mjlab's formula, scale = factor · effort limit / K_p, where it holds for most."""
+    own = {joint.name: joint.effort_limit for joint in description.joints}
+    effort = np.array([own.get(name, np.inf) for name in contract.joint_names])
+    if contract.effort_limit is not None:
+        effort = np.minimum(effort, contract.effort_limit)
+    reach = np.where(np.isfinite(effort), effort, 0.0) / np.maximum(contract.joint_stiffness, 1e-9)
+    unit = reach[[contract.joint_names.index(name) for name in contract.action_joint_names]]
+    scale = contract.action_scale
+    is_known = (unit > 0.0) & (scale > 0.0)
+    if is_known.sum() < _FEW:
+        return
+    factors = (scale[is_known] / unit[is_known]).tolist()
+    factor = max(factors, key=lambda factor: int(_is_rounded(scale, factor * unit).sum()))
+    holds = is_known & _is_rounded(scale, factor * unit)
+    kinds = len({f"{value:.2g}" for value in unit[holds].tolist()})
+    if kinds >= 3 and holds.sum() >= _RULED * is_known.sum():  # otherwise nothing shows that it is the exporter's
+        columns = scale, factor * unit, is_known & ~holds
+        found = {
+            name: f"{value:g}, expected {other:.3g}"
+            for name, value, other, hit in _each(contract.action_joint_names, *columns)
+            if hit
+        }
+        message = f"is {factor:.3g} · effort limit / K_p for {holds.sum()} joints, but not for"
+        yield from on_joints("warning", "action_scale", message, found)
+
+
+def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
+    """Gains and scales that an exporter rounded to three decimals: one line."""
+    worst, lost = 0.0, []
+    for field in ("action_scale", "joint_stiffness", "joint_damping"):
+        names, values = _named(contract, field)
+        values = np.abs(values)
+        fine = np.round(values, _DECIMALS) != np.round(values, _DECIMALS - 1)
+        # Values that end early by themselves (0.25, 50) do not show that anything was cut off.
+        is_cut = fine.any() and (np.round(values, _DECIMALS) == values).all()
+        if is_cut and len(values) >= _FEW and "metadata" in contract.source.get(field, ""):
+            smallest = int(np.argmin(np.where(fine, values, np.inf)))
+            share = 0.5 * 10.0**-_DECIMALS / float(values[smallest])
+            lost.append(f"{field} {100.0 * share:.2g} % ({names[smallest]})")
+            worst = max(worst, share)
+    if lost:
+        severity: Severity = "error" if worst > _LOST[1] else "warning" if worst > _LOST[0] else "info"
+        message = f"cut at {_DECIMALS} decimals: off by up to {', '.join(lost)}; x.contract.yaml can hold all"
+        yield Finding(severity, "rounding", message)
+
+
+def _assumption_findings(contract: PolicyContract) -> Iterator[Finding]:
+    """Values that no source states: one line for each dialect that implies them."""
+    found: dict[str, list[str]] = {}
+    for line in field_lines(contract):
+        if line.is_assumed:
+            found.setdefault(line.source, []).append(f"{line.name} {line.value}")
+    for source, lines in found.items():
+        yield Finding("warning", source, f"{'; '.join(lines)}: no source states it; x.contract.yaml can")
+
+
+def _is_rounded(values: FloatArray, expected: FloatArray) -> BoolArray:
+    """Return where values are the expected ones, as far as the decimals with which they are written go."""
+    decimals = np.array([len(f"{value:.6g}".partition(".")[2]) for value in values.tolist()])
+    return np.abs(values - expected) <= np.maximum(_CLOSE * expected, 0.51 * 10.0**-decimals)
+
+
+def _named(contract: PolicyContract, field: str) -> tuple[tuple[str, ...], FloatArray]:
+    """Return a field's joints and values."""
+    names = contract.action_joint_names if field == "action_scale" else contract.joint_names
+    return names, getattr(contract, field)
+
+
+def _each(names: Iterable[str], *columns: FloatArray | BoolArray) -> Iterator[Any]:
+    """Yield each joint's name and values."""
+    return zip(names, *(column.tolist() for column in columns), strict=True)
+
+
+def _where(names: Iterable[str], mask: BoolArray) -> tuple[str, ...]:
+    return tuple(name for name, hit in _each(names, mask) if hit)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -13,13 +12,13 @@ import numpy as np
 from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import PolicyContract, Term
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.terms import BoundTerm, value_names
+from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.files import finite
-from humanoid_sim.policy.layers import DEFAULT, Reading, is_assumed
-from humanoid_sim.policy.readers.own import encode
-from humanoid_sim.policy.words import name_joints, shown
+from humanoid_sim.policy.findings import list_joints, shown
+from humanoid_sim.policy.layers import Reading, is_assumed
+from humanoid_sim.policy.readers.own import plain
 
-_OPTIONS = ("kind", "clip", "frame", "at", "relative", "layout", "inverse", "quaternion", "form", "joints", "scan")
+_OPTIONS = ("kind", "clip", "frame", "at", "layout", "inverse", "quaternion", "form", "joints", "scan")
 """Options of a term that are shown where they are not the usual ones."""
 
 
@@ -44,29 +43,28 @@ def field_lines(contract: PolicyContract, layout: ObservationLayout | None = Non
     Args:
         layout: of the observation, for the terms' places; None: without them.
     """
-    values = {item.name: getattr(contract, item.name) for item in fields(contract) if item.name != "observation"}
-    lines = [
-        FieldLine(name, _value(name, value), contract.source[name])
-        for name, value in values.items()
-        if name in contract.source and not (name.startswith("action_joint") and value == contract.joint_names)
-    ]
+    sources, lines = contract.source, list[FieldLine]()
+    for item in fields(contract):
+        value = getattr(contract, item.name)
+        is_usual = item.name == "action_joint_names" and value == contract.joint_names
+        if item.name in sources and item.name != "observation" and not is_usual:
+            lines.append(FieldLine(item.name, _value(item.name, value), sources[item.name]))
     for whole in ("phase", "tensors"):
-        for source, parts in _parts(contract.source, whole).items():
+        for source, parts in _parts(sources, whole).items():
             owner = getattr(contract, whole)
-            lines.append(
-                FieldLine(whole, ", ".join(f"{part} {_value(part, getattr(owner, part))}" for part in parts), source)
-            )
-    starts = _starts(layout) if layout is not None else {}
-    stated = contract.source.get("observation", DEFAULT)
+            text = ", ".join(f"{part} {_value(part, getattr(owner, part))}" for part in parts)
+            lines.append(FieldLine(whole, text, source))
+    starts = {} if layout is None else _starts(layout)
+    stated = sources.get("observation", "default")
     options: dict[tuple[str, str], list[str]] = {}
     for term in contract.terms:
         lines.append(FieldLine(term.name, f"{starts.get(term.name, '')}{_term(contract, term)}", stated))
-        for source, names in _parts(contract.source, f"observation.{term.name}").items():
+        for source, names in _parts(sources, f"observation.{term.name}").items():
             if source != stated:
                 options.setdefault((", ".join(names), source), []).append(term.name)
     for (listed, source), owners in options.items():
-        of_all = len(owners) == len(contract.terms)
-        lines.append(FieldLine(f"terms' {listed}", "of every term" if of_all else f"of {', '.join(owners)}", source))
+        whose = "of every term" if len(owners) == len(contract.terms) else f"of {', '.join(owners)}"
+        lines.append(FieldLine(f"terms' {listed}", whose, source))
     return lines
 
 
@@ -99,10 +97,8 @@ def _term(contract: PolicyContract, term: Term) -> str:
         words.append(f"scale {_value('scale', term.scale)}")
     if term.history > 1:
         words.append(f"{term.history} steps, {term.history_order.replace('_', ' ')}")
-    for name in _OPTIONS:
-        value = getattr(term, name)
-        if name != "relative" and value != getattr(usual, name):
-            words.append(f"{name} {shown(value)}")
+    changed = {name: getattr(term, name) for name in _OPTIONS if getattr(term, name) != getattr(usual, name)}
+    words += [f"{name} {shown(value)}" for name, value in changed.items()]
     if kind.topic:
         timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
         stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
@@ -114,11 +110,11 @@ def _value(name: str, value: Any) -> str:
     if name == "policy_dt":
         return f"{value:g} s ({1.0 / value:g} Hz)"
     if isinstance(value, np.ndarray):
-        if value.size == 0 or (value == value.flat[0]).all():
-            return shown(value) if value.ndim == 0 or not value.size else f"{value.flat[0]:g}"
+        if value.size > 1 and (value == value.flat[0]).all():
+            return f"{value.flat[0]:g}"
         return shown(value) if value.size <= 6 else f"{value.min():g} to {value.max():g}, {value.size} values"
     if isinstance(value, tuple):
-        return name_joints([str(item) for item in value]) or "none"
+        return list_joints([str(item) for item in value]) or "none"
     return shown(value) if value != "" else "none"
 
 
@@ -132,7 +128,6 @@ def reading_lines(reading: Reading, layout: ObservationLayout | None) -> list[Fi
 
 
 def _replaced(reading: Reading, name: str) -> str:
-    """Return what a line's value replaced; of numbers for each joint, where they differ most."""
     return "; ".join(f"{_value(name, old.value)} {old.source}" for old in reading.replaced.get(name, ()))
 
 
@@ -140,7 +135,7 @@ def document(reading: Reading, layout: ObservationLayout | None) -> dict[str, An
     """Return the same as plain JSON values; null stands for infinity."""
     contract = reading.contract
     found: dict[str, Any] = {
-        "contract": None if contract is None else finite(json.loads(encode(contract))["contract"]),
+        "contract": None if contract is None else finite(plain(contract)),
         "source": dict(reading.source),
         "assumed": [name for name, source in reading.source.items() if is_assumed(source)],
         "replaced": {name: _replaced(reading, name) for name in reading.replaced},
@@ -148,75 +143,16 @@ def document(reading: Reading, layout: ObservationLayout | None) -> dict[str, An
         "differences": list(reading.differences),
         "unused": list(reading.unused),
     }
-    if contract is None:
-        found["known"] = {name: finite(_plain(value)) for name, value in reading.values.items()}
     if layout is not None:
         found["observation_width"] = layout.width
         found["terms"] = [
-            {
-                "name": bound.name,
-                "kind": bound.kind.name,
-                "width": bound.width,
-                "words": _term(bound.contract, bound.term),
-            }
+            {"name": bound.name, "width": bound.width, "words": _term(bound.contract, bound.term)}
             for bound in layout.terms
         ]
     return found
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    return (
-        list(value)
-        if isinstance(value, tuple)
-        else value
-        if isinstance(value, str | float | int | None)
-        else str(value)
-    )
-
-
-# --- names of single values ---
-
-
 def observation_labels(contract: PolicyContract, layout: ObservationLayout) -> dict[str, tuple[str, ...]]:
-    """By term the name of each of its values, all steps of its history together.
-
-    A term whose values do not lie together, as in observations that are laid out step by step, has numbers.
-    """
-    is_scattered = layout.history_layout == "per_step" and layout.history > 1
-    return {
-        bound.name: tuple(map(str, range(bound.width))) if is_scattered else tuple(_labels(contract, bound))
-        for bound in layout.terms
-    }
-
-
-def _labels(contract: PolicyContract, bound: BoundTerm) -> Iterator[str]:
-    names = step_labels(contract, bound)
-    steps = range(bound.term.history)
-    for age in steps if bound.term.history_order == "newest_first" else reversed(steps):
-        yield from (f"{name}, {age} steps ago" if age else name for name in names)
-
-
-def step_labels(contract: PolicyContract, bound: BoundTerm) -> tuple[str, ...]:
-    """Return the names of a term's values in one step: joints, axes, or numbers."""
-    width = bound.stop - bound.start
-    joints = value_names(bound.term, contract)
-    if len(joints) == width:
-        half = width // 2
-        if len(set(joints)) == half:  # a motion's joint positions, then their velocities
-            return tuple(f"{joint} {'position' if i < half else 'velocity'}" for i, joint in enumerate(joints))
-        return joints
-    bodies = contract.body_names
-    if bound.kind.name.startswith("motion_body") and bodies and width % len(bodies) == 0:
-        return tuple(f"{body} {part}" for body in bodies for part in _axes(width // len(bodies)))
-    return tuple(_axes(width, bound.term.quaternion))
-
-
-def _axes(count: int, quaternion: str = "wxyz") -> tuple[str, ...]:
-    """Return the labels of a vector or a quaternion; numbers of anything else."""
-    if count == 3:
-        return ("x", "y", "z")
-    return tuple(quaternion) if count == 4 else tuple(map(str, range(count)))
+    """Return the joints of the values of each term that shows one value of each joint."""
+    joints = {bound.name: (value_names(bound.term, contract), bound.width) for bound in layout.terms}
+    return {name: names for name, (names, width) in joints.items() if len(set(names)) == width}

@@ -1,10 +1,12 @@
-"""Findings of checks: a severity, a field, and one line for all the joints that it concerns."""
+"""Findings of checks, and values and joints as one line of a message shows them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
@@ -20,31 +22,42 @@ class Finding:
     field: str
     """Field of the contract, or `model`, `golden vectors`, `robot`."""
     message: str
-    """What was found, what was expected, and for which joints."""
     joints: tuple[str, ...] = ()
-    """All of them."""
+    """All joints that it concerns."""
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"
 
 
-def joint_list(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> str:
-    """Return joints for a message, each with its text if it has one: `a (1), b (2), c (3) and 12 more`."""
-    if not isinstance(joints, Mapping) and len(joints) == count > _LISTED:
+def list_joints(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> str:
+    """Return `a (1), b (2), c (3) and 12 more`; `all 29 joints` where `count`, the number of joints, are given."""
+    if not isinstance(joints, Mapping) and len(joints) == count > 1:
         return f"all {count} joints"
-    shown = [f"{name} ({text})" for name, text in joints.items()] if isinstance(joints, Mapping) else list(joints)
-    more = len(shown) - _LISTED
-    return ", ".join(shown) if more <= 1 else f"{', '.join(shown[:_LISTED])} and {more} more"
+    items = [f"{name} ({text})" for name, text in joints.items()] if isinstance(joints, Mapping) else list(joints)
+    more = len(items) - _LISTED
+    return ", ".join(items) if more <= 1 else f"{', '.join(items[:_LISTED])} and {more} more"
 
 
 def on_joints(
-    severity: Severity,
-    field: str,
-    message: str,
-    joints: Sequence[str] | Mapping[str, str],
-    remark: str = "",
-    count: int = 0,
+    severity: Severity, field: str, message: str, joints: Sequence[str] | Mapping[str, str], count: int = 0
 ) -> Iterator[Finding]:
-    """Yield one finding for all the joints, if there are any; `count`: how many there are altogether."""
+    """Yield one finding for all the joints, if there are any; they stand in the place of `{}` or at the end."""
     if joints:
-        yield Finding(severity, field, f"{message} {joint_list(joints, count)}{remark}", tuple(joints))
+        listed = list_joints(joints, count)
+        text = message.replace("{}", listed) if "{}" in message else f"{message} {listed}"
+        yield Finding(severity, field, text, tuple(joints))
+
+
+def shown(value: Any, width: int = 60) -> str:
+    """Return a value as a person would write it, in at most `width` characters."""
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "true", False: "false"}[value]
+    if isinstance(value, np.ndarray):
+        if value.size > 1 and (value == value.flat[0]).all():
+            return f"{value.flat[0]:g} everywhere"
+        value = value.tolist()
+    if isinstance(value, list | tuple) and all(isinstance(item, str | float | int) for item in value):
+        text = f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
+    else:
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= width else f"{text[: width - 3]}..."

@@ -8,26 +8,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.terms import value_names
-from humanoid_sim.errors import FieldError, InputError, blaming, reason_of
+from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
-from humanoid_sim.policy.traces import MUJOCO_VERSION, REFERENCE, STATE_ARRAYS, Trace
+from humanoid_sim.policy.traces import REFERENCE, STATE_ARRAYS, Trace
 
 SAMPLE_COUNT = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 """Absolute for values up to 1, relative beyond; targets in rad. float32 sums in another order stay below, wrong wiring
 does not; networks amplify the rounding of other hardware."""
-_ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _NO_LIMIT = 1e9  # a recorded action is what it is
 _VERSION = 1
 _FLOAT32 = ("last_action", "observation", "action", "history")
@@ -42,8 +40,9 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
     Args:
         motion: what the run followed, where the model does not carry it.
     """
-    whole = _with_memory(checkpoint, trace, motion)
-    with blaming(checkpoint.source):
+    loaded = checkpoint.following(motion)
+    with blaming(checkpoint.source, (FieldError, ValueError)):
+        whole = _with_memory(checkpoint, loaded, trace)
         _verify(checkpoint, whole)
     return whole.rows(np.unique(np.linspace(0, len(whole) - 1, SAMPLE_COUNT).round().astype(np.intp)))
 
@@ -67,31 +66,25 @@ def samples_label(samples: Trace) -> str:
     return f"{len(samples)} samples of the trainer's run ({samples.name}){unproved}"
 
 
-def _with_memory(checkpoint: Checkpoint, trace: Trace, motion: Motion | None) -> Trace:
+def _with_memory(checkpoint: Checkpoint, loaded: LoadedPolicy, trace: Trace) -> Trace:
     """Return a run with what the policy remembered in each step, from activation on, and with the motion's rows."""
-    loaded = checkpoint.following(motion)
-    entered: list[PolicyMemory] = []
-    with blaming(f"{checkpoint.source}: on {trace.name}", (FieldError, ValueError)):
-        wiring = _wiring(loaded, trace.joint_names)
-        memory = wiring.activate(trace.state(0))
-        for i in range(len(trace)):
-            entered.append(trace.memory(i, memory))
-            _, observed = wiring.observe(entered[i], trace.state(i))
-            memory, _ = wiring.act(observed, trace.arrays["action"][i])
+    wiring = _wiring(loaded, trace.joint_names)
+    memory, entered = wiring.activate(trace.state(0)), list[PolicyMemory]()
+    for i in range(len(trace)):
+        entered.append(trace.memory(i, memory))
+        _, observed = wiring.observe(entered[i], trace.state(i))
+        memory, _ = wiring.act(observed, trace.arrays["action"][i])
     alignments = [memory.alignment for memory in entered]
-    nowhere = np.full(7, np.nan)
     arrays = {
         **trace.arrays,
         "last_action": np.stack([memory.last_action for memory in entered]),
         "frame": np.array([memory.frame for memory in entered], dtype=np.int64),
         "walked": np.array([memory.walked for memory in entered], dtype=np.float64),
-        "alignment": np.stack([nowhere if a is None else np.concatenate([a.offset, a.yaw]) for a in alignments]),
+        "alignment": np.stack([np.full(7, np.nan) if a is None else np.r_[a.offset, a.yaw] for a in alignments]),
     }
-    histories = [memory.history for memory in entered]
-    known = [history for history in histories if history is not None]
-    if known:
-        missing = np.full_like(known[0], np.nan)
-        arrays["history"] = np.stack([missing if history is None else history for history in histories])
+    if memory.history is not None:
+        none = np.full_like(memory.history, np.nan)
+        arrays["history"] = np.stack([none if memory.history is None else memory.history for memory in entered])
     reference = loaded.reference
     if checkpoint.motion is None:
         rows = reference.clamp(arrays["frame"])
@@ -105,28 +98,27 @@ def _verify(checkpoint: Checkpoint, samples: Trace) -> None:
     The observation and the targets are computed by the functions that run on the robot, the action by the model from
     the sample's observation.
     """
-    contract, arrays, frames = checkpoint.contract, samples.arrays, samples.arrays["frame"].tolist()
-    start = PolicyMemory(0, np.zeros(contract.action_count, dtype=np.float32))
-    try:
-        wiring = _wiring(_followed(checkpoint, samples), samples.joint_names)
+    arrays, frames = samples.arrays, samples.arrays["frame"].tolist()
+    wiring = _wiring(_followed(checkpoint, samples), samples.joint_names)
+    start = PolicyMemory(0, np.zeros(checkpoint.contract.action_count, dtype=np.float32))
+    with blaming("cannot be computed", ValueError, FieldError):
         seen = [wiring.observe(samples.memory(i, start), samples.state(i))[0] for i in range(len(samples))]
         position = action_command(wiring.action_map, arrays["action"]).position
-    except (FieldError, InputError, ValueError) as error:
-        raise FieldError(f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}") from None
-    names = []
-    for i in range(wiring.layout.width):
-        located = wiring.layout.locate(i)
-        joints = value_names(wiring.layout.term_at(i).term, contract)
-        place = int(located.partition("[")[2].partition("]")[0])
-        names.append(f"{located} ({joints[place]})" if place < len(joints) else located)
+    names = [value_name(wiring, i) for i in range(wiring.layout.width)]
     _compare(samples, "observation", np.stack(seen), names)
-    try:
+    with blaming("the model fails on a sample", Exception, FieldError):  # the policy is foreign code
         answers = [checkpoint.policy(row, frame) for row, frame in zip(arrays["observation"], frames, strict=True)]
-    except Exception as error:  # the policy is foreign code
-        raise FieldError(f"the model fails on a sample: {reason_of(error)}") from None
-    _compare(samples, "action", np.asarray(answers), [f"of {name}" for name in contract.action_joint_names])
+    _compare(samples, "action", np.asarray(answers), [f"of {name}" for name in wiring.contract.action_joint_names])
     if "target" in arrays:
         _compare(samples, "target", position, [f"of {name}" for name in samples.joint_names])
+
+
+def value_name(wiring: PolicyWiring, i: int) -> str:
+    """Return the name of an observation's value: its term and place, and its joint."""
+    located = wiring.layout.locate(i)
+    joints = value_names(wiring.layout.term_at(i).term, wiring.contract)
+    place = int(located.partition("[")[2].partition("]")[0])
+    return f"{located} ({joints[place]})" if place < len(joints) else located
 
 
 def _followed(checkpoint: Checkpoint, samples: Trace) -> LoadedPolicy:
@@ -145,31 +137,20 @@ def _wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
 
 
 def _compare(samples: Trace, kind: str, values: npt.NDArray[np.floating], names: Sequence[str]) -> None:
-    """Raise `FieldError` with the first value that is too far off the samples' own.
-
-    Args:
-        values: shape (S, width).
-        names: of the columns: term and place, or joint.
-    """
+    """Raise `FieldError` with the first value, shape (S, width), that is too far off the samples' own."""
     expected = samples.arrays[kind]
     if values.shape != expected.shape:
         raise FieldError(f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}")
     with np.errstate(invalid="ignore"):  # infinity - infinity
-        off = np.abs(values - expected)
-    far = ~(off <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
-    if not far.any():
-        return
-    i, index = np.argwhere(far)[0].tolist()
-    message = (
-        f"sample {i} of {samples.name}: {kind} {names[index]} is {values[i, index]:.6g}, the trainer's is "
-        f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
-        "here than where it was trained"
-    )
-    if samples.mujoco_version:
-        message += f" (recorded with MuJoCo {samples.mujoco_version}; here it is {mujoco.__version__})"
-    if kind == "target" and off.max() <= _ROUNDING * (1.0 + np.abs(samples.arrays["action"]).max()):
-        message += ", or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
-    raise FieldError(message)
+        far = ~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
+    if far.any():
+        i, index = np.argwhere(far)[0].tolist()
+        rounded = ", or action_scale was rounded in export: x.contract.yaml can hold it" if kind == "target" else ""
+        raise FieldError(
+            f"sample {i} of {samples.name}: {kind} {names[index]} is {values[i, index]:.6g}, the trainer's is "
+            f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
+            f"here than where it was trained{rounded}"
+        )
 
 
 def encode_samples(samples: Trace) -> str:
@@ -178,16 +159,8 @@ def encode_samples(samples: Trace) -> str:
         name: {"shape": array.shape, "data": base64.b64encode(array.astype(_type(name)).tobytes()).decode()}
         for name, array in samples.arrays.items()
     }
-    document = {
-        "version": _VERSION,
-        "origin": "trainer",
-        "source": samples.name,
-        "joint_names": samples.joint_names,
-        "frame_count": samples.frame_count,
-        MUJOCO_VERSION: samples.mujoco_version,
-        "arrays": arrays,
-    }
-    return json.dumps(document)
+    document = {"version": _VERSION, "origin": "trainer", "source": samples.name, "joint_names": samples.joint_names}
+    return json.dumps({**document, "frame_count": samples.frame_count, "arrays": arrays})
 
 
 def stored_samples(checkpoint: Checkpoint) -> Trace | None:
@@ -195,24 +168,22 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
 
     Raises `InputError` if they are malformed.
     """
-    if GOLDEN_KEY not in checkpoint.metadata:
+    text = checkpoint.metadata.get(GOLDEN_KEY)
+    if text is None:
         return None
-    try:
-        document = json.loads(checkpoint.metadata[GOLDEN_KEY])
+    malformed = (KeyError, TypeError, ValueError, AttributeError)
+    with blaming(f"{checkpoint.source}: golden vectors are malformed, stamp it again", malformed):
+        document = json.loads(text)
         if document["version"] != _VERSION:
             raise ValueError(f"version is {document['version']!r}, expected {_VERSION}")
-        if document["origin"] != "trainer":  # of the program's own wiring, which proves nothing
+        if document["origin"] != "trainer":  # of the program's own wiring, in files of older versions
             return None
         arrays = {name: _decoded(name, value) for name, value in document["arrays"].items()}
         missing = {*STATE_ARRAYS, "observation", "action", "last_action", "frame"} - arrays.keys()
         if missing or len({len(array) for array in arrays.values()}) != 1 or not len(arrays["action"]):
             raise ValueError(f"lack {', '.join(sorted(missing)) or 'samples'}")
-        joints, count = tuple(map(str, document["joint_names"])), int(document["frame_count"])
-        return Trace(str(document["source"]), joints, arrays, count, str(document.get(MUJOCO_VERSION, "")))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"{checkpoint.source}: golden vectors: malformed ({reason_of(error)}); stamp it again"
-        ) from None
+        joints = tuple(map(str, document["joint_names"]))
+        return Trace(str(document["source"]), joints, arrays, int(document["frame_count"]))
 
 
 def _type(name: str) -> str:

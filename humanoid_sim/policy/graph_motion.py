@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError, blaming, reason_of
+from humanoid_sim.errors import FieldError, blaming, reason_of
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
@@ -32,58 +34,60 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     Returns:
         A motion of layout `joints_bodies_w`, float32 as the graph gives it, quaternions w x y z.
     """
-    path = policy.model.path
     available = {tensor.name for tensor in policy.model.outputs}
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
-    bodies, place, turn = contract.body_names, *_BODIES
+    bodies, anchor, (place, turn) = contract.body_names, contract.anchor_body, _BODIES
     if not available.issuperset(_BODIES):
         place, turn = _ANCHOR
-        bodies = (contract.anchor_body,) if contract.anchor_body and turn in available else ()
+        bodies = (anchor,) if anchor and turn in available else ()
+    with blaming(policy.model.path):
         if bodies and place not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
-            raise InputError(f"{path}: observes the anchor's position, but its model has no output '{place}'")
-    if contract.anchor_body and bodies and contract.anchor_body not in bodies:
-        raise InputError(
-            f"{path}: anchor_body is '{contract.anchor_body}', expected one of body_names: {', '.join(bodies)}"
-        )
-    sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
-    if bodies:
-        sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
-    observation = np.zeros(policy.observation_width, dtype=np.float32)
-
-    def frame(index: int) -> Float32Array | None:
-        try:
-            answer = policy.run(list(sizes), observation, index)
-        except Exception as error:  # onnxruntime's own types
-            if index == 0 or isinstance(error, TimeoutError):
-                raise InputError(f"{path}: the motion in its graph cannot be read: {reason_of(error)}") from None
-            return None  # a graph that does not hold its last frame has none beyond it
-        values = {name: np.asarray(value, dtype=np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
-        for name, size in sizes.items():
-            if values[name].size != size:
-                raise InputError(f"{path}: output '{name}' has {values[name].size} values, expected {size}")
+            raise FieldError(f"observes the anchor's position, but its model has no output '{place}'")
+        if anchor and bodies and anchor not in bodies:
+            raise FieldError(f"anchor_body is '{anchor}', expected one of body_names: {', '.join(bodies)}")
+        sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
         if bodies:
-            values.setdefault(place, np.zeros(3, dtype=np.float32))
-            turns = values[turn].reshape(-1, 4)
-            values[turn] = (turns if contract.reference_quaternion == "wxyz" else turns[:, [3, 0, 1, 2]]).ravel()
-        return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
+            sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
+        observation = np.zeros(policy.observation_width, dtype=np.float32)
 
-    rows: list[Float32Array] = []
-    while (row := frame(len(rows))) is not None:
-        rows.append(row)
-        held = rows[-_HELD - 1 :]
-        if len(held) > _HELD and all(np.array_equal(row, other, equal_nan=True) for other in reversed(held)):
-            later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))
-            if all(other is not None and np.array_equal(row, other, equal_nan=True) for other in later):
-                del rows[-_HELD:]
-                break
-        if len(rows) >= _LONGEST:
-            raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
-    with blaming(f"{path}: motion in its graph"):
+        def frame(index: int) -> Float32Array | None:
+            try:
+                answer = policy.run(list(sizes), observation, index)
+            except Exception as error:  # onnxruntime's own types
+                if index == 0 or isinstance(error, TimeoutError):
+                    raise FieldError(f"the motion in its graph cannot be read: {reason_of(error)}") from None
+                return None  # a graph that does not hold its last frame has none beyond it
+            values = {name: np.asarray(value, np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
+            for name, size in sizes.items():
+                if values[name].size != size:
+                    raise FieldError(f"output '{name}' has {values[name].size} values, expected {size}")
+            if bodies and contract.reference_quaternion == "xyzw":
+                values[turn] = values[turn].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
+            if bodies and place not in values:
+                values[place] = np.zeros(3, dtype=np.float32)
+            return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
+
         return Motion(
-            frames=np.stack(rows),
+            frames=np.stack(_rows(frame)),
             body_names=bodies,
             policy_dt=contract.policy_dt,
             layout="joints_bodies_w",
             joint_names=contract.joint_names,
         )
+
+
+def _rows(frame: Callable[[int], Float32Array | None]) -> list[Float32Array]:
+    """Return the frames up to the last, or the first of those that are held to the end."""
+    rows: list[Float32Array] = []
+    held = 0
+    while (row := frame(len(rows))) is not None:
+        held = held + 1 if rows and np.array_equal(row, rows[-1], equal_nan=True) else 0
+        rows.append(row)
+        if held >= _HELD:
+            later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))
+            if all(other is not None and np.array_equal(row, other, equal_nan=True) for other in later):
+                return rows[:-_HELD]
+        if len(rows) >= _LONGEST:
+            raise FieldError(f"the motion in its graph still changes after {_LONGEST} frames")
+    return rows

@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
-from humanoid_sim.errors import FieldError, InputError, blaming
+from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.ros2.topics import is_used
@@ -73,42 +73,35 @@ def load_policy(
         for name, topic in contract.live_topics.items():
             if is_used(topic.name):
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
-        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
+        loaded = LoadedPolicy(contract, _reference(contract, motion, motion_source), policy)
         layout = loaded.layout
-    if observation_width is not None and layout.width != observation_width:
-        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
-        raise InputError(
-            f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
-        )
+        if observation_width not in (None, layout.width):
+            raise FieldError(f"observation: {width_problem(layout, observation_width)}")
     return loaded
 
 
-def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
-    if contract.task_type == "locomotion":
+def width_problem(layout: ObservationLayout, width: int | None) -> str:
+    """Return how the terms do not add up to the model's input."""
+    terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
+    return f"is {layout.width} wide, the model's input {width}: {terms}"
+
+
+def _reference(contract: PolicyContract, motion: Motion | None, motion_source: str) -> MotionReference:
+    task = contract.task_type
+    if task == "locomotion":
         return no_reference()
     if motion is None:
-        raise InputError(f"{source}: task_type {contract.task_type} follows a motion, and none is given: use --motion")
-    if motion.task_type and motion.task_type != contract.task_type:
-        raise InputError(
-            f"{motion_source}: is a motion for task_type {motion.task_type}; "
-            f"{source} expects one for {contract.task_type}"
-        )
-    if (
-        motion.layout == "bodies_b"
-        and contract.task_type == "tracking"
-        and motion.body_names
-        and (motion.body_names != contract.body_names)
-    ):
-        raise InputError(
-            f"{motion_source}: describes the bodies {', '.join(motion.body_names)}; "
-            f"{source} expects {', '.join(contract.body_names)}"
-        )
-    if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
-        raise InputError(
-            f"{motion_source}: has a frame every {motion.policy_dt:g} s, "
-            f"{source} a step every {contract.policy_dt:g} s; resample the motion"
-        )
-    if motion.layout == "joints_bodies_w":
+        raise FieldError(f"task_type {task} follows a motion, and none is given: use --motion")
+    if motion.task_type not in ("", task):
+        raise FieldError(f"{motion_source} is a motion for task_type {motion.task_type}, expected one for {task}")
+    is_in_world = motion.layout == "joints_bodies_w"
+    if not is_in_world and task == "tracking" and motion.body_names not in ((), contract.body_names):
+        bodies = f"{', '.join(motion.body_names)}, expected {', '.join(contract.body_names)}"
+        raise FieldError(f"{motion_source} describes the bodies {bodies}")
+    if not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
+        period = f"{motion.policy_dt:g} s, expected policy_dt {contract.policy_dt:g} s"
+        raise FieldError(f"{motion_source} has a frame every {period}; resample the motion")
+    if is_in_world:
         return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
     return build_reference(contract, motion.frames)
 
@@ -119,15 +112,12 @@ def contract_layout(contract: PolicyContract, observation_width: int | None = No
     Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
 
     Args:
-        observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
-            say; None: one key.
+        observation_width: N as the model declares it: the number of a piano's keys follows from it; None: one key.
     """
     one = _layout(contract, keys=1)
-    if observation_width is None:
-        return one
     per_key = _layout(contract, keys=2).width - one.width
-    keys, rest = divmod(observation_width - (one.width - per_key), per_key) if per_key else (1, 0)
-    return _layout(contract, keys) if keys > 0 and not rest else one
+    more = 0 if observation_width is None else observation_width - one.width
+    return _layout(contract, keys=1 + more // per_key) if per_key and more > 0 and more % per_key == 0 else one
 
 
 def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:

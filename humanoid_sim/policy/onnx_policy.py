@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Timer
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
@@ -26,15 +25,14 @@ _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int3
 _LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
 _SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
 _OF_TRAINERS = {
-    ".pt": ("a PyTorch checkpoint", "export it to ONNX first"),
-    ".pth": ("a PyTorch checkpoint", "export it to ONNX first"),
-    ".zip": ("a stable-baselines3 checkpoint", "give the policy.onnx beside it"),
+    ".pt": "a PyTorch checkpoint, expected an ONNX file: export it to ONNX first",
+    ".pth": "a PyTorch checkpoint, expected an ONNX file: export it to ONNX first",
+    ".zip": "a stable-baselines3 checkpoint, expected an ONNX file: give the policy.onnx beside it",
 }
 """By a file's suffix: what trainers call so, and what to do."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tensor:
+class Tensor(NamedTuple):
     """An input or output of a model."""
 
     name: str
@@ -45,7 +43,7 @@ class Tensor:
 
     @property
     def width(self) -> int | None:
-        """Values of one row of a (1, width) tensor of numbers; None for any other tensor."""
+        """Values of one row of a (1, width) tensor; None for any other tensor."""
         if len(self.shape) != 2 or (isinstance(self.shape[0], int) and self.shape[0] != 1):
             return None
         return self.shape[1] if isinstance(self.shape[1], int) else None
@@ -71,10 +69,9 @@ class OnnxModel:
         options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
-        try:
+        # ONNX Runtime raises its own types, which differ between builds.
+        with blaming(f"{path}: is not a model that ONNX Runtime can load", Exception):
             session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises its own types, which differ between builds
-            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {reason_of(error)}") from None
         self.path = path
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
         self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
@@ -85,6 +82,11 @@ class OnnxModel:
         content = path.read_bytes()
         self._can_loop = any(name in content for name in _LOOPS)
         self._refuse_other_kinds()
+
+    @property
+    def width(self) -> int | None:
+        """N of the widest input; None if no input is (1, N)."""
+        return max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
@@ -124,11 +126,7 @@ class OnnxModel:
 
 
 def onnx_runtime() -> Any:
-    """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
-
-    By default it keeps a database in the user's home and reports to its makers from a thread of its own: nothing that
-    belongs beside a control loop, on a machine that may be offline.
-    """
+    """Import ONNX Runtime, which is heavy and may be missing, with its telemetry and its database in $HOME off."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime  # noqa: PLC0415 - see above
 
@@ -150,20 +148,16 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
 
     check_file(path)
-    try:
+    with blaming(f"{path}: is not an ONNX model", Exception):  # protobuf's own types
         model = onnx.load(str(path), load_external_data=False)
-    except Exception as error:  # protobuf's exception type is not part of onnx's interface
-        raise InputError(f"{path}: is not an ONNX model: {reason_of(error)}") from None
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
-    return metadata, tuple(output.name for output in model.graph.output)
+    return {entry.key: entry.value for entry in model.metadata_props}, tuple(out.name for out in model.graph.output)
 
 
 def check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file."""
-    own, instead = _OF_TRAINERS.get(path.suffix.lower(), ("", ""))
-    if own:
-        what = f"is {own}" if is_file(path) else "no such file"
-        raise InputError(f"{path}: {what}, expected an ONNX file: {instead}")
+    other = _OF_TRAINERS.get(path.suffix.lower())
+    if other and is_file(path):
+        raise InputError(f"{path}: is {other}")
     if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
 
@@ -186,58 +180,49 @@ class OnnxPolicy:
             tensors: names; those that are empty are found by their place.
         """
         self.model = OnnxModel(model) if isinstance(model, Path) else model
-        tensors = TensorNames() if tensors is None else tensors
-        path, inputs, outputs = self.model.path, self.model.inputs, self.model.outputs
-        time_step = next((tensor for tensor in inputs if tensor.name == _TIME_STEP and len(inputs) > 1), None)
-        if tensors.time_step:
-            time_step = _named(path, "input", inputs, tensors.time_step)
-        others = [tensor for tensor in inputs if tensor is not time_step]
-        if tensors.observation:
-            _named(path, "input", inputs, tensors.observation)
-        if len(others) != 1 or tensors.observation not in ("", others[0].name) or not outputs:
-            names = ", ".join(tensor.name for tensor in inputs) or "none"
-            raise InputError(
-                f"{path}: has the inputs {names} and {len(outputs)} outputs, expected one input, or one and "
-                f"'{_TIME_STEP}', and an output"
-            )
-        if time_step is not None and (time_step.type not in _NUMBERS or time_step.width != 1):
-            raise _wrong_form(path, "input", time_step, "a number of shape (1, 1)")
-        usual = [tensor for tensor in outputs if tensor.name in _ACTIONS]
-        action = _named(path, "output", outputs, tensors.action) if tensors.action else (usual or outputs)[0]
-        self.observation_width = _vector_width(path, "input", others[0])
-        self.action_width = _vector_width(path, "output", action)
-        self.has_time_step = time_step is not None
-        self._action, self._observation, self._time_step = action.name, others[0].name, time_step
+        named, path = TensorNames() if tensors is None else tensors, self.model.path
+        inputs = {tensor.name: tensor for tensor in self.model.inputs}
+        outputs = {tensor.name: tensor for tensor in self.model.outputs}
+        time_step = named.time_step or (_TIME_STEP if _TIME_STEP in inputs and len(inputs) > 1 else "")
+        observation = named.observation or next((name for name in inputs if name != time_step), "")
+        action = named.action or next((name for name in (*_ACTIONS, *outputs) if name in outputs), "")
+        for kind, name, known in (
+            ("input", time_step, inputs),
+            ("input", observation, inputs),
+            ("output", action, outputs),
+        ):
+            if name and name not in known:
+                raise InputError(f"{path}: has no {kind} '{name}'; its {kind}s are {', '.join(known) or 'none'}")
+        if inputs.keys() != {observation, time_step} - {""} or not action:
+            found = f"has the inputs {', '.join(inputs) or 'none'} and {len(outputs)} outputs"
+            raise InputError(f"{path}: {found}, expected one input, or one and '{_TIME_STEP}', and an output")
+        self.observation_width = _row(path, "input", inputs[observation])
+        self.action_width = _row(path, "output", outputs[action])
+        self.has_time_step = bool(time_step)
+        self._observation, self._action, self._time_step = observation, action, time_step
+        self._frame_type: Any = np.float32
+        if time_step:
+            self._frame_type = _NUMBERS.get(inputs[time_step].type, np.float32)
+            _row(path, "input", inputs[time_step], width=1, types=tuple(_NUMBERS))
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
         if observation.shape != (self.observation_width,):
-            expected = f"({self.observation_width},), of one robot"
-            raise InputError(f"observation: has shape {observation.shape}, expected {expected}")
+            raise InputError(f"observation: has shape {observation.shape}, expected ({self.observation_width},)")
         action: Float32Array = self.run([self._action], observation, frame)[0][0]
         return action
 
     def run(self, outputs: list[str], observation: Float32Array, frame: int) -> list[Float32Array]:
         """Any outputs of one inference, each as the model gives it, shape (1, …)."""
         inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation[None]}
-        if self._time_step is not None:
-            inputs[self._time_step.name] = np.array([[frame]], dtype=_NUMBERS[self._time_step.type])
+        if self._time_step:
+            inputs[self._time_step] = np.array([[frame]], dtype=self._frame_type)
         return self.model.run(outputs, inputs)
 
 
-def _named(path: Path, kind: str, tensors: tuple[Tensor, ...], name: str) -> Tensor:
-    for tensor in tensors:
-        if tensor.name == name:
-            return tensor
-    raise InputError(f"{path}: has no {kind} '{name}'; its {kind}s are {', '.join(t.name for t in tensors) or 'none'}")
-
-
-def _vector_width(path: Path, kind: str, tensor: Tensor) -> int:
-    if tensor.type != "tensor(float)" or tensor.width is None:
-        raise _wrong_form(path, kind, tensor, "tensor(float) of shape (1, width)")
+def _row(path: Path, kind: str, tensor: Tensor, width: int = 0, types: tuple[str, ...] = ("tensor(float)",)) -> int:
+    """Return the width of a (1, width) tensor. Raises `InputError` for one of another shape or type."""
+    if tensor.width is None or tensor.width != (width or tensor.width) or tensor.type not in types:
+        found = f"{kind} '{tensor.name}' is {tensor.type} of shape {list(tensor.shape)}"
+        raise InputError(f"{path}: {found}, expected {types[0]} of shape (1, {width or 'width'})")
     return tensor.width
-
-
-def _wrong_form(path: Path, kind: str, tensor: Tensor, expected: str) -> InputError:
-    what = f"{tensor.type} of shape {list(tensor.shape)}"
-    return InputError(f"{path}: {kind} '{tensor.name}' is {what}, expected {expected}")

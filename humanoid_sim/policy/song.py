@@ -1,4 +1,4 @@
-"""Songs as goals for a piano's keys: what a MIDI file asks for, one row of 0 and 1 per policy step.
+"""Songs as goals for a piano's keys: the notes of a MIDI file, as rows of 0 and 1 per policy step.
 
 Note on, note off and note on with velocity 0 are those of the Standard MIDI Files 1.0 specification; a change of tempo
 holds for all tracks. Key 0 is A0, MIDI note 21, and key 87 is C8, MIDI note 108.
@@ -27,8 +27,6 @@ from humanoid_sim.robots.schema import RobotDescription
 _LEAD_IN = 1.0  # s before the first note, in which a robot's hands come over the keys
 _GAP = 0.06  # s for which a key is released before it is struck again
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
-_SUSTAIN, _PEDAL_DOWN = 64, 64
-"""Number of the sustain pedal's controller, and the least value at which it is down."""
 PERCUSSION = 9
 """Channel whose notes are drums, counted from 0."""
 
@@ -66,34 +64,30 @@ def key_name(key: int) -> str:
     return f"{_NAMES[note % 12]}{note // 12 - 1}"
 
 
-def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain: bool = False) -> Song:
+def read_song(path: str | Path, *, tracks: Sequence[int] | None = None) -> Song:
     """Read a MIDI file.
 
     A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
-    what is not MIDI, has no notes, no such track, or a time division in frames.
+    what is not MIDI, has no notes, no such track, or counts time in frames.
 
     Args:
         tracks: those to play, counted from 0; None for all.
-        sustain: notes sound on while the sustain pedal is down.
     """
     path = regular_file(path, "a MIDI file (.mid)")
     with blaming(f"{path}: is not a MIDI file that can be read", Exception):
         file = mido.MidiFile(path)
-    if file.type == 2:
-        raise InputError(f"{path}: is of type 2, whose tracks are songs of their own; expected type 0 or 1")
-    if not 0 < file.ticks_per_beat < 1 << 15:
-        raise InputError(f"{path}: counts time in frames (division {file.ticks_per_beat}), expected ticks per beat")
+    if file.type == 2 or not 0 < file.ticks_per_beat < 1 << 15:
+        raise InputError(f"{path}: is of type {file.type}, expected type 0 or 1 with time in ticks per beat")
     names = tuple(track.name for track in file.tracks)
     chosen = range(len(names)) if tracks is None else tracks
     for track in chosen:
         if not 0 <= track < len(names):
-            listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names))
-            raise InputError(f"{path}: has no track {track}; tracks: {listed}")
+            raise InputError(f"{path}: has no track {track}; tracks: {dict(enumerate(names))}")
     tempo = [mido.MidiTrack(map(_tempo_alone, track)) for track in file.tracks]
     notes: list[Note] = []
     for i in chosen:
         alone = [file.tracks[i], *tempo[:i], *tempo[i + 1 :]]
-        notes += _notes(mido.MidiFile(ticks_per_beat=file.ticks_per_beat, tracks=alone), sustain)
+        notes += _notes(mido.MidiFile(ticks_per_beat=file.ticks_per_beat, tracks=alone))
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
     return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
@@ -104,38 +98,25 @@ def _tempo_alone(message: Any) -> Any:
     return message if message.type == "set_tempo" else mido.MetaMessage("text", time=message.time)
 
 
-def _notes(messages: Iterable[Any], sustain: bool) -> list[Note]:
+def _notes(messages: Iterable[Any]) -> list[Note]:
     """Return the notes of messages whose `time` is in s, since the one before."""
     notes: list[Note] = []
     sounding: dict[tuple[int, int], tuple[float, int]] = {}  # start and velocity, by channel and MIDI note
-    released: set[tuple[int, int]] = set()  # keys of notes that the pedal alone holds
-    pedals: set[int] = set()  # channels whose pedal is down
     now = 0.0
 
     def end(at: tuple[int, int]) -> None:
         start, velocity = sounding.pop(at)
-        released.discard(at)
         if now > start:
             notes.append(Note(at[1] - FIRST_NOTE, start, now, velocity))
 
     for message in messages:
         now += message.time
-        if sustain and message.type == "control_change" and message.control == _SUSTAIN:
-            if message.value >= _PEDAL_DOWN:
-                pedals.add(message.channel)
-            else:
-                pedals.discard(message.channel)
-                for at in [at for at in released if at[0] == message.channel]:
-                    end(at)
         if message.type not in ("note_on", "note_off") or message.channel == PERCUSSION:
             continue
         at = (message.channel, message.note)
-        strikes = message.type == "note_on" and message.velocity > 0
-        if at in sounding and (strikes or message.channel not in pedals):
+        if at in sounding:
             end(at)
-        elif at in sounding:
-            released.add(at)
-        if strikes:
+        if message.type == "note_on" and message.velocity > 0:
             sounding[at] = (now, message.velocity)
     for at in list(sounding):
         end(at)
@@ -147,18 +128,17 @@ def transpose(song: Song, semitones: int) -> Song:
     return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
 
 
-def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[Note, ...]]:
+def thin_out(song: Song, keys: Collection[int], voices: int) -> tuple[Song, tuple[Note, ...]]:
     """Return what can be played of a song on some keys, and the notes that are left out.
 
     Of more notes at a time than there are voices the highest is kept, then the lowest, then the hardest struck. A note
     that must make room while it sounds ends there.
     """
-    reachable = frozenset(keys)
-    dropped = [note for note in song.notes if note.key not in reachable]
-    left = [note for note in song.notes if note.key in reachable]
+    dropped = [note for note in song.notes if note.key not in keys]
+    left = [note for note in song.notes if note.key in keys]
     kept: list[Note] = []
     sounding: list[Note] = []
-    for start, group in groupby(sorted(left, key=lambda note: note.start), key=lambda note: note.start):
+    for start, group in groupby(left, key=lambda note: note.start):
         kept += [note for note in sounding if note.end <= start]
         wanted = sorted([*(note for note in sounding if note.end > start), *group], key=lambda note: note.key)
         ranked = wanted[-1:] + wanted[:-1][:1] + sorted(wanted[1:-1], key=lambda note: -note.velocity)
@@ -168,8 +148,8 @@ def thin_out(song: Song, keys: Iterable[int], voices: int) -> tuple[Song, tuple[
             else:
                 dropped.append(note)
         sounding = ranked[:voices]
-    kept += sounding
-    return replace(song, notes=tuple(sorted(kept, key=lambda note: (note.start, note.key)))), tuple(dropped)
+    played = sorted([*kept, *sounding], key=lambda note: (note.start, note.key))
+    return replace(song, notes=tuple(played)), tuple(dropped)
 
 
 def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...]]:
@@ -177,8 +157,7 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
 
     It begins late enough for the hands to come over the keys. Of a robot without a piano the whole keyboard counts.
     """
-    voices = KEY_COUNT if robot.piano is None else len(robot.piano.fingers)
-    played, dropped = thin_out(song, _reach(robot), voices)
+    played, dropped = thin_out(song, _reach(robot), KEY_COUNT if robot.piano is None else len(robot.piano.fingers))
     wait = max(_LEAD_IN - min((note.start for note in played.notes), default=_LEAD_IN), 0.0)
     later = tuple(replace(note, start=note.start + wait, end=note.end + wait) for note in played.notes)
     return replace(song, notes=later), dropped
@@ -203,10 +182,8 @@ def named_song(
     song, dropped = playable(read_song(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
         reach = f"{key_name(min(_reach(robot)))} to {key_name(max(_reach(robot)))}"
-        raise InputError(
-            f"{what}: none of the notes of '{name}' is within the reach of '{robot.name}', {reach}; "
-            "prepare --transpose moves them"
-        )
+        whose = f"within the reach of '{robot.name}', {reach}; prepare --transpose moves them"
+        raise InputError(f"{what}: none of the notes of '{name}' is {whose}")
     return song, dropped
 
 
@@ -227,11 +204,10 @@ def goals(song: Song, policy_dt: float) -> Float32Array:
     A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is
     released, as long as the note before keeps one step: a key that stays down cannot sound again.
     """
-    last = max((round(note.end / policy_dt) for note in song.notes), default=0)
-    table = np.zeros((last + 2, KEY_COUNT), dtype=np.float32)
+    table = np.zeros((round(song.seconds / policy_dt) + 2, KEY_COUNT), dtype=np.float32)
     released = max(round(_GAP / policy_dt), 1)
     following: dict[int, int] = {}
-    for note in sorted(song.notes, key=lambda note: note.start, reverse=True):
+    for note in reversed(song.notes):
         first = round(note.start / policy_dt)
         end = max(round(note.end / policy_dt), first + 1)
         if note.key in following:

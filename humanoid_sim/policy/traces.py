@@ -17,7 +17,7 @@ from humanoid_sim import mit
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Alignment
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
 
@@ -32,8 +32,6 @@ STATE_ARRAYS = (
 """What the robot reports, apart from the live inputs."""
 EXTERN, REFERENCE = "extern/", "reference/"
 """Prefixes of the names of live inputs, and of the motion's terms."""
-MUJOCO_VERSION = "mujoco_version"
-"""Text in the file of a trace: the version that simulated it."""
 _NAMES = {"obs": "observation", "actions": "action", "cmd": mit.VELOCITY_COMMAND}
 _MEMORY: Mapping[str, type[np.generic]] = {
     "last_action": np.float32,
@@ -60,8 +58,6 @@ class Trace:
     model that does not carry it."""
     frame_count: int = 1
     """Frames of that motion."""
-    mujoco_version: str = ""
-    """Of the simulation; empty if the file does not say."""
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
@@ -104,104 +100,99 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
     Args:
         bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
     """
-    file = _File(path, {_NAMES.get(name, name): array for name, array in read_arrays(path).items()})
-    action = file.table("action", contract.action_count)
-    file.steps = len(action)
-    names = file.joint_names()
+    given = {_NAMES.get(name, name): array for name, array in read_arrays(path).items()}
+    with blaming(path):
+        return _trace(path.name, given, contract, bodies)
+
+
+def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReader | None) -> Trace:
+    action = _table(given, "action", None, contract.action_count)
+    steps = len(action)
+    names = _joint_names(given)
     # A free joint has 7 values, and any other 1; it has a name of its own, or none.
-    surplus = file.arrays["qpos"].shape[-1] - len(names) if "qpos" in file.arrays else 0
+    surplus = given["qpos"].shape[-1] - len(names) if "qpos" in given else 0
     hinges = names[1:] if surplus == 6 else names
     missing = [name for name in contract.joint_names if name not in hinges]
     if missing:
-        raise file.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
+        raise FieldError(f"joint_names lacks {', '.join(missing)}, expected every joint of the policy")
     points = {point_velocity(point): point for point in contract.velocity_points}
-    known = _states(file, hinges, 7 if surplus in (6, 7) else 0, points, bodies)
+    known = _states(given, steps, hinges, 7 if surplus in (6, 7) else 0, points, bodies)
     widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, **dict.fromkeys(points, 3)}
     if contract.height_scan is not None:
         widths[mit.HEIGHT_SCAN] = contract.height_scan.count
     live = (*widths, mit.KEY_PRESSED)
     # What the file says itself comes before what follows from its qpos.
-    known |= {name: file.table(name, widths.get(name)) for name in (*live, *STATE_ARRAYS[2:]) if name in file.arrays}
+    stated = [name for name in (*live, *STATE_ARRAYS[2:]) if name in given]
+    known |= {name: _table(given, name, steps, widths.get(name)) for name in stated}
     for term in contract.terms:
         array = contract.kind(term).input(term)
         if array and array not in known:
-            hint = ", or the robot, whose model tells it from qpos" if array != mit.VELOCITY_COMMAND else ""
-            raise file.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
-    joints = tuple(name for name in hinges if name in contract.joint_names)
-    columns = [hinges.index(name) for name in joints]
-    known.setdefault("imu_linear_acceleration", np.zeros((file.steps, 3)))
+            raise FieldError(f"{array} is missing, expected it, as the policy observes {term.name}, or --robot")
+    columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
+    known.setdefault("imu_linear_acceleration", np.zeros((steps, 3)))
     arrays: dict[str, npt.NDArray[Any]] = {name: known[name] for name in STATE_ARRAYS}
     arrays |= {name: known[name][:, columns] for name in STATE_ARRAYS[:2]}
     arrays |= {EXTERN + name: known[name] for name in live if name in known}
-    arrays |= {"observation": file.table("observation").astype(np.float32), "action": action.astype(np.float32)}
-    if "target" in file.arrays:
-        arrays["target"] = file.table("target", len(hinges))[:, columns]
-    arrays |= {name: file.memory(name, kind) for name, kind in _MEMORY.items() if name in file.arrays}
-    return Trace(path.name, joints, arrays, mujoco_version=str(file.arrays.get(MUJOCO_VERSION, "")))
+    observation = _table(given, "observation", steps)
+    arrays |= {"observation": observation.astype(np.float32), "action": action.astype(np.float32)}
+    if "target" in given:
+        arrays["target"] = _table(given, "target", steps, len(hinges))[:, columns]
+    for part, kind in _MEMORY.items():
+        if part in given:
+            values = np.broadcast_to(given[part], (steps, 7)) if given[part].shape == (7,) else given[part]
+            if len(np.atleast_1d(values)) != steps:
+                raise FieldError(f"{part} has shape {values.shape}, expected {steps} rows")
+            arrays[part] = values.astype(kind)
+    return Trace(name, tuple(hinges[i] for i in columns), arrays)
 
 
-@dataclass
-class _File:
-    """The arrays of a file."""
+def _table(arrays: Arrays, name: str, steps: int | None, width: int | None = None) -> FloatArray:
+    """Return an array as shape (steps, width), float64; one row for all steps is spread out."""
+    values = arrays.get(name)
+    if values is None or values.dtype.kind not in "fiub":
+        problem = "is missing" if values is None else f"has type {values.dtype}"
+        raise FieldError(f"{name} {problem}, expected numbers, a row for each step")
+    if values.ndim == 1 and steps is not None and name != "observation":
+        values = np.broadcast_to(values, (steps, len(values)))
+    if (
+        values.ndim != 2
+        or len(values) != (steps or max(len(values), 1))
+        or values.shape[1] != (width or values.shape[1])
+    ):
+        raise FieldError(f"{name} has shape {values.shape}, expected ({steps or 'F'}, {width or 'width'})")
+    if not np.isfinite(values).all():
+        raise FieldError(f"{name} is not finite in row {int(np.argmax(~np.isfinite(values).all(axis=1)))}")
+    return values.astype(np.float64)
 
-    path: Path
-    arrays: Arrays
-    steps: int = 0
-    """Steps of the run, once they are known."""
 
-    def table(self, name: str, width: int | None = None) -> FloatArray:
-        """Return an array as shape (F, width), float64; one row for all steps is spread out."""
-        expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
-        values = self.arrays.get(name)
-        if values is None or values.dtype.kind not in "fiub":
-            raise self.wrong(name, "is missing" if values is None else f"has type {values.dtype}", expected)
-        if values.ndim == 1 and self.steps and name != "observation":
-            values = np.broadcast_to(values, (self.steps, len(values)))
-        steps = self.steps or len(values)
-        if values.ndim != 2 or not steps or values.shape != (steps, width or values.shape[1]):
-            raise self.wrong(name, f"has shape {values.shape}", expected)
-        if not np.isfinite(values).all():
-            row = int(np.argmax(~np.isfinite(values).all(axis=1)))
-            raise self.wrong(name, f"is not finite in row {row}", expected)
-        return values.astype(np.float64)
-
-    def memory(self, name: str, kind: type[np.generic]) -> npt.NDArray[Any]:
-        """Return what a run says of the policy's memory: F rows, or one alignment for all."""
-        values = self.arrays[name]
-        if name == "alignment" and values.ndim == 1:
-            values = np.broadcast_to(values, (self.steps, len(values)))
-        if values.ndim == 0 or len(values) != self.steps:
-            raise self.wrong(name, f"has shape {values.shape}", f"{self.steps} rows")
-        return values.astype(kind)
-
-    def joint_names(self) -> tuple[str, ...]:
-        names = self.arrays.get("joint_names")
-        if names is None or names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
-            shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
-            raise self.wrong("joint_names", shown, "one text per joint, in the order of the state")
-        texts = tuple(names.astype(str).tolist())
-        if len(set(texts)) < len(texts):
-            raise self.wrong("joint_names", "names a joint twice", "one text per joint")
-        return texts
-
-    def wrong(self, name: str, problem: str, expected: str) -> InputError:
-        return InputError(f"{self.path}: {name} {problem}, expected {expected}")
+def _joint_names(arrays: Arrays) -> tuple[str, ...]:
+    names = arrays.get("joint_names")
+    if names is None or names.ndim != 1 or names.dtype.kind not in "US" or len(set(names.tolist())) < len(names):
+        shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
+        raise FieldError(f"joint_names {shown}, expected one text per joint, none twice, in the order of the state")
+    return tuple(names.astype(str).tolist())
 
 
 def _states(
-    file: _File, hinges: tuple[str, ...], free: int, points: Mapping[str, str], bodies: BodyReader | None
+    given: Arrays,
+    steps: int,
+    hinges: tuple[str, ...],
+    free: int,
+    points: Mapping[str, str],
+    bodies: BodyReader | None,
 ) -> dict[str, FloatArray]:
     """Return what a run says of the robot: as arrays, or as far as it follows from `qpos` and `qvel`."""
     joints = len(hinges)
-    if "qpos" not in file.arrays:
+    if "qpos" not in given:
         widths = zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False)
-        return {name: file.table(name, width) for name, width in widths}
-    qpos, qvel = file.table("qpos", free + joints), file.table("qvel", max(free - 1, 0) + joints)
-    found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
+        return {name: _table(given, name, steps, width) for name, width in widths}
+    speeds = max(free - 1, 0)
+    qpos, qvel = _table(given, "qpos", steps, free + joints), _table(given, "qvel", steps, speeds + joints)
+    found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, speeds:]}
     if bodies is not None:
         return found | dict(bodies(qpos, qvel, hinges))
     if not free:
-        upright = np.tile([1.0, 0.0, 0.0, 0.0], (file.steps, 1))
-        return found | {"imu_quaternion": upright, "imu_angular_velocity": np.zeros((file.steps, 3))}
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (steps, 1))
+        return found | {"imu_quaternion": upright, "imu_angular_velocity": np.zeros((steps, 3))}
     found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
     return found | {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]} | {n: qvel[:, :3] for n, p in points.items() if p == mit.IMU}

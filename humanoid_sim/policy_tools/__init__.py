@@ -5,11 +5,10 @@ Nothing heavy is imported here: `--help` must be quick.
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -32,8 +31,6 @@ class Show:
     name the joints by their places on the robot."""
     joints: bool = False
     """Also show gains, pose and action of each joint."""
-    skeleton: Path | None = None
-    """A contract.yaml to write, with a line to fill in for each field that no source gives."""
     json: bool = False
     """Print everything as JSON."""
 
@@ -52,8 +49,6 @@ class Check:
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     hardware: bool = False
     """For the real robot: what only a simulation knows is an error."""
-    physics_timestep: float | None = None
-    """s of the simulation. Default: the robot's."""
     json: bool = False
     """Print the findings as JSON."""
 
@@ -79,26 +74,30 @@ class Stamp:
     """Replace the output if it exists."""
 
 
-_PROGRAMS = {
-    Show: ("policy_tools.show", "show"),
-    Check: ("policy_tools.check", "check"),
-    Stamp: ("policy_tools.stamp", "stamp_copy"),
-    DoctorConfig: ("doctor.report", "doctor"),
-}
-"""By options the module and function that take them; heavy, so only what runs is imported."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy` with command-line arguments; returns the exit status."""
     command: Show | Check | Stamp | DoctorConfig = parse(
         Show | Check | Stamp | Annotated[DoctorConfig, tyro.conf.subcommand("doctor")], "policy", arguments
     )
     command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
+    # Heavy modules: what does not run is not imported.
     from humanoid_sim.policy.onnx_policy import check_file, has_onnxruntime  # noqa: PLC0415
 
     check_file(command.checkpoint)
     if not has_onnxruntime():
         raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
-    module, program = _PROGRAMS[type(command)]
-    run: Callable[[Any], int] = getattr(importlib.import_module(f"humanoid_sim.{module}"), program)
-    return run(command)
+    if isinstance(command, Show):
+        from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
+
+        return show(command)
+    if isinstance(command, Check):
+        from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
+
+        return check(command)
+    if isinstance(command, Stamp):
+        from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
+
+        return stamp_copy(command)
+    from humanoid_sim.doctor.report import doctor  # noqa: PLC0415
+
+    return doctor(command)

@@ -17,10 +17,10 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_model
 from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import SEVERITIES, Finding
+from humanoid_sim.policy.findings import SEVERITIES, Finding, Severity
 from humanoid_sim.policy.golden import verify_golden
-from humanoid_sim.policy.layers import Reading, outline
-from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy.layers import Reading
+from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools import Check
@@ -30,23 +30,15 @@ from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, prefix_line
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
+from humanoid_sim.simulation.stability import DampingStability
 
-_PROBES = 4
-_STEPS = (0.00025, 0.0005, 0.001, 0.0025, 0.005)  # s; a damping that needs a shorter one is unstable
 _SHOWN = {"error": ("bold red", "error(s)"), "warning": ("yellow", "warning(s)"), "info": ("cyan", "remark(s)")}
 
 
 def check(options: Check) -> int:
     """Print the findings; exit status 1 if there is an error among them."""
     description = load_robot(options.robot, options.imu_site)
-    findings = check_checkpoint(
-        options.checkpoint,
-        description,
-        options.contract,
-        hardware=options.hardware,
-        physics_timestep=options.physics_timestep,
-    )
+    findings = check_checkpoint(options.checkpoint, description, options.contract, hardware=options.hardware)
     counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
     if options.json:
         what = {"checkpoint": str(options.checkpoint), "robot": description.name}
@@ -63,12 +55,7 @@ def check(options: Check) -> int:
 
 
 def check_checkpoint(
-    path: Path,
-    description: RobotDescription,
-    contract_file: Path | None = None,
-    *,
-    hardware: bool = False,
-    physics_timestep: float | None = None,
+    path: Path, description: RobotDescription, contract_file: Path | None = None, *, hardware: bool = False
 ) -> tuple[Finding, ...]:
     """Everything that can be said without running the policy on the robot, the worst first.
 
@@ -77,7 +64,6 @@ def check_checkpoint(
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
-        physics_timestep: s of the simulation; None: the robot's.
     """
     model = OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
@@ -88,17 +74,16 @@ def check_checkpoint(
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:
         return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
-    findings = [*_source_findings(reading, policy, own_contract(path).name)]
+    findings = list(_source_findings(reading, policy, own_contract(path).name))
     contract = reading.contract
     if contract is not None and policy.action_width == contract.action_count:
         bare = bare_model(description)
+        findings += _answer_findings(contract, policy)
         checkpoint = Checkpoint(contract, policy, str(path), observation_width=policy.observation_width)
-        if not any(finding.field == "observation" for finding in findings):  # its width is the model's
-            findings += _network_findings(contract, policy)
         findings.append(_golden_finding(checkpoint))
         findings += contract_findings(contract, description, bare, hardware=hardware)
         if set(contract.joint_names) == set(description.joint_names):
-            findings += _stability_findings(contract, description, physics_timestep)
+            findings += _stability_findings(contract, description)
             if unwatched := describe_unwatched(with_contract_physics(description, contract)):
                 findings.append(Finding("info", "guards", unwatched.removeprefix("guards: ")))
         if prefix := prefix_line(description.mjcf_path):
@@ -110,16 +95,15 @@ def check_checkpoint(
 
 def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterator[Finding]:
     """Yield what keeps the sources from making a contract: widths first, then what is missing, all at once."""
-    contract, width = outline(reading), policy.observation_width
+    contract, width = reading.outline, policy.observation_width
     if contract is not None:
         try:
             layout = contract_layout(contract, width)
+            problem = "" if layout.width == width else width_problem(layout, width)
         except FieldError as error:
-            yield Finding("error", "observation", str(error))
-        else:
-            if layout.width != width:
-                terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
-                yield Finding("error", "observation", f"is {layout.width} wide, the model's input {width}: {terms}")
+            problem = str(error)
+        if problem:
+            yield Finding("error", "observation", problem)
         if policy.action_width != contract.action_count:
             message = f"is {contract.action_count} wide, the model's output {policy.action_width}"
             yield Finding("error", "action_joint_names", message)
@@ -134,65 +118,32 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
         yield Finding("warning", "not used", line)
 
 
-def _network_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
-    """Run the model on zeros and on noise.
-
-    A term whose values change nothing has a normaliser that has never seen them move, or stands in a wrong place.
-    """
-    layout = contract_layout(contract, policy.observation_width)
-    probes = np.random.default_rng(0).normal(0.0, 1.0, (_PROBES, layout.width)).astype(np.float32)
-    action = np.abs(policy(np.zeros_like(probes[0]), 0))
+def _answer_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
+    action = np.abs(policy(np.zeros(policy.observation_width, dtype=np.float32), 0))
     joint, limit = contract.action_joint_names[int(np.argmax(action))], action_limit_of(contract)
-    if not np.isfinite(action).all():
-        yield Finding("error", "model", f"answers zeros with a number that is not finite, for {joint}", (joint,))
-    elif action.max() > limit:
-        message = f"answers zeros with {action.max():g} for {joint}, expected at most {limit:g}"
-        yield Finding("error", "model", f"{message}: action_limit in x.contract.yaml raises it", (joint,))
-    answers = [policy(probe, 0) for probe in probes]
-    if all(np.array_equal(answer, answers[0]) for answer in answers):
-        yield Finding("warning", "model", "gives the same action whatever it observes")
-        return
-    owner = np.array([layout.locate(i).partition("[")[0] for i in range(layout.width)])
-    for term in layout.terms:
-        silent = np.where(owner == term.name, np.float32(0.0), probes)
-        if all(np.array_equal(policy(row, 0), answers[i]) for i, row in enumerate(silent)):
-            yield Finding("warning", f"observation term {term.name}", "has no influence on the model's answer")
+    if not action.max() <= limit:
+        message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
+        yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it", (joint,))
 
 
 def _golden_finding(checkpoint: Checkpoint) -> Finding:
     try:
         label = verify_golden(checkpoint)
     except InputError as error:
-        reason = str(error).removeprefix(f"{checkpoint.source}: golden vectors: ")
+        reason = str(error).removeprefix(f"{checkpoint.source}: ").removeprefix("golden vectors: ")
         return Finding("error", "golden vectors", reason)
-    live = bool(checkpoint.contract.live_inputs)
-    remedy = "a policy with live inputs has none" if live else "`stamp --trace` adds those of a trainer's run"
-    none = f"there are none: wrong wiring would not be seen; {remedy}"
+    none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
     return Finding("info", "golden vectors", label or none)
 
 
-def _stability_findings(
-    contract: PolicyContract, description: RobotDescription, physics_timestep: float | None
-) -> Iterator[Finding]:
-    """Yield whether the policy's damping is stable at the physics step; its joints must be the robot's."""
+def _stability_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Yield whether the policy's damping is stable at the robot's physics step; its joints must be the robot's."""
     robot = with_contract(description, contract)
-    model = build_model(robot, physics_timestep=physics_timestep, scene=False)
-    timestep = float(model.opt.timestep)
-    damping = resolve_action(contract, description.joint_names).damping
-    measure = DampingStability(model, robot).measure(damping)
-    joint, value = measure.joint, measure.eigenvalue
-    if value <= WARNED_ABOVE:
-        return
-    limit, effect = WARNED_ABOVE, "the velocity changes sign from step to step"
-    if value > REFUSED_ABOVE:
-        limit, effect = REFUSED_ABOVE, f"unstable above {REFUSED_ABOVE:g}, which play refuses"
-    longest = timestep * limit / value
-    shorter = [step for step in _STEPS if step < longest]
-    gain = float(damping[description.joint_names.index(joint)])
-    what = f"is {gain:g} for {joint}: dt·M⁻¹·K_d reaches {value:.2f} with a physics step of {timestep:g} s"
-    if shorter and physics_timestep is None:
-        message = f"{what}, {effect}; --physics-timestep {shorter[-1]:g} cures it"
-        yield Finding("warning", "joint_damping", message, (joint,))
-    else:
-        message = f"{what}, {effect}; it takes a step below {longest:.2g} s"
-        yield Finding("error" if value > REFUSED_ABOVE else "warning", "joint_damping", message, (joint,))
+    gains = resolve_action(contract, description.joint_names)
+    try:
+        warning = DampingStability(build_model(robot, scene=False), robot).check(gains.damping, "", gains.stiffness)
+        severity: Severity = "warning"
+    except InputError as error:
+        warning, severity = str(error), "error"
+    if warning:
+        yield Finding(severity, "joint_damping", warning.removeprefix(": "))

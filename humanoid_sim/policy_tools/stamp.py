@@ -36,8 +36,8 @@ def stamp(
     trace: Path | None = None,
     motion: Path | None = None,
     overwrite: bool = False,
-) -> tuple[int, Trace | None]:
-    """Stamp a copy of a checkpoint.
+) -> Trace | None:
+    """Stamp a copy of a checkpoint, and return its samples, None without any.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
     the trace, or else those that the checkpoint has already. Whatever other metadata the checkpoint has stays. The copy
@@ -50,9 +50,6 @@ def stamp(
             `qpos`.
         trace: a trainer's run, see `humanoid_sim.policy.traces`.
         motion: what the policy follows, where the model does not carry it.
-
-    Returns:
-        Its size in bytes and its samples, None without any.
     """
     if output.exists() and path.exists() and output.samefile(path):
         raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
@@ -61,8 +58,8 @@ def stamp(
     checkpoint = load_checkpoint(path, contract_file, joints, verify=trace is None)
     contract, samples = checkpoint.contract, stored_samples(checkpoint)
     if trace is not None:
-        for name in contract.live_inputs:
-            raise InputError(f"--trace: is '{trace}', but {path} observes the live input '{name}': no samples")
+        if contract.live_inputs:
+            raise InputError(f"--trace: {path} observes live inputs, {', '.join(contract.live_inputs)}: no samples")
         bodies = None
         if description is not None:
             bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
@@ -79,19 +76,18 @@ def stamp(
         load_checkpoint(copy)
     with whole_file(output) as file:
         file.write(data)
-    return len(data), samples
+    return samples
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
-    Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or it is larger than a file
-    can be.
+    Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or it is larger than the
+    2 GiB that a file can hold.
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
-    # protobuf's own exceptions, also for more than the 2 GiB that it can hold
-    with blaming(f"{path}: cannot be read, or written as one ONNX file", Exception):
+    with blaming(f"{path}: cannot be read, or written as one ONNX file", Exception):  # protobuf's own types
         model = onnx.load(str(path), load_external_data=True)
         present = {entry.key: entry.value for entry in model.metadata_props}
         onnx.helper.set_model_props(model, {**present, **metadata})
@@ -101,7 +97,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and say what its golden vectors are worth."""
-    size, samples = stamp(
+    samples = stamp(
         options.checkpoint,
         options.output,
         contract_file=options.contract,
@@ -110,10 +106,9 @@ def stamp_copy(options: Stamp) -> int:
         motion=options.motion,
         overwrite=options.overwrite,
     )
-    console = make_console()
-    console.print(f"{escape(str(options.output))}: {size / 1e6:.2f} MB, contract inside", soft_wrap=True)
     label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
-    console.print(f"golden vectors: {escape(label)}", soft_wrap=True)
+    text = f"{options.output}: contract inside; golden vectors: {label}"
+    make_console().print(escape(text), soft_wrap=True)
     return 0
 
 

@@ -185,7 +185,7 @@ def test_play_is_the_single_environment(folder, frame):
     [
         ({}, [0.3, 0.2, 0.0], "nobody decides, so both act"),
         ({"model_joint_damping": "keep"}, [0.3, 0.2, 0.0], "keep: both act"),
-        ({"model_joint_damping": "drop"}, [0.0, 0.0, 0.0], "drop: simulations leave out the second number of"),
+        ({"model_joint_damping": "drop"}, [0.0, 0.0, 0.0], "drop: simulations leave out the second number"),
     ],
 )
 def test_damping_of_the_model_is_what_the_contract_says(folder, decision, own, says, capsys):

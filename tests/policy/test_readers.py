@@ -76,48 +76,37 @@ def test_mjlabs_clock_and_scan(tmp_path):
 
 
 HOLOSOMA = {
-    "dof_names": json.dumps(["left", "right"]),
+    "dof_names": '["left", "right"]',
     "kp": "[40.0, 50.0]",
     "kd": "[2.0, 2.5]",
-    "command_ranges": json.dumps(
-        {"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_yaw": [-2, 2], "heading": [0, 1]}
-    ),
+    "command_ranges": '{"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_yaw": [-2, 2], "heading": [0, 1]}',
 }
-EXPERIMENT = {
-    "robot": {
-        "init_state": {"default_joint_angles": {"left": 0.5}},
-        "dof_effort_limit_list": [80.0, 25.0],
-        "control": {
-            "action_scale": 0.25,
-            "action_scales_by_effort_limit_over_p_gain": True,
-            "clip_actions": True,
-            "action_clip_value": 100.0,
-            "clip_torques": True,
-        },
-    },
-    "simulator": {"config": {"sim": {"fps": 200, "control_decimation": 4}}},
-    "observation": {
-        "groups": {
-            "actor_obs": {
-                "history_length": 1,
-                "terms": {"sin_phase": {"scale": 1.0}, "dof_pos": {"scale": 1.0}, "base_ang_vel": {"scale": 0.25}},
-            }
-        }
-    },
-    "command": {"setup_terms": {"locomotion_gait": {"params": {"gait_period": 1.0}}}},
-}
+EXPERIMENT = """
+robot:
+  init_state: {default_joint_angles: {left: 0.5}}
+  dof_effort_limit_list: [80.0, 25.0]
+  control: {action_scale: 0.25, action_scales_by_effort_limit_over_p_gain: true, clip_actions: true,
+            action_clip_value: 100.0, clip_torques: true}
+simulator: {config: {sim: {fps: 200, control_decimation: 4}}}
+observation:
+  groups:
+    actor_obs: {history_length: 1, terms: {sin_phase: {scale: 1}, dof_pos: {scale: 1}, base_ang_vel: {scale: 0.25}}}
+command: {setup_terms: {locomotion_gait: {params: {gait_period: 1.0}}}}
+"""
 
 
 def test_holosomas_metadata_with_its_experiment(tmp_path):
-    reading = read(tmp_path, {**HOLOSOMA, "experiment_config": json.dumps(EXPERIMENT), "robot_urdf": "<robot/>"})
-    contract = reading.contract
+    experiment = json.dumps(yaml.safe_load(EXPERIMENT))
+    contract = read(tmp_path, {**HOLOSOMA, "experiment_config": experiment, "robot_urdf": "<robot/>"}).contract
     assert contract.observation_names == ("base_ang_vel", "dof_pos", "sin_phase")  # holosoma sorts them
     assert contract.default_joint_pos.tolist() == [0.5, 0.0]
     assert contract.action_scale.tolist() == [0.5, 0.125]
     assert (contract.action_clip, contract.policy_dt, contract.effort_limit.tolist()) == (100.0, 0.02, [80.0, 25.0])
     assert contract.command_ranges.tolist() == [[-1, 1], [0, 0], [-2, 2]]
     assert (contract.phase.period, contract.phase.offsets.tolist()) == (1.0, [0.0, np.pi])
-    assert read(tmp_path, HOLOSOMA).missing == ("default_joint_pos", "observation", "action_scale")
+    older = read(tmp_path, {**HOLOSOMA, "action_scale": '"0.5,0.25"'})
+    assert older.missing == ("default_joint_pos", "observation")
+    assert older.values["action_scale"].tolist() == [0.5, 0.25]
 
 
 DEPLOY = {
@@ -164,13 +153,12 @@ def test_gains_of_a_robot_that_lacks_some_joints_of_the_full_one(tmp_path):
     assert gaps.contract.joint_names == ("a", "b", "d", "c")
     assert gaps.contract.joint_stiffness.tolist() == [10.0, 11.0, 13.0, 12.0]
     assert "[2, 4]" in gaps.unused[0]
-    with pytest.raises(InputError, match="leads to place 9"):
+    with pytest.raises(InputError, match="joint_ids_map is for another robot"):
         deployed(tmp_path, joint_ids_map=[0, 1, 9], stiffness=[1.0] * 10, damping=[1.0] * 10)
 
 
-def test_without_a_robot_joints_are_called_by_their_places(tmp_path):
-    reading = deployed(tmp_path, robot=None)
-    assert reading.contract.joint_names[1] == "joint 1 of the robot"
+def test_without_a_robot_the_names_are_missing(tmp_path):
+    assert deployed(tmp_path, robot=None).missing == ("joint_names",)
 
 
 def test_a_slice_of_pythons_is_read_without_calling_python(tmp_path):
@@ -187,6 +175,8 @@ def test_a_slice_of_pythons_is_read_without_calling_python(tmp_path):
     [
         ({"joint_ids_map": [0, 0]}, "joint_ids_map is [0, 0], expected places on the robot"),
         ({"step_dt": "50 Hz"}, "is 50 Hz"),
+        ({"actions": 7}, "actions: is 7, expected a mapping"),
+        ({"stiffness": {"a": "b"}}, "stiffness"),
         ({"actions": {"JointPositionAction": {"scale": 1.0, "joint_names": ["["]}}}, "is not a pattern"),
         ({"observations": {"joint_pos": {"history_length": float("nan")}}}, "history"),
         ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
@@ -300,9 +290,7 @@ def test_berkeleys_yaml(tmp_path):
 @needs_policies
 def test_the_published_berkeley_checkpoint_needs_nothing_else():
     folder = POLICIES / "berkeley_humanoid_lite_biped_50hz"
-    facts = json.loads((folder / "facts.json").read_text())
-    joints = tuple(facts["joint_names"]) if "joint_names" in facts else None
-    checkpoint = load_checkpoint(folder / "checkpoints" / "policy_biped_50hz.onnx", None, joints)
+    checkpoint = load_checkpoint(folder / "checkpoints" / "policy_biped_50hz.onnx")
     assert checkpoint.contract.policy_dt == 0.02
     assert checkpoint.observation_width == 45
 

@@ -46,30 +46,19 @@ def test_a_contract_that_cannot_be_is_a_finding(walker, robot, tmp_path):
     assert (finding.severity, finding.field, "right_hip" in finding.message) == ("error", "contract", True)
 
 
-@pytest.mark.parametrize(("factor", "severity"), [(25.0, "warning"), (1000.0, "error")])
-def test_damping_that_a_shorter_step_makes_stable_is_a_warning(tmp_path, robot, factor, severity):
+@pytest.mark.parametrize(("factor", "severity"), [(12.0, "warning"), (25.0, "error")])
+def test_damping_that_is_unstable_at_the_physics_step(tmp_path, robot, factor, severity):
     path = save_checkpoint(tmp_path / "walker.onnx", contract(joint_damping=np.array([1.5, 1.5, 2.0, 2.0]) * factor))
-    finding = found(check_checkpoint(path, robot), severity, "joint_damping", "physics step")
-    assert ("--physics-timestep" in finding.message) is (severity == "warning")
-    assert not [f for f in check_checkpoint(path, robot, physics_timestep=5e-6) if "physics step" in f.message]
+    found(check_checkpoint(path, robot), severity, "joint_damping", "physics step")
 
 
-def test_the_models_answers(tmp_path, robot):
+def test_an_answer_that_is_not_finite(tmp_path, robot):
     path = save_checkpoint(tmp_path / "walker.onnx")
-    model = onnx.load(str(path))
-
-    def with_weights(weights):
-        model.graph.initializer[0].raw_data = weights.astype(np.float32).tobytes()
-        onnx.save(model, str(path))
-        return check_checkpoint(path, robot)
-
-    deaf = network().copy()
-    deaf[3:6] = 0.0
-    found(with_weights(deaf), "warning", "observation term projected_gravity", "no influence")
-    found(with_weights(0.0 * deaf), "warning", "model", "whatever it observes")
-    broken = network().copy()
+    model, broken = onnx.load(str(path)), network().copy()
     broken[0, 1] = np.inf  # 0 · infinity is not a number
-    assert found(with_weights(broken), "error", "model", "not finite").joints == ("left_hip",)
+    model.graph.initializer[0].raw_data = broken.tobytes()
+    onnx.save(model, str(path))
+    assert found(check_checkpoint(path, robot), "error", "model", "expected a finite number").joints == ("left_hip",)
 
 
 @needs_policies

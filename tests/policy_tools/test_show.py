@@ -5,7 +5,6 @@ import re
 
 import onnx
 import pytest
-import yaml
 from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import JOINTS, contract, terms
 
@@ -86,18 +85,3 @@ def test_bad_input_is_one_line(cli, tmp_path, bare):
         assert (status, out) == (2, "")
         assert error.startswith(f"error: {arguments[1]}: ")
         assert error.count("\n") == 1
-
-
-def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, bare):
-    file = tmp_path / "bare.contract.yaml"
-    missing = json.loads(cli("show", bare, "--json")[1])["missing"]
-    assert missing[:4] == ["joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"]
-    status, out, error = cli("show", bare, "--skeleton", file)
-    assert (status, error) == (1, "")
-    assert f"lacks {', '.join(missing)}" in out
-    text = file.read_text()
-    assert yaml.safe_load(text) is None
-    assert re.findall("^#([a-z_]+):", text, flags=re.M) == missing
-    filled = re.sub("^#([a-z])", r"\1", text, flags=re.M).replace("[TERM, TERM]", "[joint_pos]")
-    file.write_text(filled.replace("[NAME, NAME]", "[a, b]").replace("NUMBERS", "0.02").replace("terms:", "#"))
-    assert "the model's output is 3 wide, expected 2" in cli("show", bare)[2]  # nothing is missing

@@ -10,9 +10,9 @@ from typing import Any
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import ROBOTS_ORDER, Layer
-from humanoid_sim.policy.words import shown
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.policy.readers.trainer_files import read_section
 
 _KEYS = frozenset({"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"})
 """By which the dialect is known."""
@@ -33,50 +33,43 @@ _ACTION_LIMIT = 1e4
 
 
 def find_berkeley(checkpoint: Path) -> Path | None:
-    """Give the file that names the model, or has its stem: beside it, or in `configs/` next to it or to its folder."""
+    """Return the file with the model's stem beside it, or the one in `configs/`, there or one up, that names it."""
     folder = checkpoint.absolute().parent
-    for place in (folder, folder / "configs", folder.parent / "configs"):
-        own = place / f"{checkpoint.stem}.yaml"
-        if _is_berkeley(own):
-            return own
-        others = sorted(place.glob("*.yaml")) if place.name == "configs" else []
-        for other in others:
-            if (
-                _is_berkeley(other)
-                and Path(str(read_yaml(other).get("policy_checkpoint_path"))).name == checkpoint.name
-            ):
-                return other
-    return None
+    own = [place / f"{checkpoint.stem}.yaml" for place in (folder, folder / "configs", folder.parent / "configs")]
+    for path in own:
+        if _checkpoint_name(path) is not None:
+            return path
+    others = [path for place in own[1:] for path in sorted(place.parent.glob("*.yaml"))]
+    return next((path for path in others if _checkpoint_name(path) == checkpoint.name), None)
 
 
-def _is_berkeley(path: Path) -> bool:
+def _checkpoint_name(path: Path) -> str | None:
+    """Return the name of the checkpoint that a file of this dialect is for; None for any other file."""
     try:
-        document = read_yaml(path) if is_file(path) else None
-    except InputError:  # some other file
-        return False
-    return isinstance(document, dict) and document.keys() >= _KEYS
+        document = read_section(path).values if is_file(path) else {}
+    except InputError:
+        return None
+    return Path(str(document.get("policy_checkpoint_path"))).name if document.keys() >= _KEYS else None
 
 
 def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
     """Return what the file states, and the terms that come with the dialect."""
-    document = read_yaml(path)
-    values = {name: document[key] for key, name in _FIELDS.items() if document.get(key) is not None}
-    lower, upper = document.get("action_limit_lower"), document.get("action_limit_upper")
+    file = read_section(path)
+    values = file.fields(_FIELDS)
+    lower, upper = file.get("action_limit_lower"), file.get("action_limit_upper")
     if lower is not None or upper is not None:
         if not isinstance(upper, int | float) or lower != -upper or upper <= 0:
             where = "action_limit_lower, action_limit_upper"
             raise InputError(f"{path}: {where} are {shown([lower, upper])}, expected -x and x, with x > 0")
         values["action_clip"] = upper
-    history = int(document.get("history_length") or 0) + 1
+    history = int(file.number("history_length")) + 1 if file.get("history_length") is not None else 1
     values |= {"observation": _TERMS, "command_names": ("base_velocity",)}
     values |= {f"observation.{name}.history": history for name in _TERMS}
     values |= {f"observation.{name}.joints": values["action_joint_names"] for name in ("joint_pos", "joint_vel")}
     assumed: dict[str, Any] = {"action_limit": max(_ACTION_LIMIT, values.get("action_clip", 0.0))}
     if history > 1:
         assumed["history_layout"] = "per_step"
-    layers = [Layer("assumed (Berkeley Humanoid Lite)", assumed, is_assumed=True), Layer(path.name, values)]
-    if (
-        "joint_names" not in values and robot_joints is not None
-    ):  # without names the joints are in the robot's own order
-        layers.append(Layer(ROBOTS_ORDER, {"joint_names": robot_joints}, is_assumed=True))
+    layers = [Layer("assumed (Berkeley Humanoid Lite)", assumed), Layer(path.name, values)]
+    if "joint_names" not in values and robot_joints is not None:
+        layers.append(Layer(ROBOTS_ORDER, {"joint_names": robot_joints}))
     return layers

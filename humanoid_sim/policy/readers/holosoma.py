@@ -14,11 +14,11 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, csv_numbers
+from humanoid_sim.policy.readers.trainer_files import Section
 
-_SOURCE = "holosoma metadata"
 _AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")
-_EXPERIMENT = "experiment_config"
-_KNOWN = ("dof_names", "kp", "kd", "action_scale", "command_ranges", _EXPERIMENT)
+_FIELDS = {"dof_names": "joint_names", "kp": "joint_stiffness", "kd": "joint_damping"}
+_KNOWN = (*_FIELDS, "action_scale", "command_ranges", "experiment_config")
 _WITHOUT_EFFECT = ("robot_urdf", "robot_urdf_path", "wandb_run_path", "iteration", GOLDEN_KEY)
 
 
@@ -29,69 +29,57 @@ def is_holosoma(metadata: Mapping[str, str]) -> bool:
 
 def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return joints, gains and command ranges, and from `experiment_config` pose, scale, terms and rate."""
-    values: dict[str, Any] = {"joint_names": _json("dof_names", metadata, where)}
-    for key, name in (("kp", "joint_stiffness"), ("kd", "joint_damping")):
-        if key in metadata:
-            values[name] = _json(key, metadata, where)
-    if "action_scale" in metadata:  # JSON, or CSV within quotes
-        text = metadata["action_scale"].strip().strip('"')
-        is_list = text.startswith("[")
-        values["action_scale"] = json.loads(text) if is_list else csv_numbers("action_scale", text, where)
-    ranges = _json("command_ranges", metadata, where) if "command_ranges" in metadata else None
-    if isinstance(ranges, dict):
-        values["command_ranges"] = [ranges.get(axis) for axis in _AXES]
-    if _EXPERIMENT in metadata:
-        values |= _experiment(_json(_EXPERIMENT, metadata, where), values)
-    unused = tuple(f"metadata key '{key}' is not read" for key in metadata if key not in (*_KNOWN, *_WITHOUT_EFFECT))
+    found = {key: _json(key, metadata[key], where) for key in _KNOWN if key in metadata}
+    values = {name: found[key] for key, name in _FIELDS.items() if key in found}
+    if "action_scale" in found:
+        values["action_scale"] = found["action_scale"]
+    if isinstance(found.get("command_ranges"), dict):
+        values["command_ranges"] = [found["command_ranges"].get(axis) for axis in _AXES]
+    values |= _experiment(Section(found.get("experiment_config"), f"{where}: experiment_config"), values)
     assumed: dict[str, Any] = {"policy_dt": 0.02}
     if "phase.period" in values:  # holosoma's LocomotionGait
         assumed |= {"phase.offsets": [0.0, np.pi], "phase.standing_threshold": 0.01, "phase.standing_value": np.pi}
-    return [Layer("assumed (holosoma)", assumed, is_assumed=True), Layer(_SOURCE, values, unused=unused)]
+    unused = tuple(f"metadata key '{key}' is not read" for key in metadata if key not in (*_KNOWN, *_WITHOUT_EFFECT))
+    return [Layer("assumed (holosoma)", assumed), Layer("holosoma metadata", values, unused=unused)]
 
 
-def _experiment(config: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields that holosoma's experiment configuration gives; terms stand in alphabetical order."""
-    robot, found = _at(config, "robot"), dict[str, Any]()
-    pose = _at(robot, "init_state", "default_joint_angles")
+    found: dict[str, Any] = {}
+    robot, control = config["robot"], config["robot"]["control"]
+    pose, efforts = robot["init_state"]["default_joint_angles"].values, robot.get("dof_effort_limit_list")
     if pose:
         found["default_joint_pos"] = {".*": 0.0, **pose}
-    control = _at(robot, "control")
-    if "action_scale" in control and "action_scale" not in values:
-        scale = control["action_scale"]
-        efforts, stiffness = robot.get("dof_effort_limit_list"), values.get("joint_stiffness")
+    if control.get("action_scale") is not None and "action_scale" not in values:
+        found["action_scale"] = control.get("action_scale")
+        stiffness = values.get("joint_stiffness")
         if control.get("action_scales_by_effort_limit_over_p_gain") and efforts and stiffness:
-            scale = [scale * effort / kp for effort, kp in zip(efforts, stiffness, strict=False)]
-        found["action_scale"] = scale
-    if control.get("clip_actions") and "action_clip_value" in control:
-        found["action_clip"] = control["action_clip_value"]
-    if robot.get("dof_effort_limit_list") and control.get("clip_torques"):
-        found["effort_limit"] = robot["dof_effort_limit_list"]
-    sim = _at(config, "simulator", "config", "sim")
+            scale = control.number("action_scale")
+            found["action_scale"] = [scale * effort / kp for effort, kp in zip(efforts, stiffness, strict=False)]
+    if control.get("clip_actions") and control.get("action_clip_value") is not None:
+        found["action_clip"] = control.get("action_clip_value")
+    if control.get("clip_torques") and efforts:
+        found["effort_limit"] = efforts
+    sim = config["simulator"]["config"]["sim"]
     if sim.get("fps") and sim.get("control_decimation"):
-        found["policy_dt"] = sim["control_decimation"] / sim["fps"]
-    group = _at(config, "observation", "groups", "actor_obs")
-    names = sorted(group.get("terms") or {})
+        found["policy_dt"] = sim.number("control_decimation") / sim.number("fps")
+    group = config["observation"]["groups"]["actor_obs"]
+    names = sorted(group["terms"].values)
     if names:
         found["observation"] = names
     for name in names:
-        term = group["terms"][name]
-        found[f"observation.{name}.scale"] = term.get("scale", 1.0)
-        found[f"observation.{name}.history"] = group.get("history_length", 1)
-    period = _at(config, "command", "setup_terms", "locomotion_gait", "params").get("gait_period")
+        found[f"observation.{name}.scale"] = group["terms"][name].values.get("scale", 1.0)
+        found[f"observation.{name}.history"] = group.values.get("history_length", 1)
+    period = config["command"]["setup_terms"]["locomotion_gait"]["params"].get("gait_period")
     if period and any("phase" in name for name in names):
         found["phase.period"] = period
     return found
 
 
-def _at(document: Any, *keys: str) -> dict[str, Any]:
-    """Return the mapping at a place; an empty one where there is none."""
-    for key in keys:
-        document = document.get(key) if isinstance(document, dict) else None
-    return document if isinstance(document, dict) else {}
-
-
-def _json(key: str, metadata: Mapping[str, str], where: str) -> Any:
+def _json(key: str, text: str, where: str) -> Any:
+    if key == "action_scale" and not text.strip().strip('"').startswith("["):  # CSV within quotes
+        return csv_numbers(key, text.strip().strip('"'), where)
     try:
-        return json.loads(metadata[key])
+        return json.loads(text.strip('"') if key == "action_scale" else text)
     except ValueError:
-        raise InputError(f"{where}: {key} is {metadata[key][:80]!r}, expected JSON") from None
+        raise InputError(f"{where}: {key} is {text[:80]!r}, expected JSON") from None

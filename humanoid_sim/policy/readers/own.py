@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, asdict, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,18 @@ import numpy as np
 from humanoid_sim.controllers.contract import HeightScan, PhaseRule, PolicyContract, TensorNames, Term
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.layers import Layer, build, checked, is_assumed
+from humanoid_sim.policy.findings import shown
+from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked, term_option
 from humanoid_sim.strict_yaml import read_yaml
 
 STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
 GOLDEN_KEY = "humanoid_sim_golden"
 """Metadata key of the golden vectors."""
-CONTRACT_FILE = "contract.yaml"
 _VERSION = 2
 
-_NAMES = ("joint_names", "action_joint_names", "command_names", "body_names", "observation")
-_NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
-_TEXTS = ("task_type", "dataset_repo_id")
+_NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt")
+_TEXTS = ("task_type", "dataset_repo_id", "anchor_body")
 METADATA_KEYS = (
     *("task_type", "joint_names", "action_joint_names", *_NUMBERS[:3], "observation_names", "command_names"),
     *("action_scale", "policy_dt", "body_names", "dataset_repo_id", "lookahead_steps"),
@@ -52,10 +51,10 @@ def csv_numbers(key: str, text: str, where: str) -> list[float]:
 
 def csv_field(name: str, key: str, text: str, where: str) -> Any:
     """Return a field of the contract from the text of a metadata key."""
-    if name in _NAMES:
-        return csv(text)
-    if name in _TEXTS or name == "anchor_body":
+    if name in _TEXTS:
         return text.strip()
+    if name not in (*_NUMBERS, "lookahead_steps"):
+        return csv(text)
     numbers = csv_numbers(key, text, where)
     if name == "lookahead_steps":
         return [int(number) if number.is_integer() else number for number in numbers]
@@ -70,10 +69,9 @@ def is_own(metadata: Mapping[str, str]) -> bool:
 
 
 def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:
-    """Return what the thirteen keys say."""
+    """Return what the thirteen keys state."""
     names = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS if key in metadata}
-    values = {name: csv_field(name, key, metadata[key], where) for key, name in names.items()}
-    return [Layer("metadata", values)]
+    return [Layer("metadata", {name: csv_field(name, key, metadata[key], where) for key, name in names.items()})]
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
@@ -116,61 +114,50 @@ def encode(contract: PolicyContract) -> str:
     return json.dumps({"version": _VERSION, "contract": plain(contract), "source": dict(contract.source)})
 
 
-def _decoded(text: str, where: str) -> tuple[dict[str, Any], dict[str, str]]:
-    with blaming(f"{where}: contract is not JSON", ValueError):
+def _decoded(text: str, where: str) -> tuple[dict[str, Any], PolicyContract]:
+    """Return the fields of a text of `encode`, as layers hold them, and the contract."""
+    with blaming(f"{where}: contract", (ValueError, KeyError, TypeError)):
         document = json.loads(text)
-    version = document.get("version") if isinstance(document, dict) else None
-    if version != _VERSION:
-        raise InputError(f"{where}: contract has version {version!r}, expected {_VERSION}")
-    values = dict(flattened(document.get("contract"), f"{where}: contract"))
-    return {name: checked(name, value, f"{where}: contract: {name}") for name, value in values.items()}, document[
-        "source"
-    ]
+        if document["version"] != _VERSION:
+            raise InputError(f"{where}: contract has version {document['version']!r}, expected {_VERSION}")
+        stated = dict(flattened(document["contract"], f"{where}: contract"))
+        values = {name: checked(name, value, f"{where}: contract: {name}") for name, value in stated.items()}
+        return values, build(values, document["source"])
 
 
 def decode(text: str, where: str) -> PolicyContract:
     """Return the contract in a text of `encode`, sources included."""
-    values, source = _decoded(text, where)
-    with blaming(f"{where}: contract"):
-        return build(values, source)
+    return _decoded(text, where)[1]
 
 
 def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
-    """Return a stamped contract, and of the thirteen keys beside it those that say something else since.
+    """Return a stamped contract, and of the thirteen keys beside it those that were changed since.
 
     The contract keeps the sources that its fields had; of what nobody stated then, another source may say otherwise.
     """
-    values, source = _decoded(metadata[STAMP_KEY], where)
-    with blaming(f"{where}: contract"):
-        made = build(values, source)
-        (stamped,) = read_own(write_metadata(made), where)
+    values, made = _decoded(metadata[STAMP_KEY], where)
     groups: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
-        origin = source.get(name, "")
-        if origin.startswith("follows from") or (not origin and _is_usual(name, made)):
-            continue
-        groups.setdefault(origin or "stamp", {})[name] = value
-    layers = [Layer(origin, group, is_assumed=is_assumed(origin)) for origin, group in groups.items()]
-    (beside,) = read_own(metadata, where)
+        origin = made.source.get(name, "")
+        is_stated = origin or name == "phase.period" or plain(value) != plain(_usual(name, made))
+        if is_stated and not origin.startswith("follows from"):
+            groups.setdefault(origin or "stamp", {})[name] = value
+    (stamped,), (beside,) = read_own(write_metadata(made), where), read_own(metadata, where)
     changed = {name: value for name, value in beside.values.items() if value != stamped.values[name]}
-    return [*layers, *([Layer("metadata", changed)] if changed else [])]
+    return [*(Layer(origin, group) for origin, group in groups.items()), Layer("metadata", changed)]
 
 
-def _is_usual(name: str, made: PolicyContract) -> bool:
-    """Return whether a field has the value that it has where no source states it."""
+def _usual(name: str, made: PolicyContract) -> Any:
+    """Return the value that a field has where no source states it."""
     whole, _, part = name.partition(".")
-    if not part:
-        default = next(item.default for item in fields(made) if item.name == whole)
-        if name == "action_offset":
-            places = [made.joint_names.index(joint) for joint in made.action_joint_names]
-            default = made.default_joint_pos[places]
-        return default is not MISSING and bool(plain(getattr(made, name)) == plain(default))
-    owner: Any = getattr(made, whole)
-    usual: Any = TensorNames() if whole == "tensors" else PhaseRule(1.0)
-    if whole == "observation":
-        term, _, part = part.rpartition(".")
-        owner, usual = next(own for own in made.terms if own.name == term), Term(term)
-    return part != "period" and bool(plain(getattr(owner, part)) == plain(getattr(usual, part)))
+    if whole == "observation" and part:
+        term, option = term_option(name)
+        return getattr(Term(term), option)
+    if part:
+        return getattr(TensorNames() if whole == "tensors" else PhaseRule(1.0), part)
+    if name == "action_offset":
+        return made.default_joint_pos[[made.joint_names.index(joint) for joint in made.action_joint_names]]
+    return next(item.default for item in fields(made) if item.name == name)
 
 
 # --- contract.yaml ---
@@ -178,13 +165,13 @@ def _is_usual(name: str, made: PolicyContract) -> bool:
 
 def own_contract(checkpoint: Path) -> Path:
     """Return where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
-    return checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}")
+    return checkpoint.with_name(f"{checkpoint.stem}.contract.yaml")
 
 
 def find_contract(checkpoint: Path) -> Path | None:
-    """`<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in the checkpoint's folder; None without one."""
-    places = (own_contract(checkpoint), checkpoint.with_name(CONTRACT_FILE))
-    return next((place for place in places if is_file(place)), None)
+    """Return `<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in its folder; None without one."""
+    places = (own_contract(checkpoint), checkpoint.with_name("contract.yaml"))
+    return next((path for path in places if is_file(path)), None)
 
 
 def read_contract_file(path: Path) -> Layer:
@@ -194,32 +181,34 @@ def read_contract_file(path: Path) -> Layer:
 
 def flattened(document: Any, where: str) -> Iterator[tuple[str, Any]]:
     """Yield the fields of a contract in JSON or YAML, as in `Layer.values`."""
-    if not isinstance(document, dict):
-        raise InputError(f"{where}: is a {type(document).__name__}, expected a mapping of fields")
     known = [item.name for item in fields(PolicyContract) if item.name != "source"]
-    for name, value in document.items():
+    for name, value in _mapping(document, where).items():
         if name == "terms":
             for term, options in _mapping(value, f"{where}: terms").items():
-                for option, item in _mapping(options, f"{where}: terms.{term}").items():
-                    yield f"observation.{term}.{option}", item
+                yield from _options(term, options, where)
         elif name in ("phase", "tensors") and value is not None:
             for part, item in _mapping(value, f"{where}: {name}").items():
                 yield f"{name}.{part}", item
         elif name == "observation" and isinstance(value, list):
-            names = [term.get("name") if isinstance(term, dict) else term for term in value]
-            yield name, names
+            yield name, [term.get("name") if isinstance(term, dict) else term for term in value]
             for term in value:
-                options = {k: v for k, v in term.items() if k != "name"} if isinstance(term, dict) else {}
-                for option, item in options.items():
-                    yield f"observation.{term['name']}.{option}", item
-        elif name not in known:
-            hint = ": every field decides now" if name == "override" else ""
-            raise InputError(f"{where}: {known_names('field', str(name), [*known, 'terms'])}{hint}")
+                if isinstance(term, dict):
+                    yield from _options(term.get("name"), term, where)
+        elif name == "command_ranges" and isinstance(value, dict):
+            yield name, [value.get(axis) for axis in COMMAND_AXES]
+        elif name in known:
+            yield name, value
         else:
-            yield str(name), value
+            raise InputError(f"{where}: {known_names('field', str(name), [*known, 'terms'])}")
+
+
+def _options(term: Any, options: Any, where: str) -> Iterator[tuple[str, Any]]:
+    for option, value in _mapping(options, f"{where}: term {term}").items():
+        if option != "name":
+            yield f"observation.{term}.{option}", value
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise InputError(f"{where}: is {value!r}, expected a mapping")
+        raise InputError(f"{where}: is {shown(value)}, expected a mapping")
     return value

@@ -1,10 +1,9 @@
-"""Files that trainers write beside a model: where they lie, and what they have in common."""
+"""Files that trainers write beside a model: where they lie, and the observation groups that several have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.controllers.contract import HeightScan
@@ -12,119 +11,118 @@ from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import HEIGHT_SCAN
-from humanoid_sim.policy.words import shown
+from humanoid_sim.policy.findings import shown
+from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
 
-_SWITCHES: Mapping[str, Any] = MappingProxyType(
-    {"use_gym_history": False, "scale_first": False, "history_length": None, "concatenate_terms": True}
-)
+_NOT_TERMS = ("params", "noise", "func")
 
 
 def find_beside(checkpoint: Path, name: str) -> Path | None:
-    """Give the file beside the model, in `params/` there, or in `params/` beside the folder `exported/` around it."""
+    """Return the file beside the model, in `params/` there, or in `params/` beside the folder `exported/` around it."""
     folder = checkpoint.absolute().parent
-    places = [folder / name, folder / "params" / name]
-    if folder.name == "exported":
-        places.append(folder.parent / "params" / name)
-    return next((place for place in places if is_file(place)), None)
+    places = [folder, folder / "params", *([folder.parent / "params"] if folder.name == "exported" else [])]
+    return next((place / name for place in places if is_file(place / name)), None)
 
 
-def mapping(document: Any, where: str, *keys: str) -> Mapping[str, Any]:
-    """Return the mapping at a place of a document; an empty one where there is none."""
-    for key in keys:
-        if document is None:
-            break
-        if not isinstance(document, dict):
+class Section:
+    """A mapping in a trainer's file, and where it stands. What is null or absent is empty."""
+
+    def __init__(self, document: Any, where: str) -> None:
+        if not isinstance(document, dict | None):
             raise InputError(f"{where}: is {shown(document)}, expected a mapping")
-        document, where = document.get(key), f"{where}.{key}"
-    if document is None:
-        return {}
-    if not isinstance(document, dict):
-        raise InputError(f"{where}: is {shown(document)}, expected a mapping")
-    return document
+        self.values: Mapping[str, Any] = {str(key): value for key, value in (document or {}).items()}
+        self.where = where
+
+    def __getitem__(self, key: str) -> Section:
+        return Section(self.values.get(key), f"{self.where}: {key}")
+
+    def get(self, key: str) -> Any:
+        """Return a value; None where it is absent."""
+        return self.values.get(key)
+
+    def number(self, key: str) -> float:
+        """Return a number."""
+        value = self.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{self.where}: {key} is {shown(value)}, expected a number")
+        return float(value)
+
+    def fields(self, names: Mapping[str, str]) -> dict[str, Any]:
+        """Return the values that are there, by the field of the contract that each key stands for."""
+        return {name: self.values[key] for key, name in names.items() if self.get(key) is not None}
 
 
-def number(value: Any, where: str) -> float:
-    """Return a number of a document."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: is {shown(value)}, expected a number")
-    return float(value)
+def read_section(path: Path) -> Section:
+    """Return a trainer's YAML file."""
+    return Section(read_yaml(path, loader=TrainerLoader), str(path))
 
 
 def is_group(value: Any) -> bool:
-    """Tell a group, which holds terms, that is mappings, from a term, which holds `params`, `scale` and the like."""
+    """Return whether this is a group, which holds terms, that is mappings; a term holds `params`, `scale` and so on."""
     if not isinstance(value, dict) or "func" in value:
         return False
-    items = [item for key, item in value.items() if key not in (*_SWITCHES, "params", "noise", "func")]
-    return any(isinstance(item, dict) for item in items)
+    return any(isinstance(item, dict) for key, item in value.items() if key not in _NOT_TERMS)
 
 
-def observation_fields(group: Mapping[str, Any], where: str) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a contract that an observation group of Isaac Lab's form gives, term by term."""
-    switches = {name: group.get(name, usual) for name, usual in _SWITCHES.items()}
-    terms = {str(name): term for name, term in group.items() if isinstance(term, dict)}
+def observation_fields(group: Section) -> dict[str, Any]:
+    """Return the fields of a contract that an observation group of Isaac Lab's form gives, term by term."""
+    names = [name for name, term in group.values.items() if isinstance(term, dict)]
+    if not names:
+        return {}
+    stacked = group.get("use_gym_history") is True
+    found: dict[str, Any] = {"observation": names, "history_layout": "per_step" if stacked else "per_term"}
     commands = []
-    for name, term in terms.items():
-        place = f"{where}.{name}"
-        if is_group(term):
-            raise InputError(f"{where}: has the groups {', '.join(terms)}, expected one group of terms, for one input")
-        function = str(term.get("func", "")).rpartition(":")[2].replace("generated_commands", "command")
-        kind = term_kind(function if function and term_kind(name).meaning == "live input" else name)
-        if kind.name != term_kind(name).name and kind.meaning != "live input":
-            yield f"observation.{name}.kind", function
+    for name in names:
+        if is_group(group.get(name)):
+            raise InputError(f"{group.where}: has the groups {', '.join(names)}, expected one, for one input")
+        term, params, field = group[name], group[name]["params"], f"observation.{name}"
+        function = str(term.get("func") or "").rpartition(":")[2].replace("generated_commands", "command")
+        named, kind = term_kind(name), term_kind(name)
+        if function and named.meaning == "live input":
+            kind = term_kind(function)
+        if kind.name != named.name and kind.meaning != "live input":
+            found[f"{field}.kind"] = function
         if kind.name == "joint_pos" and function in ("joint_pos", "joint_pos_rel"):
-            yield f"observation.{name}.relative", function == "joint_pos_rel"
-        scale = 1.0 if term.get("scale") is None else term["scale"]
-        yield f"observation.{name}.scale", scale
+            found[f"{field}.relative"] = function == "joint_pos_rel"
+        found[f"{field}.scale"] = 1.0 if term.get("scale") is None else term.get("scale")
         if term.get("clip") is not None:
-            yield f"observation.{name}.clip", _clip(term["clip"], scale, switches["scale_first"] is True, place)
-        history = switches["history_length"] if switches["history_length"] is not None else term.get("history_length")
+            found[f"{field}.clip"] = _clip(term, scale_first=group.get("scale_first") is True)
+        history = term.get("history_length") if group.get("history_length") is None else group.get("history_length")
         # 0 stands for a term without a history: it shows the present step alone.
-        yield f"observation.{name}.history", max(history or 1, 1) if isinstance(history, int | None) else history
-        params = mapping(term, place, "params")
+        found[f"{field}.history"] = max(history or 1, 1) if isinstance(history, int | None) else history
         if isinstance(params.get("command_name"), str):
-            commands.append(params["command_name"])
-        asset = mapping(params, place, "asset_cfg")
-        if kind.reads.startswith("joint_") and asset.get("joint_ids") not in (None, slice(None)):
-            yield f"observation.{name}.joints", asset["joint_ids"]
+            commands.append(params.get("command_name"))
+        joints = params["asset_cfg"].get("joint_ids")
+        if kind.reads.startswith("joint_") and joints not in (None, slice(None)):
+            found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
-            yield "phase.period", number(params["period"], f"{place}.params.period")
-    if terms:
-        yield "observation", list(terms)
-        yield "history_layout", "per_step" if switches["use_gym_history"] is True else "per_term"
-    if commands:
-        yield "command_names", list(dict.fromkeys(commands))
+            found["phase.period"] = params.number("period")
+    return found | ({"command_names": list(dict.fromkeys(commands))} if commands else {})
 
 
-def joint_patterns(document: Any) -> Iterator[str]:
-    """Yield the names and patterns of joints that any part of a file holds under `joint_names`."""
-    for key, value in document.items() if isinstance(document, dict) else ():
-        if key == "joint_names" and value is not None:
-            yield from (str(item) for item in (value if isinstance(value, list) else [value]))
-        else:
-            yield from joint_patterns(value)
-
-
-def _clip(clip: Sequence[float], scale: Any, scale_first: bool, where: str) -> list[float]:
+def _clip(term: Section, *, scale_first: bool) -> list[float]:
     """Return the bounds of the value before it is scaled."""
-    if not isinstance(clip, list | tuple) or len(clip) != 2:
-        raise InputError(f"{where}.clip: is {shown(clip)}, expected [least, greatest]")
+    clip, scale = term.get("clip"), term.get("scale") or 1.0
+    if not isinstance(clip, list) or len(clip) != 2:
+        raise InputError(f"{term.where}: clip is {shown(clip)}, expected [least, greatest]")
     if not scale_first:
-        return list(clip)
-    factors = set(scale) if isinstance(scale, list) else {scale}
-    if len(factors) != 1 or not min(factors) > 0.0:
-        raise InputError(
-            f"{where}.scale: is {shown(scale)}, expected one positive factor, as scale_first clips after it"
-        )
-    return [bound / min(factors) for bound in clip]
+        return clip
+    factor, *others = set(scale if isinstance(scale, list) else [scale])
+    if others or not factor > 0.0:
+        raise InputError(f"{term.where}: scale is {shown(scale)}, expected one positive factor, as scale_first is set")
+    return [bound / factor for bound in clip]
 
 
-def isaac_scans(group: Mapping[str, Any], where: str) -> Iterator[tuple[str, HeightScan]]:
-    """Yield what a group's height scans are with Isaac Lab's scanner in unitree_rl_lab's scenes, which no file says.
+def isaac_scans(group: Section) -> dict[str, Any]:
+    """Return what a group's height scans are with Isaac Lab's scanner in unitree_rl_lab's scenes, which no file says.
 
     A ray (`RayCasterCfg`, `GridPatternCfg`) that hits nothing counts as endlessly high ground; the clip bounds it.
     """
-    for name, term in group.items():
-        if term_kind(str(name)).name == HEIGHT_SCAN and isinstance(term, dict):
-            offset = mapping(term, f"{where}.{name}", "params").get("offset", 0.5)
-            meters = number(offset, f"{where}.{name}.params.offset")
-            yield f"observation.{name}.scan", HeightScan("torso_link", offset=meters, range=1e6, miss=-1e6, above=20.0)
+    found: dict[str, Any] = {}
+    for name, term in group.values.items():
+        if term_kind(name).name == HEIGHT_SCAN and isinstance(term, dict):
+            params = group[name]["params"]
+            offset = params.number("offset") if "offset" in params.values else 0.5
+            scan = HeightScan("torso_link", offset=offset, range=1e6, miss=-1e6, above=20.0)
+            found[f"observation.{name}.scan"] = scan
+    return found
