@@ -208,7 +208,9 @@ class OnnxPolicy:
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
         if observation.shape != (self.observation_width,):
-            raise InputError(f"observation: has shape {observation.shape}, expected ({self.observation_width},)")
+            raise InputError(
+                f"observation: has shape {observation.shape}, expected ({self.observation_width},), of one robot"
+            )
         action: Float32Array = self.run([self._action], observation, frame)[0][0]
         return action
 
