@@ -12,7 +12,7 @@ import math
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.motor import Drive, MockMotor, Sensed
-from humanoid_sim.hardware.sito.codec import (
+from humanoid_sim.hardware.sito.protocol import (
     Command,
     Feedback,
     Gains,

@@ -1,7 +1,7 @@
-"""Session with a robot's Sito motors: listen, enable, watch and disable them.
+"""A robot's Sito motors: listen, enable, command and disable them.
 
-The protocol has no question and no answer. A motor sends nothing before it is enabled, and then by its own clock;
-whether it accepted a command shows in its feedback only.
+The protocol has no question and no answer. A motor sends nothing before it is enabled, and then feedback by its own
+clock; whether it accepted a command shows in its feedback only. A watchdog brakes them when this program is silent.
 """
 
 from __future__ import annotations
@@ -9,28 +9,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import ChannelNotes, OpenChannels
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.guardian.guardian import SOURCE, Guardian, can_share
-from humanoid_sim.hardware.guardian.protocol import GuardedMotor, GuardianPlan
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
-from humanoid_sim.hardware.sito.codec import (
+from humanoid_sim.hardware.sito.protocol import (
     FROM_MOTOR,
     LARGEST_INTERVAL,
+    Command,
     Feedback,
+    Gains,
     Malformed,
     MessageType,
     Mode,
     PositionFeedback,
     SelectMode,
-    SitoEncoder,
     damping_frames,
     decode,
     encode,
@@ -38,47 +36,40 @@ from humanoid_sim.hardware.sito.codec import (
     reset_frames,
     split_identifier,
 )
+from humanoid_sim.hardware.sito.watchdog import SOURCE, Watchdog, WatchedMotor
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
 _LISTENING = 0.3
-"""s in which a motor that is enabled, or another host, would be heard: feedback comes every 255 ms at the latest."""
+"""s in which a motor that is enabled, or another host, is received: feedback comes every 255 ms at the latest."""
 _FIRST_FEEDBACK = 0.5
 """s at most from enabling to the first feedback of both kinds."""
-_WATCH = 0.1
-"""s in which feedback is watched before anything is commanded."""
+_SETTLE = 0.1
+"""s in which feedback is checked before anything is commanded."""
 _STRAY_EFFORT = 0.5
-"""N·m that a motor without gains or current may report: noise of the current's measurement, and no more."""
+"""N·m that a motor without gains or current may report: noise of the current's measurement."""
 _ROUND = 0.02
 """s between two rounds of frames while feedback is awaited."""
 _RESETS = 3
 """Rounds of resets: none is acknowledged."""
 _SILENCE = 1.0
 """s at most in which feedback must end after a reset."""
-_SIGN = 0.3
-"""s at most in which a motor that is enabled sends feedback: on a busy computer it is noticed late."""
 _POLL = 0.001
 """s"""
-_TYPES = frozenset(int(kind) for kind in MessageType)
-
-
-_Message = TypeVar("_Message", Feedback, PositionFeedback)
-
-
-class _Heard(NamedTuple, Generic[_Message]):
-    """Feedback of one kind, and when it came, s, robot's clock."""
-
-    time: float
-    value: _Message
+_LIFETIME = 2.0
+"""Control periods after which a command that has not left never leaves."""
+_REPEATS = 2
+"""Commands after a change of gains with which they are sent again."""
+_UNKNOWN_ROW = (np.nan,) * 5
 
 
 @dataclass(slots=True)
-class SitoSlot:
-    """Data received from one motor. Written by one receiver thread, whole objects at a time."""
+class _Slot:
+    """Data received from one motor; written by one receiver thread, whole objects at a time."""
 
-    motor: int
-    feedback: _Heard[Feedback] | None = None
-    position: _Heard[PositionFeedback] | None = None
+    feedback: tuple[float, Feedback] | None = None
+    """With its time, s, robot's clock."""
+    position: tuple[float, PositionFeedback] | None = None
     invalid: Note = NEVER
     reports: int = 0
     """Frames of feedback 1 and 2."""
@@ -86,11 +77,13 @@ class SitoSlot:
     """N·m, of feedback since enabling began."""
 
     @property
-    def heard(self) -> float:
-        """s, robot's clock, when the older of the latest two frames came; -infinity before both have."""
-        if self.feedback is None or self.position is None:
-            return -np.inf
-        return min(self.feedback.time, self.position.time)
+    def row(self) -> tuple[float, ...]:
+        """Return a row of `Readings`; its time is that of the older frame."""
+        feedback, position = self.feedback, self.position
+        if feedback is None or position is None:
+            return _UNKNOWN_ROW
+        when = min(feedback[0], position[0])
+        return when, position[1].position, feedback[1].velocity, feedback[1].effort, np.nan
 
 
 class SitoMotors(MotorLink):
@@ -99,273 +92,261 @@ class SitoMotors(MotorLink):
     knows_positions = False
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
-        """Send nothing yet; with no motors of the family it only tells what strangers are heard."""
-        self._line = line
-        self.motors = motors
+        """Send nothing yet."""
+        self._line, self.motors, self._terms = line, motors, terms
         self.uids: Mapping[str, bytes] = {}
-        self.slots = tuple(SitoSlot(i) for i in range(motors.count))
+        self.slots = tuple(_Slot() for _ in range(motors.count))
+        self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
         self.interval = min(max(round(1000.0 * terms.control_period), 1), LARGEST_INTERVAL)
         """ms between two frames of one kind of feedback."""
-        self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
+        self._channels: tuple[Channel, ...] = tuple(line.channels[i] for i in sorted(set(motors.channel)))
+        """Those of these motors."""
         self._enabled: set[int] = set()
-        self._terms = terms
-        self._encoder = SitoEncoder(motors)
-        self._guardian: Guardian | None = None
-        self._watched: list[Channel] = []
-        self._sent: list[int] = []
-
-    # --- receiver threads
+        self._watchdog: Watchdog | None = None
+        self._sent = [0] * len(self._channels)
+        self._gains = np.zeros((2, motors.count))
+        """Shape (2, motors): stiffness and damping as sent last."""
+        self._repeats = np.full(motors.count, _REPEATS)
+        self._turn = 0
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
-        """See `MotorLink`: whether the identifier is a Sito's."""
+        """See `MotorLink`."""
         parts = split_identifier(frame)
         if parts is None:
             return False
         device_id, kind = parts
-        notes, slot = self._line.notes[channel], self._by_address.get((channel, device_id))
-        if slot is None:
+        notes, index = self._line.notes[channel], self._index.get((channel, device_id))
+        if index is None:
             notes.add_stranger("frame of no motor of this robot", time)
         elif kind in FROM_MOTOR:
-            self._take(notes, slot, frame, time)
-        elif kind in _TYPES:
+            slot = self.slots[index]
+            match decode(frame, self.motors.model[index]):
+                case Feedback() as feedback:
+                    slot.feedback = time, feedback
+                    slot.reports += 1
+                    slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
+                case PositionFeedback() as position:
+                    slot.position = time, position
+                    slot.reports += 1
+                case Malformed(reason=reason):
+                    slot.invalid = Note(time, reason)
+                case _:
+                    notes.add_stranger("feedback of a kind that was not requested", time)
+        elif kind in tuple(MessageType):
             name = MessageType(kind).name.lower().replace("_", " ")
             notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
         else:
             notes.add_stranger("unknown message type", time)
         return True
 
-    def _take(self, notes: ChannelNotes, slot: SitoSlot, frame: Frame, time: float) -> None:
-        match decode(frame, self.motors.model[slot.motor]):
-            case Feedback() as feedback:
-                slot.feedback = _Heard(time, feedback)
-                slot.reports += 1
-                slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
-            case PositionFeedback() as position:
-                slot.position = _Heard(time, position)
-                slot.reports += 1
-            case Malformed(reason=reason):
-                slot.invalid = Note(time, reason)
-            case _:
-                notes.add_stranger("feedback of a kind that was not asked for", time)
-
     # --- activation
 
-    def _send(self, motor: int, frames: Iterable[Frame]) -> None:
-        self._channel(motor).send([(None, frame) for frame in frames])
-
-    def _limp(self, motor: int) -> tuple[Frame, ...]:
-        place = self.slots[motor].position
-        position = 0.0 if place is None else place.value.position
-        return limp_frames(self.motors.motor_id[motor], self.motors.model[motor], position)
-
-    def _wait(self, duration: float, condition: Callable[[], bool] = lambda: False) -> None:
-        """Wait for something, s at most, robot's clock."""
-        clock = self._line.clock
-        end = clock() + duration
-        while not condition() and clock() < end:
-            time.sleep(_POLL)
-
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`: listens only, for there is nothing to ask; another master ends it with a `RobotError`."""
+        """See `MotorLink`: listens only; another master ends it with a `RobotError`."""
         before = [slot.reports for slot in self.slots]
-        self._wait(_LISTENING)
+        if self.motors.count:
+            self._wait(_LISTENING)
         self._line.check(checks)
         checks.refuse()
-        for slot, count in zip(self.slots, before, strict=True):
-            motor = slot.motor
-            where = f"motor {self.motors.motor_id[motor]} on {self._line.sources[self.motors.channel[motor]]}"
-            checks.passed(self.motors.names[motor], f"{where}, {self.motors.model[motor].name}: it cannot be asked")
-            if slot.reports > count:
-                checks.warn(self.motors.names[motor], "sends feedback: another program left it enabled; it is stopped")
+        for i, slot in enumerate(self.slots):
+            where = f"motor {self.motors.motor_id[i]} on {self._line.sources[self.motors.channel[i]]}"
+            checks.passed(self.motors.names[i], f"{where}, {self.motors.model[i].name}: it has no questions")
+            if slot.reports > before[i]:
+                checks.warn(self.motors.names[i], "sends feedback: another program left it enabled; it is stopped")
 
     def make_ready(self, checks: CheckList) -> None:
-        """See `MotorLink`: makes them limp and disables them."""
-        self._start_guardian(checks)
+        """See `MotorLink`: starts the watchdog, makes the motors limp and disables them."""
+        if self.motors.count and self._watchdog is None:
+            self._start_watchdog(checks)
+            checks.refuse()
         for i in self._reset(range(self.motors.count)):
             checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
+
+    def _start_watchdog(self, checks: CheckList) -> None:
+        motors, names = self.motors, ", ".join(self.motors.names)
+        if any(channel.address.interface == "virtual" for channel in self._channels):
+            checks.warn(SOURCE, f"{names}: mock motors of this process, with which they end; no watchdog")
+            return
+        plan = [
+            WatchedMotor(
+                motors.names[i],
+                self._line.channels[motors.channel[i]].address,
+                damping_frames(motors.motor_id[i], motors.model[i], float(self._terms.damping[i])),
+                reset_frames(motors.motor_id[i], motors.model[i]),
+            )
+            for i in range(motors.count)
+        ]
+        try:
+            self._watchdog = Watchdog(plan, self._line.locks)
+        except RobotError as error:
+            checks.problem(SOURCE, str(error))
+            return
+        checks.passed(SOURCE, f"process {self._watchdog.pid} damps and resets {names} when this program is silent")
+        checks.warn(SOURCE, f"without it, or without the bus, only the switch of their supply stops {names}")
 
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`: zero gains and zero current before selecting MIT mode and directly after it.
 
-        Whether a disabled motor takes gains is not known, so the first feedback is watched: one that reports torque is
-        a problem, and so is one that stays silent.
+        Whether a disabled motor takes gains is not known, so the first feedback is checked: a motor that reports torque
+        or stays silent is a problem.
         """
-        intervals = (self.interval, self.interval, 0)
-        self._encoder = SitoEncoder(self.motors)
-        for slot in self.slots:
+        if self._watchdog is not None:
+            self._watchdog.enabled()
+        for i, slot in enumerate(self.slots):
             slot.feedback = slot.position = None
             slot.largest_effort = 0.0
-        for i in range(self.motors.count):
             device_id, model = self.motors.motor_id[i], self.motors.model[i]
-            limp = limp_frames(device_id, model)
+            limp, select = limp_frames(device_id, model), SelectMode(device_id, Mode.MIT, (self.interval,) * 2 + (0,))
             self._enabled.add(i)
-            if self._guardian is not None:
-                self._guardian.standby()
-            self._send(i, [*limp, encode(SelectMode(device_id, Mode.MIT, intervals), model), *limp])
-        self._stay_limp(max(_FIRST_FEEDBACK, 0.005 * self.interval), until_all_are_heard=True)
-        self._stay_limp(_WATCH, until_all_are_heard=False)
-        for slot in self.slots:
-            name = self.motors.names[slot.motor]
-            if not np.isfinite(slot.heard):
-                kinds = " and ".join(
-                    kind for kind, heard in (("velocity", slot.feedback), ("position", slot.position)) if heard is None
-                )
-                checks.problem(name, f"sends no {kinds} after it was enabled: is it there, with supply and this id?")
+            self._send(i, [*limp, encode(select, model), *limp])
+        self._gains[:] = 0.0
+        end = self._line.clock() + max(_FIRST_FEEDBACK, 0.005 * self.interval)
+        self._stay_limp(lambda: self._line.clock() > end or all(slot.row is not _UNKNOWN_ROW for slot in self.slots))
+        end = self._line.clock() + _SETTLE
+        self._stay_limp(lambda: self._line.clock() > end)
+        for i, slot in enumerate(self.slots):
+            name = self.motors.names[i]
+            if slot.row is _UNKNOWN_ROW:
+                missing = "velocity" if slot.feedback is None else "position"
+                checks.problem(name, f"sends no {missing} after it was enabled: is it there, with supply and this id?")
             elif slot.largest_effort > _STRAY_EFFORT:
-                checks.problem(
-                    name,
-                    f"reports {slot.largest_effort:.2f} N·m although it was told zero gains and zero current: it does "
-                    "not take them while it is disabled, or it is told by somebody else; it is disabled again",
-                )
+                text = f"reports {slot.largest_effort:.2f} N·m with zero gains and zero current"
+                checks.problem(name, f"{text}: it ignores them while it is disabled, or another host commands it")
             else:
                 checks.passed(name, f"enabled, limp, feedback every {self.interval} ms")
 
-    def _stay_limp(self, duration: float, *, until_all_are_heard: bool) -> None:
-        """Repeat what makes all motors limp for a time, s, robot's clock: no frame of it is acknowledged."""
+    def _stay_limp(self, is_over: Callable[[], bool]) -> None:
+        """Repeat the frames that make all motors limp: none is acknowledged."""
+        while self.motors.count and not is_over():
+            self._wait(_ROUND)
+            for i, slot in enumerate(self.slots):
+                position = 0.0 if slot.position is None else slot.position[1].position
+                self._send(i, limp_frames(self.motors.motor_id[i], self.motors.model[i], position))
+
+    def _send(self, motor: int, frames: Iterable[Frame]) -> None:
+        self._line.channels[self.motors.channel[motor]].send([(None, frame) for frame in frames])
+
+    def _wait(self, duration: float) -> None:
+        """Wait, s, robot's clock."""
         end = self._line.clock() + duration
         while self._line.clock() < end:
-            if until_all_are_heard and all(np.isfinite(slot.heard) for slot in self.slots):
-                return
-            self._wait(_ROUND)
-            for i in range(self.motors.count):
-                self._send(i, self._limp(i))
-
-    def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        """See `MotorLink`. Nothing confirms a reset: what counts is that feedback which came before ends.
-
-        It proves nothing where the motor was silent before, or the resets did not leave.
-        """
-        motors = list(motors)
-        if self._guardian is not None:
-            if self._guardian.drives:
-                self._line.forget_queues()
-                self._guardian.release(confirmed=False)
-            else:
-                self._guardian.standby()
-        down = {i: bool(self._channel(i).down) for i in motors}
-        doubtful = {i for i in motors if i in self._enabled and not self._is_sending(i)}
-        left = set(self._reset(motors))
-        for i in motors:
-            channel = self._channel(i)
-            has_left = channel.flush(0.0) and bool(channel.down) == down[i]
-            if i in self._enabled and (i in doubtful or not has_left):
-                left.add(i)
-            if i not in left:
-                self._enabled.discard(i)
-        return {i: "sends feedback" if self._is_sending(i) else "no feedback" for i in sorted(left)}
-
-    def close(self) -> None:
-        """See `MotorLink`."""
-        if self._guardian is not None:
-            self._guardian.release(confirmed=not self._enabled)
-            self._guardian = None
-
-    def _start_guardian(self, checks: CheckList) -> None:
-        names, motors = ", ".join(self.motors.names), self.motors
-        if not names or self._guardian is not None:
-            return
-        if not all(can_share(channel.address) for channel in self._line.channels):
-            checks.warn(SOURCE, f"{names}: emulated in this process, with which they end; no guardian watches them")
-            return
-        plan = GuardianPlan(
-            tuple(
-                GuardedMotor(
-                    motors.names[i],
-                    self._channel(i).address,
-                    damping_frames(motors.motor_id[i], motors.model[i], float(self._terms.damping[i])),
-                    reset_frames(motors.motor_id[i], motors.model[i]),
-                )
-                for i in range(motors.count)
-            )
-        )
-        try:
-            self._guardian = Guardian(plan, self._line.locks)
-        except RobotError as error:
-            checks.problem(SOURCE, str(error))
-            return
-        self._watched = [
-            channel for each in plan.channels for channel in self._line.channels if channel.address == each
-        ]
-        self._sent = [0 for _ in self._watched]
-        text = f"damps {names} for {plan.damping_time:g} s, then resets them, when this program is silent"
-        checks.passed(SOURCE, f"process {self._guardian.pid} {text}; {self._guardian.measures}")
-        checks.warn(SOURCE, f"if it is killed as well, only the switch of their supply stops them: {names}")
-
-    def _channel(self, motor: int) -> Channel:
-        return self._line.channels[self.motors.channel[motor]]
-
-    def _is_sending(self, motor: int) -> bool:
-        """Return whether feedback comes."""
-        before = self.slots[motor].reports
-        self._wait(max(_SIGN, 0.003 * self.interval), lambda: self.slots[motor].reports > before)
-        return self.slots[motor].reports > before
-
-    def _reset(self, motors: Iterable[int]) -> tuple[int, ...]:
-        """Make motors limp and disable them; those whose feedback goes on."""
-        motors = list(motors)
-        for number in range(_RESETS):
-            if number:
-                self._wait(0.001 * self.interval)
-            for i in motors:
-                self._send(i, reset_frames(self.motors.motor_id[i], self.motors.model[i]))
-        for channel in {self.motors.channel[i] for i in motors}:
-            self._line.channels[channel].flush(_SILENCE)
-        end, quiet = self._line.clock() + _SILENCE, 0.003 * self.interval
-        left = motors
-        while left and self._line.clock() < end:
-            before = {i: self.slots[i].reports for i in left}
-            self._wait(quiet)
-            left = [i for i in left if self.slots[i].reports > before[i]]
-        return tuple(left)
+            time.sleep(_POLL)
 
     # --- control
-
-    def readings(self) -> Readings:
-        """See `MotorLink`: position and velocity come in two frames, and the older one gives the time."""
-        return Readings(*np.array([_row(slot) for slot in self.slots]).reshape(-1, 5).T)
 
     @property
     def answers(self) -> int:
         """See `MotorLink`."""
         return sum(slot.reports for slot in self.slots)
 
+    def readings(self) -> Readings:
+        """See `MotorLink`."""
+        return Readings(*np.array([slot.row for slot in self.slots]).reshape(-1, 5).T)
+
     def findings(self, since: float) -> Iterator[Finding]:
         """See `MotorLink`: no frame that reports a fault is known."""
-        for slot in self.slots:
+        for i, slot in enumerate(self.slots):
             if slot.invalid.time >= since:
-                yield Finding(slot.motor, SafetyFlag.INVALID_FRAME, slot.invalid.text)
+                yield Finding(i, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
     def status(self) -> SafetyStatus | None:
         """See `MotorLink`."""
-        return None if self._guardian is None else self._guardian.status()
+        return None if self._watchdog is None else self._watchdog.status()
 
     def command(self, values: FloatArray) -> None:
         """See `MotorLink`.
 
-        Without K_p the position says nothing, unless a lost frame has left the motor its old K_p: then, stay there.
+        Gains have a frame of their own, which nothing acknowledges, and hold until others come. So softer gains go
+        before the command and stiffer ones after it; gains go three times when they change, to one motor after the
+        other besides, and with every command to a motor that is to have no stiffness: a lost frame must not leave a
+        motor stiff. Without stiffness the commanded position is where the motor is, for the same reason.
         """
-        guardian = self._guardian
-        if guardian is not None and guardian.has_taken_over:
+        if self._watchdog is not None and not self._watchdog.poll():
             return
-        position = self.readings().position
-        values = values.copy()
-        values[0] = np.where((values[3] == 0.0) & np.isfinite(position), position, values[0])
-        batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self._line.channels]
-        for motor, kind, frame in self._encoder.encode(values):
-            batches[self.motors.channel[motor]].append(((self.motors.names[motor], kind), frame))
-        for channel, batch in zip(self._line.channels, batches, strict=True):
-            if batch:
-                channel.send(batch, 2.0 * self._terms.control_period)
-        if guardian is not None:
-            guardian.beat()
-            for index, channel in enumerate(self._watched):
-                if channel.counters.sent != self._sent[index]:
-                    self._sent[index] = channel.counters.sent
-                    guardian.count_sent(index)
+        batches: dict[int, list[tuple[Hashable, Frame]]] = {}
+        self._turn = (self._turn + 1) % max(self.motors.count, 1)
+        for i, (position, velocity, effort, stiffness, damping) in enumerate(values.T.tolist()):
+            slot, device_id, model = self.slots[i], self.motors.motor_id[i], self.motors.model[i]
+            here = slot.position[1].position if stiffness == 0.0 and slot.position is not None else position
+            command = ((i, "command"), encode(Command(device_id, here, velocity, effort), model))
+            batch = batches.setdefault(self.motors.channel[i], [])
+            old_stiffness, has_changed = self._gains[0, i], (self._gains[:, i] != values[3:, i]).any()
+            self._repeats[i] = _REPEATS if has_changed else self._repeats[i] - 1
+            if stiffness > 0.0 and self._repeats[i] < 0 and i != self._turn:
+                batch.append(command)
+                continue
+            self._gains[:, i] = stiffness, damping
+            gains = ((i, "gains"), encode(Gains(device_id, stiffness, damping), model))
+            batch += [command, gains] if stiffness > old_stiffness else [gains, command]
+        for channel, batch in batches.items():
+            self._line.channels[channel].send(batch, _LIFETIME * self._terms.control_period)
+        self._beat()
 
+    def _beat(self) -> None:
+        """Tell the watchdog of a command, unless frames have stopped leaving on one of the channels."""
+        sent = [channel.counters.sent for channel in self._channels]
+        if self._watchdog is not None and all(now != old for now, old in zip(sent, self._sent, strict=True)):
+            self._watchdog.beat()
+            self._sent = sent
 
-def _row(slot: SitoSlot) -> tuple[float, ...]:
-    feedback, position = slot.feedback, slot.position
-    if feedback is None or position is None:
-        return (np.nan,) * 5
-    return slot.heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan
+    # --- the end
+
+    def stop(self, motors: Iterable[int]) -> dict[int, str]:
+        """See `MotorLink`. Nothing confirms a reset but feedback that came before and ends.
+
+        It proves nothing where the motor was silent before, or the resets did not leave.
+        """
+        motors = list(motors)
+        if self._watchdog is not None and motors:
+            if self._watchdog.poll():
+                self._watchdog.enabled()  # nothing is commanded from here on
+            else:
+                self._line.forget_queues()
+                self._release_watchdog(confirmed=False)
+        was_down = {i: bool(self._channel(i).down) for i in motors}
+        silent = self._silent([i for i in motors if i in self._enabled])
+        left = set(silent) | set(self._reset(motors))
+        for i in motors:
+            if i in self._enabled and not (self._channel(i).flush(0.0) and bool(self._channel(i).down) == was_down[i]):
+                left.add(i)
+        self._enabled -= set(motors) - left
+        return {i: "no feedback" if i in silent else "sends feedback" for i in sorted(left)}
+
+    def close(self) -> None:
+        """See `MotorLink`."""
+        self._release_watchdog(confirmed=not self._enabled)
+
+    def _release_watchdog(self, *, confirmed: bool) -> None:
+        if self._watchdog is not None:
+            self._watchdog.release(confirmed=confirmed)
+            self._watchdog = None
+
+    def _channel(self, motor: int) -> Channel:
+        return self._line.channels[self.motors.channel[motor]]
+
+    def _silent(self, motors: list[int]) -> list[int]:
+        """Return the motors of which no feedback comes."""
+        before = {i: self.slots[i].reports for i in motors}
+        end = self._line.clock() + max(_LISTENING, 0.003 * self.interval)
+        while (left := [i for i in motors if self.slots[i].reports == before[i]]) and self._line.clock() < end:
+            time.sleep(_POLL)
+        return left
+
+    def _reset(self, motors: Iterable[int]) -> list[int]:
+        """Make motors limp and disable them; returns those whose feedback goes on."""
+        left = list(motors)
+        if not left:
+            return left
+        for number in range(_RESETS):
+            if number:
+                self._wait(0.001 * self.interval)
+            for i in left:
+                self._send(i, reset_frames(self.motors.motor_id[i], self.motors.model[i]))
+        for channel in {self._channel(i) for i in left}:
+            channel.flush(_SILENCE)
+        end = self._line.clock() + _SILENCE
+        while left and self._line.clock() < end:
+            before = {i: self.slots[i].reports for i in left}
+            self._wait(0.003 * self.interval)
+            left = [i for i in left if self.slots[i].reports > before[i]]
+        return left

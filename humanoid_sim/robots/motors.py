@@ -89,7 +89,7 @@ _HOST_IDS = range(128, 256)
 _FAMILIES = (
     MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
     # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
-    # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
+    # and 0.5 (`humanoid_sim.hardware.sito.protocol`), its authors' page on the Prime robot has 688.58 and 1.125.
     MotorFamily(
         "sito",
         (_sito("TA40-50", 51), _sito("TA40-100", 101)),

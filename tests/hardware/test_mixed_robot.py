@@ -16,7 +16,7 @@ from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.motor_link import Readings
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.sito import motors as sito_motors
-from humanoid_sim.hardware.sito.codec import Command, Gains, HostMessage, Mode, Reset, SelectMode, decode
+from humanoid_sim.hardware.sito.protocol import Command, Gains, HostMessage, Mode, Reset, SelectMode, decode
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -134,7 +134,7 @@ def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch):
     """A motor on which gains have no effect, as far as its feedback tells."""
     monkeypatch.setattr(sito_motors, "_STRAY_EFFORT", -1.0)
     with rig() as (robot, _, told):
-        with pytest.raises(RobotError, match=r"left_wrist_roll: reports 0\.00 N·m although it was told zero gains"):
+        with pytest.raises(RobotError, match=r"left_wrist_roll: reports 0\.00 N·m with zero gains"):
             robot.activate()
         assert len([text for text in told if text.endswith(": disabled")]) == 4
 

@@ -6,11 +6,11 @@ import pytest
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.sito_motor import SitoMotor
-from humanoid_sim.hardware.sito import codec
+from humanoid_sim.hardware.sito import protocol
 from humanoid_sim.robots.motors import MOTORS
 
 MODEL = MOTORS["TA40-50"]
-ENABLE = codec.SelectMode(22, codec.Mode.MIT, (20, 20, 0))
+ENABLE = protocol.SelectMode(22, protocol.Mode.MIT, (20, 20, 0))
 
 
 class Bench:
@@ -22,7 +22,7 @@ class Bench:
 
     def tell(self, *messages):
         for message in messages:
-            assert self.motor.receive(codec.encode(message, MODEL), self.time) == (), "nothing is answered"
+            assert self.motor.receive(protocol.encode(message, MODEL), self.time) == (), "nothing is answered"
 
     def wait(self, duration):
         found = []
@@ -40,23 +40,23 @@ def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled():
     sensed.shaft, sensed.velocity, sensed.torque = 0.5, 1.0, 2.0
     found = bench.wait(0.1)
     assert [time for time, _ in found] == [0.12, 0.12, 0.14, 0.14, 0.16, 0.16, 0.18, 0.18, 0.2, 0.2]
-    first, second = (codec.decode(frame, MODEL) for _, frame in found[:2])
+    first, second = (protocol.decode(frame, MODEL) for _, frame in found[:2])
     assert (first.velocity, first.effort, second.position) == pytest.approx((1.0, 2.0, 0.5), abs=0.01)
-    bench.tell(codec.Reset(22))
+    bench.tell(protocol.Reset(22))
     assert bench.wait(0.1) == []
     bench.tell(ENABLE)
     sensed.velocity = -12.0
-    assert codec.decode(bench.wait(0.02)[0][1], MODEL).velocity == pytest.approx(-math.pi, abs=1e-3), "cut"
+    assert protocol.decode(bench.wait(0.02)[0][1], MODEL).velocity == pytest.approx(-math.pi, abs=1e-3), "cut"
 
 
 def test_gains_hold_until_others_come_and_outlive_a_reset():
     bench = Bench()
-    bench.tell(codec.Gains(22, 20.0, 1.0), codec.Command(22, 0.5, 0.0, 0.25))
+    bench.tell(protocol.Gains(22, 20.0, 1.0), protocol.Command(22, 0.5, 0.0, 0.25))
     assert bench.motor.drive().stiffness == 0.0, "disabled"
     bench.tell(ENABLE)
     drive = bench.motor.drive()
     assert (drive.stiffness, drive.damping, drive.position) == pytest.approx((20.0, 1.0, 0.5), abs=1e-4)
-    bench.tell(codec.Reset(22), ENABLE)
+    bench.tell(protocol.Reset(22), ENABLE)
     bench.wait(10.0)
     assert bench.motor.drive().stiffness == pytest.approx(20.0), "nothing stops it, its host silent"
     bench.motor.power_on()
@@ -67,16 +67,16 @@ def test_gains_hold_until_others_come_and_outlive_a_reset():
 def test_a_deaf_one_starts_as_its_last_host_left_it():
     bench = Bench()
     bench.motor.is_deaf = True
-    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Reset(22), codec.Gains(22, 0.0, 0.0), ENABLE)
+    bench.tell(ENABLE, protocol.Gains(22, 20.0, 1.0), protocol.Reset(22), protocol.Gains(22, 0.0, 0.0), ENABLE)
     assert bench.motor.drive().stiffness == pytest.approx(20.0)
-    bench.tell(codec.Gains(22, 0.0, 0.0))
+    bench.tell(protocol.Gains(22, 0.0, 0.0))
     assert bench.motor.drive().stiffness == 0.0
 
 
 @pytest.mark.parametrize(("sensor", "value"), [("temperature", 150.0), ("voltage", 11.0), ("overcurrent", True)])
 def test_one_that_protects_itself_falls_silent(sensor, value):
     bench = Bench()
-    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0))
+    bench.tell(ENABLE, protocol.Gains(22, 20.0, 1.0))
     setattr(bench.motor.sensed, sensor, value)
     assert bench.wait(0.1) == []
     bench.tell(ENABLE)
@@ -87,11 +87,11 @@ def test_one_that_protects_itself_falls_silent(sensor, value):
 def test_the_turn_is_lost_at_power_on(shaft, position):
     bench = Bench(shaft)
     bench.tell(ENABLE)
-    assert codec.decode(bench.wait(0.02)[1][1], MODEL).position == pytest.approx(position, abs=1e-4)
+    assert protocol.decode(bench.wait(0.02)[1][1], MODEL).position == pytest.approx(position, abs=1e-4)
 
 
 def test_frames_of_others_are_not_for_it():
     motor = Bench().motor
-    assert motor.is_for(codec.encode(codec.Reset(22), MODEL))
-    assert not motor.is_for(codec.encode(codec.Reset(23), MODEL))
+    assert motor.is_for(protocol.encode(protocol.Reset(22), MODEL))
+    assert not motor.is_for(protocol.encode(protocol.Reset(23), MODEL))
     assert not motor.is_for(Frame(0x0300FD16, bytes(8)))  # enable, to a Robstride 22

@@ -36,5 +36,5 @@ def test_all_modes(run, make_robot):
     assert np.isfinite(first.input.state.joint_position).all()
     for tick in result.ticks:
         assert (tick.input.state.joint_age < 0.1).all()
-    assert "right_wrist_pitch: emulated in this process, with which they end; no guardian watches them" in result.out
+    assert "right_wrist_pitch: mock motors of this process, with which they end; no watchdog" in result.out
     assert run_program(replay.main, ["r.mcap"]) == 0

@@ -8,7 +8,7 @@ import pytest
 from humanoid_sim.hardware.bus.frame import message_of
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.sito.codec import Mode, SelectMode, encode
+from humanoid_sim.hardware.sito.protocol import Mode, SelectMode, encode
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads

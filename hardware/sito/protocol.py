@@ -1,0 +1,238 @@
+"""Messages of Sito motors (TA40-50, TA40-100) to frames, and back, for both ends of the bus.
+
+Extended frames of 8 bytes, big-endian; the identifier is `0x0506 << 16 | device_id << 8 | message type`. Positions are
+int32 and velocities int16 in counts of the output's angle, 65536 a turn; efforts are an int16 current; a gain is a
+float32 in units of its own.
+
+Source: Actuator-Control (T-K-233 and Berkeley-Humanoids, commit d74dd3f), `src/protocol/sito.rs` and `src/sito.rs`.
+There is no public manual: feedback 0 and 3, fault codes, a timeout in the motor and a torque limit are not known.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TypeAlias
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
+
+
+class MessageType(IntEnum):
+    """The lowest byte of an identifier."""
+
+    RESET = 0x00
+    SELECT_MODE = 0x01
+    COMMAND = 0x09
+    GAINS = 0x45
+    FEEDBACK_0 = 0xB0
+    FEEDBACK_1 = 0xB1
+    FEEDBACK_2 = 0xB2
+    FEEDBACK_3 = 0xB3
+
+
+FROM_MOTOR = frozenset(kind for kind in MessageType if kind >= MessageType.FEEDBACK_0)
+"""Messages that motors send; all others are a host's."""
+
+
+class Mode(IntEnum):
+    """Modes that a motor can be set to."""
+
+    POSITION = 0x08
+    MIT = 0x09
+    """Selecting it enables the motor."""
+
+
+LARGEST_INTERVAL = 255
+"""ms between two frames of one kind of feedback."""
+_PREFIX = 0x0506
+_RESET = b"\x55" * 8
+_STIFFNESS_UNIT = 500.0
+"""N·m/rad in a gain of 1. Another page of the same authors has 688.58, measured: see `MotorFamily.stiffness_doubt`."""
+_DAMPING_UNIT = 0.5
+"""N·m·s/rad in a gain of 1; 1.125 there."""
+_CURRENT_STEPS = 2**15 - 1
+_COMMAND = struct.Struct(">hhi")
+_GAINS = struct.Struct(">ff")
+_FEEDBACK_1 = struct.Struct(">xxhxxh")
+_FEEDBACK_2 = struct.Struct(">xxxxi")
+
+
+@dataclass(frozen=True, slots=True)
+class Reset:
+    """Disable: the motor goes limp."""
+
+    device_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class SelectMode:
+    """A mode and the intervals of feedback 1, 2 and 3, ms, 0 for none. Selecting MIT enables."""
+
+    device_id: int
+    mode: Mode
+    intervals: tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """K_p and K_d of the MIT law, N·m/rad and N·m·s/rad; they hold until others are sent."""
+
+    device_id: int
+    stiffness: float
+    damping: float
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """The other three fields of the MIT law, in the motor frame: rad, rad/s and N·m."""
+
+    device_id: int
+    position: float
+    velocity: float
+    effort: float
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """Feedback 1. Of its eight bytes four are known."""
+
+    device_id: int
+    velocity: float
+    """rad/s, not beyond ±3.14."""
+    effort: float
+    """N·m, from the current."""
+
+
+@dataclass(frozen=True, slots=True)
+class PositionFeedback:
+    """Feedback 2. Of its eight bytes four are known."""
+
+    device_id: int
+    position: float
+    """rad, of the output."""
+
+
+@dataclass(frozen=True, slots=True)
+class Malformed:
+    """A frame with a Sito identifier that cannot be read."""
+
+    device_id: int
+    reason: str
+
+
+HostMessage: TypeAlias = Reset | SelectMode | Gains | Command
+MotorMessage: TypeAlias = Feedback | PositionFeedback
+
+
+def split_identifier(frame: Frame) -> tuple[int, int] | None:
+    """Return device id and message type of a frame with a Sito identifier; None for any other frame."""
+    if not frame.is_extended or frame.is_remote or frame.is_error or frame.arbitration_id >> 16 != _PREFIX:
+        return None
+    return frame.arbitration_id >> 8 & 0xFF, frame.arbitration_id & 0xFF
+
+
+def encode(message: HostMessage | MotorMessage, model: MotorModel) -> Frame:
+    """Return the frame of a message, unknown bytes zero. A value that does not fit raises; it is never wrapped."""
+    match message:
+        case Reset():
+            kind, data = MessageType.RESET, _RESET
+        case SelectMode():
+            kind, data = MessageType.SELECT_MODE, bytes([message.mode, *message.intervals]).ljust(8, b"\0")
+        case Gains():
+            gains = message.stiffness / _STIFFNESS_UNIT, message.damping / _DAMPING_UNIT
+            kind, data = MessageType.GAINS, _GAINS.pack(*gains)
+        case Command():
+            counts = _current(message.effort, model), _counts(message.velocity), _counts(message.position)
+            kind, data = MessageType.COMMAND, _COMMAND.pack(*counts)
+        case Feedback():
+            counts_1 = _current(message.effort, model), _counts(message.velocity)
+            kind, data = MessageType.FEEDBACK_1, _FEEDBACK_1.pack(*counts_1)
+        case PositionFeedback():
+            kind, data = MessageType.FEEDBACK_2, _FEEDBACK_2.pack(_counts(message.position))
+    return Frame(_PREFIX << 16 | message.device_id << 8 | kind, data)
+
+
+def _current(effort: float, model: MotorModel) -> int:
+    return rounded(effort * (_CURRENT_STEPS / model.effort))
+
+
+def _counts(angle: float) -> int:
+    return rounded(angle * SITO_COUNTS_PER_RAD)
+
+
+def rounded(value: float) -> int:
+    """Return the nearest whole number; a half goes away from zero."""
+    return int(math.copysign(math.floor(abs(value) + 0.5), value))
+
+
+def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malformed | None:
+    """Return the message of a frame from or to a motor of this model; never raises. None: not one of Sito's types."""
+    parts = split_identifier(frame)
+    if parts is None or parts[1] not in _DECODERS:
+        return None
+    device_id, kind = parts
+    if len(frame.data) != 8:
+        name = MessageType(kind).name.lower().replace("_", " ")
+        return Malformed(device_id, f"{name} with {len(frame.data)} bytes, expected 8")
+    return _DECODERS[kind](device_id, frame.data, model)
+
+
+def _decode_reset(device_id: int, data: bytes, _: MotorModel) -> Reset | Malformed:
+    return Reset(device_id) if data == _RESET else Malformed(device_id, f"reset with {data.hex(' ')}, expected 55s")
+
+
+def _decode_mode(device_id: int, data: bytes, _: MotorModel) -> SelectMode | Malformed:
+    if data[0] not in tuple(Mode):
+        return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
+    return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
+
+
+def _decode_gains(device_id: int, data: bytes, _: MotorModel) -> Gains | Malformed:
+    stiffness, damping = _GAINS.unpack(data)
+    if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
+        return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
+    return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
+
+
+def _decode_command(device_id: int, data: bytes, model: MotorModel) -> Command:
+    current, velocity, position = _COMMAND.unpack(data)
+    effort = current * (model.effort / _CURRENT_STEPS)
+    return Command(device_id, position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD, effort)
+
+
+def _decode_feedback_1(device_id: int, data: bytes, model: MotorModel) -> Feedback:
+    current, velocity = _FEEDBACK_1.unpack(data)
+    return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * (model.effort / _CURRENT_STEPS))
+
+
+def _decode_feedback_2(device_id: int, data: bytes, _: MotorModel) -> PositionFeedback:
+    return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
+
+
+_DECODERS = {
+    MessageType.RESET: _decode_reset,
+    MessageType.SELECT_MODE: _decode_mode,
+    MessageType.COMMAND: _decode_command,
+    MessageType.GAINS: _decode_gains,
+    MessageType.FEEDBACK_1: _decode_feedback_1,
+    MessageType.FEEDBACK_2: _decode_feedback_2,
+}
+
+
+def limp_frames(device_id: int, model: MotorModel, position: float = 0.0) -> tuple[Frame, ...]:
+    """Return zero gains, twice because no frame is acknowledged, and zero current. `position` in rad."""
+    return damping_frames(device_id, model, 0.0, position)
+
+
+def damping_frames(device_id: int, model: MotorModel, damping: float, position: float = 0.0) -> tuple[Frame, ...]:
+    """Return the frames that only brake a motor, N·m·s/rad: gains twice, then the command."""
+    gains = encode(Gains(device_id, 0.0, min(damping, model.damping)), model)
+    return gains, gains, encode(Command(device_id, position, 0.0, 0.0), model)
+
+
+def reset_frames(device_id: int, model: MotorModel) -> tuple[Frame, ...]:
+    """Return the frames that disable a motor: limp first, in case it does not obey the reset."""
+    return *limp_frames(device_id, model), encode(Reset(device_id), model)

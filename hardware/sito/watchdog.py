@@ -1,0 +1,270 @@
+"""A child process that brakes motors without a timeout of their own when the loop's process dies or falls silent.
+
+Loop and child share a socket. The loop sends ENABLED before a motor may be enabled, BEAT with every set of commands
+that left, and RELEASED or ABANDONED at the end; the child answers each byte, so that its own death shows. It is idle,
+then armed, then released. After a timeout without a BEAT, or when the socket closes, it sends TAKEN, damps the motors
+for 3 s and resets them. A loop that resumes finds TAKEN and sends nothing more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+import msgspec
+
+import humanoid_sim
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
+from humanoid_sim.hardware.bus.frame import Frame, message_of
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.session.realtime import real_time
+
+SOURCE = "watchdog"
+TIMEOUT = 0.1
+"""s without a beat after which the child takes over."""
+DAMPING_TIME = 3.0
+"""s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile."""
+_PERIOD = 0.02
+"""s between two rounds of frames."""
+_RESETS = 5
+"""Rounds in which the reset is sent."""
+_REMINDER = 0.2
+"""s between further resets, until a stopped loop has seen TAKEN: one last frame of its own may leave before."""
+_START = 10.0
+"""s that the child may take to start, on a busy computer."""
+_DEAF = 0.5
+"""s without an answer to a beat after which the child counts as hung."""
+_END = 1.0
+"""s that the child may take to end, beyond what it has to send."""
+ENABLED, BEAT, RELEASED, ABANDONED, SEEN, TAKEN = b"e", b"b", b"r", b"a", b"s", b"t"
+
+
+@dataclass(frozen=True, slots=True)
+class WatchedMotor:
+    """A motor and the frames that brake it. They must be harmless whatever was commanded, also where one is lost."""
+
+    name: str
+    channel: BusAddress
+    damping: tuple[Frame, ...]
+    """Sent together, every period."""
+    reset: tuple[Frame, ...]
+    """Sent after the damping."""
+
+
+class Watchdog:
+    """The loop's end. Only the construction and `release` wait."""
+
+    def __init__(self, motors: Sequence[WatchedMotor], locks: Sequence[int] = ()) -> None:
+        """Start the child, and wait until it watches. Raises `RobotError` if it does not.
+
+        Args:
+            motors: on channels that another process can reach.
+            locks: open files that lock the channels, which the child holds as well.
+        """
+        self._names = ", ".join(motor.name for motor in motors)
+        self._socket, theirs = socket.socketpair()
+        self.has_taken_over = False
+        self._has_died = False
+        self._beaten = self._answered = time.monotonic()
+        with theirs:
+            try:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
+                    stdin=subprocess.PIPE,
+                    pass_fds=(theirs.fileno(), *locks),
+                    start_new_session=True,  # a terminal's signals and its end are not for the child
+                    env=_environment(),
+                )
+            except OSError as error:
+                self._socket.close()
+                raise RobotError(f"the watchdog cannot be started: {error.strerror}") from None
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self._process.stdin as plan:
+            plan.write(msgspec.json.encode((motors, DAMPING_TIME)))
+        self._socket.settimeout(_START)
+        try:
+            answer = self._socket.recv(4096)
+        except TimeoutError:
+            answer = f"no answer within {_START:g} s".encode()
+        self._socket.setblocking(False)
+        if answer != BEAT:
+            self._reap(0.0)
+            raise RobotError(f"the watchdog does not start: {answer.decode() or 'it has ended'}")
+
+    @property
+    def pid(self) -> int:
+        """Return the id of the child's process."""
+        return self._process.pid
+
+    def enabled(self) -> None:
+        """Arm without a deadline: motors may be enabled without torque, and only the end of this process counts."""
+        self._send(ENABLED)
+
+    def beat(self) -> None:
+        """Note a set of commands that has left: from here on silence counts."""
+        self._beaten = time.monotonic()
+        self._send(BEAT)
+
+    def poll(self) -> bool:
+        """Return whether the loop may send: the child has not taken over."""
+        try:
+            data = self._socket.recv(4096)
+        except BlockingIOError:
+            return not self.has_taken_over
+        except OSError:
+            data = b""
+        if TAKEN in data and not self.has_taken_over:
+            self.has_taken_over = True
+            self._send(SEEN)
+        self._has_died = not data
+        self._answered = time.monotonic()
+        return not self.has_taken_over
+
+    def status(self) -> SafetyStatus | None:
+        """Return what is wrong: the child has taken over, has died or hangs."""
+        self.poll()
+        if self.has_taken_over:
+            text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
+            return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
+        if self._has_died or self._beaten - self._answered > _DEAF:
+            what = "has died" if self._has_died else "hangs"
+            text = f"the watchdog {what}: nothing would stop {self._names}; reactivate"
+            return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)
+        return None
+
+    def release(self, *, confirmed: bool) -> None:
+        """End the child: at once if its motors are `confirmed` to be off, else after it has braked them."""
+        self._send(RELEASED if confirmed else ABANDONED)
+        braking = self.has_taken_over or not confirmed
+        self._reap(DAMPING_TIME + _PERIOD * _RESETS + _END if braking else _END)
+
+    def _send(self, message: bytes) -> None:
+        with contextlib.suppress(OSError):  # a child that hangs or is gone shows in `status`
+            self._socket.send(message)
+
+    def _reap(self, patience: float) -> None:
+        try:
+            self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._socket.close()
+
+
+def _environment() -> dict[str, str]:
+    """Return this process's environment, with the package where this one found it."""
+    root, known = str(Path(humanoid_sim.__file__).parents[1]), os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([root, known] if known else [root])}
+
+
+# --- the child
+
+
+def main(descriptor: int) -> int:
+    """Watch until the loop releases or is gone; returns the exit status."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE):
+        signal.signal(number, signal.SIG_IGN)
+    loop = socket.socket(fileno=descriptor)
+    text = sys.stdin.buffer.read()
+    with contextlib.ExitStack() as opened:
+        motors, damping_time = msgspec.json.decode(text, type=tuple[tuple[WatchedMotor, ...], float])
+        buses: dict[BusAddress, can.BusABC] = {}
+        try:
+            for channel in dict.fromkeys(motor.channel for motor in motors):
+                buses[channel] = bus = open_bus(channel)
+                opened.callback(bus.shutdown)
+                bus.set_filters([{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}])  # it only sends
+        except RobotError as error:
+            loop.send(str(error).encode())
+            return 1
+        opened.enter_context(real_time(ahead=10))  # it runs before the loop
+        loop.send(BEAT)
+        reason = _watch(loop)
+        if reason:
+            with contextlib.suppress(OSError):  # before any frame: a loop that resumes must not send
+                loop.send(TAKEN)
+            names = ", ".join(motor.name for motor in motors)
+            _say(f"{reason}: damping {names} for {damping_time:g} s, then reset")
+            _take_over(loop, motors, buses, damping_time)
+            _say(f"damped and reset: {names}")
+    return 0
+
+
+def _watch(loop: socket.socket) -> str:
+    """Return why the motors have to be braked; empty: they need not."""
+    is_armed, deadline = False, math.inf
+    while True:
+        left = min(deadline - time.monotonic(), 1.0)
+        if not select.select([loop], [], [], max(left, 0.0))[0]:
+            if time.monotonic() >= deadline:
+                return f"no command has left for {1000.0 * TIMEOUT:.0f} ms"
+            continue  # a child that was held up finds the loop's beats here first
+        data = _received(loop)
+        if RELEASED in data:
+            return ""
+        if ABANDONED in data:
+            return "motors did not confirm that they are disabled"
+        if not data:
+            return "the loop's process has ended" if is_armed else ""
+        is_armed = True
+        deadline = time.monotonic() + TIMEOUT if data.endswith(BEAT) else math.inf
+        with contextlib.suppress(OSError):
+            loop.send(BEAT)
+
+
+def _received(loop: socket.socket) -> bytes:
+    try:
+        return loop.recv(4096)
+    except OSError:
+        return b""
+
+
+def _take_over(
+    loop: socket.socket, motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC], damping_time: float
+) -> None:
+    """Damp, then reset, until the loop has seen it or is gone."""
+    for _ in range(max(math.ceil(damping_time / _PERIOD), 1)):
+        _round(buses, [(motor.channel, motor.damping) for motor in motors], _PERIOD)
+    resets = [(motor.channel, motor.reset) for motor in motors]
+    for _ in range(_RESETS):
+        _round(buses, resets, _PERIOD)
+    while True:
+        if select.select([loop], [], [], 0.0)[0]:
+            data = _received(loop)
+            if not data or any(end in data for end in (RELEASED, ABANDONED, SEEN)):
+                return
+        _round(buses, resets, _REMINDER)
+
+
+def _round(
+    buses: dict[BusAddress, can.BusABC], frames: Sequence[tuple[BusAddress, tuple[Frame, ...]]], period: float
+) -> None:
+    """Send the frames of every motor, then wait for the rest of the period, s."""
+    end = time.monotonic() + period
+    for channel, group in frames:
+        for frame in group:
+            with contextlib.suppress(Exception):  # a bus that fails must not keep the others from being damped
+                buses[channel].send(message_of(frame), _PERIOD)
+    time.sleep(max(end - time.monotonic(), 0.0))
+
+
+def _say(text: str) -> None:
+    """Write one line on stderr, which may be gone."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"watchdog: {text}\n".encode())
+
+
+if __name__ == "__main__":  # started by `Watchdog`, never by hand
+    sys.exit(main(int(sys.argv[1])))

@@ -1,0 +1,79 @@
+"""Commands to Sito motors as frames: gains come in frames of their own, which may be lost."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from humanoid_sim.hardware.bus.open_channels import ChannelNotes
+from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup
+from humanoid_sim.hardware.sito.motors import SitoMotors
+from humanoid_sim.hardware.sito.protocol import Command, Feedback, Gains, PositionFeedback, decode, encode
+from humanoid_sim.robots.motors import MOTORS
+
+MODEL = MOTORS["TA40-50"]
+
+
+class Rig:
+    """Motors 22, 23, … on one channel, and the messages of each command."""
+
+    def __init__(self, count=2):
+        self.sent = []
+        channel = SimpleNamespace(send=lambda frames, _: self.sent.append(frames), counters=SimpleNamespace(sent=0))
+        line = SimpleNamespace(channels=(channel,), notes=(ChannelNotes(),), sources=("can0",), clock=lambda: 0.0)
+        ids = tuple(range(22, 22 + count))
+        zeros = (0.0,) * count
+        group = MotorGroup(tuple(map(str, ids)), (0,) * count, ids, (MODEL,) * count, zeros, zeros)
+        self.motors = SitoMotors(line, group, LinkTerms(0xFD, 0.1, 0.02))
+        self.count = count
+
+    def command(self, stiffness, damping=1.0, position=0.0):
+        self.motors.command(np.tile([[position], [0.0], [0.0], [stiffness], [damping]], (1, self.count)))
+        return [decode(frame, MODEL) for _, frame in self.sent[-1]]
+
+    def kinds(self, *values):
+        return [type(message) for message in self.command(*values) if message.device_id == 22]
+
+    def receive(self, message):
+        assert self.motors.receive(0, encode(message, MODEL), 1.0)
+
+
+def test_stiffer_gains_go_after_the_command_and_softer_ones_before():
+    """So that no target is ever held with gains that were not meant for it."""
+    rig = Rig()
+    assert rig.kinds(20.0) == [Command, Gains], "from the zero gains of enabling"
+    assert rig.kinds(50.0) == [Command, Gains]
+    assert rig.kinds(0.0) == [Gains, Command]
+
+
+def test_changed_gains_go_three_times_and_then_to_one_motor_a_tick():
+    rig = Rig(4)
+    ticks = [rig.command(20.0) for _ in range(12)]
+    assert [sum(isinstance(m, Gains) for m in tick) for tick in ticks] == [4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    assert {m.device_id for tick in ticks[3:] for m in tick if isinstance(m, Gains)} == {22, 23, 24, 25}
+    assert all(sum(isinstance(m, Command) for m in tick) == 4 for tick in ticks)
+
+
+def test_gains_without_stiffness_go_first_in_every_tick():
+    rig = Rig(4)
+    rig.command(20.0)
+    for _ in range(10):
+        found = rig.command(0.0, 2.0)
+        assert [(m.device_id, type(m)) for m in found] == [(i, k) for i in range(22, 26) for k in (Gains, Command)]
+
+
+def test_the_position_of_a_damping_command_is_where_the_motor_is():
+    """Were the frame with the gains lost, the old K_p would meet the new command's position."""
+    rig = Rig(1)
+    rig.receive(Feedback(22, 0.1, 0.2))
+    rig.receive(PositionFeedback(22, 0.25))
+    (command,) = [m for m in rig.command(0.0, 2.0) if isinstance(m, Command)]
+    assert command.position == pytest.approx(0.25, abs=1e-4)
+    reading = rig.motors.readings()
+    assert (reading.position[0], reading.velocity[0]) == pytest.approx((0.25, 0.1), abs=1e-4)
+
+
+def test_another_host_is_noticed():
+    rig = Rig()
+    rig.receive(Gains(22, 1.0, 0.0))
+    assert "another host sends 'gains' to motor 22" in rig.motors._line.notes[0].intruder.text

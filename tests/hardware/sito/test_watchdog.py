@@ -1,0 +1,221 @@
+"""A loop and its watchdog in processes of their own, a listener on their bus, and signals that no program catches."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from waiting import until
+from watched_loop import COMMAND, DAMPING, DAMPING_TIME, GAINS, RESET, motor
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import open_bus, parse_address
+from humanoid_sim.hardware.sito import watchdog
+from humanoid_sim.hardware.sito.watchdog import ABANDONED, BEAT, ENABLED, RELEASED, Watchdog
+from humanoid_sim.messages import SafetyLevel
+
+_LOOP = Path(__file__).parent / "watched_loop.py"
+_LATE = 0.15
+"""s that this machine may be late."""
+
+
+@pytest.mark.parametrize(
+    ("sent", "closes", "reason"),
+    [
+        (b"", True, ""),
+        (ENABLED, True, "the loop's process has ended"),
+        (BEAT, True, "the loop's process has ended"),
+        (BEAT + ENABLED + RELEASED, False, ""),
+        (BEAT + ABANDONED, False, "motors did not confirm"),
+        (ENABLED + BEAT, False, "no command has left"),
+    ],
+)
+def test_the_child_acts_on_silence_and_death_of_an_armed_loop_only(sent, closes, reason):
+    loop, child = socket.socketpair()
+    with loop, child:
+        loop.send(sent)
+        if closes:
+            loop.close()
+        found = watchdog._watch(child)
+    assert found.startswith(reason)
+    assert bool(found) == bool(reason)
+
+
+class Listener:
+    """Everything on a channel, with the time at which it came."""
+
+    def __init__(self, channel):
+        self.frames = []
+        self._closing = threading.Event()
+        self._bus = open_bus(parse_address(channel))
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        while not self._closing.is_set():
+            message = self._bus.recv(0.02)
+            if message is not None:
+                self.frames.append((time.monotonic(), message.arbitration_id))
+
+    def close(self):
+        self._closing.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def times(self, identifier, after=0.0):
+        return [at for at, found in list(self.frames) if found == identifier and at > after]
+
+
+def _is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def channel():
+    return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
+
+
+@pytest.fixture
+def listener(channel):
+    listener = Listener(channel)
+    yield listener
+    listener.close()
+
+
+class Loop:
+    """The program, and its watchdog's process id."""
+
+    def __init__(self, process):
+        self.process, self.lines = process, process.stdout
+        self.watchdog = int(self.lines.readline())
+
+
+@contextmanager
+def _looping(channel):
+    with subprocess.Popen(
+        [sys.executable, str(_LOOP), channel], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        loop = Loop(process)
+        try:
+            yield loop
+        finally:
+            process.kill()
+            process.send_signal(signal.SIGCONT)
+            until(lambda: not _is_running(loop.watchdog))
+
+
+def test_a_killed_loops_motors_are_damped_and_then_reset(channel, listener):
+    with _looping(channel) as loop:
+        until(lambda: len(listener.times(COMMAND)) > 20)
+        assert {found for _, found in listener.frames} == {COMMAND}, "a watchdog that watches is silent"
+        loop.process.kill()
+        until(lambda: not _is_running(loop.watchdog))
+        told = loop.process.stderr.read().splitlines()
+    others = [found for _, found in listener.frames if found != COMMAND]
+    assert others == [GAINS, GAINS, DAMPING] * 20 + [RESET] * 5  # 0.4 s every 20 ms
+    assert told == [
+        "watchdog: the loop's process has ended: damping left_wrist_roll for 0.4 s, then reset",
+        "watchdog: damped and reset: left_wrist_roll",
+    ]
+
+
+@pytest.mark.soak
+def test_a_stopped_loop_is_displaced_in_time_and_commands_nothing_when_it_continues(channel, listener):
+    with _looping(channel) as loop:
+        until(lambda: len(listener.times(COMMAND)) > 20)
+        loop.process.send_signal(signal.SIGSTOP)
+        stopped = time.monotonic()
+        until(lambda: listener.times(GAINS))
+        assert 0.1 - 0.03 < listener.times(GAINS)[0] - stopped < 0.1 + _LATE
+        until(lambda: len(listener.times(RESET)) > 6)  # they go on until it has seen that it was displaced
+        damped = listener.times(DAMPING)
+        assert DAMPING_TIME - 0.1 < damped[-1] - damped[0] < DAMPING_TIME + _LATE
+        loop.process.send_signal(signal.SIGCONT)
+        continued = time.monotonic()
+        assert loop.lines.readline() == "displaced: watchdog FAULT\n"
+        until(lambda: not _is_running(loop.watchdog))
+        time.sleep(0.1)
+        assert listener.times(COMMAND, continued) == []
+
+
+@pytest.mark.soak
+def test_a_terminals_signals_leave_the_watchdog_alone(channel, listener):
+    with _looping(channel) as loop:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+            os.kill(loop.watchdog, number)
+        until(lambda: len(listener.times(COMMAND)) > 20)
+        assert _is_running(loop.watchdog)
+
+
+@pytest.fixture
+def dog(channel, monkeypatch):
+    monkeypatch.setattr(watchdog, "DAMPING_TIME", 0.1)
+    dog = Watchdog([motor(channel)])
+    yield dog
+    dog.release(confirmed=True)
+
+
+@pytest.mark.soak
+def test_a_loop_whose_frames_do_not_leave_is_displaced(dog):
+    dog.enabled()
+    dog.beat()
+    until(lambda: not dog.poll())
+
+
+@pytest.mark.soak
+def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(dog, listener):
+    dog.enabled()
+    dog.release(confirmed=False)
+    assert not _is_running(dog.pid)
+    until(lambda: listener.times(RESET))
+    assert listener.times(DAMPING)
+
+
+@pytest.mark.soak
+def test_a_released_watchdog_sends_nothing(dog, listener):
+    dog.enabled()
+    dog.beat()
+    dog.release(confirmed=True)
+    assert not _is_running(dog.pid)
+    assert listener.frames == []
+
+
+@pytest.mark.soak
+def test_its_own_death_is_a_warning(dog):
+    dog.enabled()
+    until(lambda: dog.status() is None)
+    os.kill(dog.pid, signal.SIGKILL)
+    until(lambda: dog.status() is not None)
+    status = dog.status()
+    assert (status.level, status.source) == (SafetyLevel.WARNING, "watchdog")
+    assert "has died" in status.message
+    assert "left_wrist_roll" in status.message
+
+
+@pytest.mark.soak
+def test_one_that_hangs_is_a_warning(dog):
+    dog.enabled()
+    os.kill(dog.pid, signal.SIGSTOP)
+
+    def hangs():
+        dog.beat()
+        return dog.status() is not None
+
+    until(hangs)
+    assert "hangs" in dog.status().message
+    os.kill(dog.pid, signal.SIGCONT)
+
+
+def test_a_watchdog_that_does_not_start_is_said(channel, monkeypatch):
+    monkeypatch.setattr(watchdog.sys, "executable", "/no/such/python")
+    with pytest.raises(RobotError, match="cannot be started: No such file"):
+        Watchdog([motor(channel)])
