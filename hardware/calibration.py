@@ -1,14 +1,14 @@
-"""The homing offsets of one physical robot: from sweeps by hand to `calibration.yaml`, and back.
+"""`calibration.yaml` of one physical robot: homing offsets from sweeps by hand, and the directions that were confirmed.
 
-An entry says where a motor's zero is when its joint is at zero, in the motor's frame, after assembly and after a motor
-was replaced. Its `id` and `direction` are for the reader; the robot description decides.
+`motor = direction * joint + homing_offset`, rad. An entry's `id` and `direction` are those of the robot description at
+the time; the description decides.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -22,12 +22,20 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_yaml
 
-_FIELDS = ("id", "direction", "homing_offset")
 _LARGEST_OFFSET = 8.0 * math.pi
-"""rad, the width of a motor's position range: beyond it no offset makes sense."""
+"""rad, the width of a motor's position range."""
+_FIELDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    "id": ("a whole number of 1 to 255", lambda value: type(value) is int and 1 <= value <= 255),
+    "direction": ("1 or -1", lambda value: type(value) is int and value in (-1, 1)),
+    "homing_offset": (
+        f"a number within ±{_LARGEST_OFFSET:.2f} rad",
+        lambda value: type(value) in (int, float) and abs(value) <= _LARGEST_OFFSET,  # NaN fails it
+    ),
+    "direction_confirmed": ("true or false", lambda value: type(value) is bool),
+}
 _HEADING = """\
-# Homing offsets of one robot, rad, motor frame: motor = direction * joint + homing_offset.
-# Written by `python -m humanoid_sim.hardware calibrate`; id and direction are for the reader.
+# One robot's homing offsets, rad: motor = direction * joint + homing_offset. Written by
+# `python -m humanoid_sim.hardware calibrate`, and by `identify`, where a person has confirmed a joint's direction.
 """
 
 
@@ -39,8 +47,10 @@ class CalibrationEntry:
     """The motor's CAN id."""
     direction: int
     """±1"""
-    homing_offset: float
-    """rad, motor frame."""
+    homing_offset: float | None
+    """rad, motor frame; None: its direction is confirmed, and it is not calibrated yet."""
+    direction_confirmed: bool = False
+    """True once a person has seen the joint move the way of a rising angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,26 +58,29 @@ class Calibration:
     """A whole file."""
 
     entries: Mapping[str, CalibrationEntry]
-    """By joint, in the file's order; joints that the robot has not (a neck that is not mounted) are kept."""
+    """By joint, in the file's order; joints that the robot does not have (a neck that is not mounted) are kept."""
     warnings: tuple[str, ...] = ()
     """Disagreements of the file with the robot description, one line each."""
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
         """Return every joint's offset, in the robot's order: rad, motor frame; an `InputError` names missing ones."""
-        missing = [name for name in description.joint_names if name not in self.entries]
+        offsets = {name: entry.homing_offset for name, entry in self.entries.items()}
+        missing = [name for name in description.joint_names if offsets.get(name) is None]
         if missing:
-            raise InputError(
-                f"calibration: lacks {', '.join(missing)}; "
-                "run python -m humanoid_sim.hardware calibrate, which keeps the others"
-            )
-        return {name: self.entries[name].homing_offset for name in description.joint_names}
+            raise InputError(f"calibration: lacks {', '.join(missing)}; run python -m humanoid_sim.hardware calibrate")
+        return {name: offset for name in description.joint_names if (offset := offsets[name]) is not None}
+
+    def unconfirmed(self, description: RobotDescription) -> tuple[str, ...]:
+        """Return the joints whose present direction no person has confirmed."""
+        directions = {joint.name: joint.motor.direction for joint in description.joints if joint.motor is not None}
+        confirmed = {name: entry.direction for name, entry in self.entries.items() if entry.direction_confirmed}
+        return tuple(name for name, direction in directions.items() if confirmed.get(name) != direction)
 
 
 def load_calibration(path: str | os.PathLike[str], description: RobotDescription) -> Calibration:
     """Read a calibration for a robot.
 
-    Raises `InputError` if the file cannot be read, is not a calibration, or names another motor for a joint: it is
-    another robot's. One line with joint, field, value and what is accepted.
+    Raises `InputError` if the file is no calibration, or names another motor for a joint: it is another robot's.
     """
     document = read_yaml(Path(path), str(path), "a calibration (YAML)")
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
@@ -79,147 +92,139 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
 def _entry(where: str, value: Any) -> CalibrationEntry:
     if not isinstance(value, dict):
         raise InputError(f"{where}: is {_shown(value)}, expected a mapping with {', '.join(_FIELDS)}")
-    for name in _FIELDS:
+    required = ("id", "direction") if value.get("direction_confirmed") is True else ("id", "direction", "homing_offset")
+    for name in required:
         if name not in value:
-            raise InputError(f"{where}: misses '{name}'; expected {', '.join(_FIELDS)}")
-    for name in value:
+            raise InputError(f"{where}: misses '{name}'")
+    for name, field in value.items():
         if name not in _FIELDS:
             raise InputError(f"{where}: unknown field {_shown(name)}; expected {', '.join(_FIELDS)}")
-    motor_id, direction, offset = (value[name] for name in _FIELDS)
-    if type(motor_id) is not int or not 1 <= motor_id <= 255:
-        raise InputError(f"{where}: id: is {_shown(motor_id)}, expected a whole number of 1 to 255")
-    if type(direction) is not int or direction not in (-1, 1):
-        raise InputError(f"{where}: direction: is {_shown(direction)}, expected 1 or -1")
-    # The comparison is written so that NaN fails it.
-    if type(offset) not in (int, float) or not abs(offset) <= _LARGEST_OFFSET:
-        accepted = f"a number within ±{_LARGEST_OFFSET:.2f} rad"
-        raise InputError(f"{where}: homing_offset: is {_shown(offset)}, expected {accepted}")
-    return CalibrationEntry(motor_id, direction, float(offset))
+        expected, is_right = _FIELDS[name]
+        if not is_right(field):
+            raise InputError(f"{where}: {name}: is {_shown(field)}, expected {expected}")
+    offset = value.get("homing_offset")
+    confirmed = value.get("direction_confirmed", False)
+    return CalibrationEntry(value["id"], value["direction"], None if offset is None else float(offset), confirmed)
 
 
 def _shown(value: object) -> str:
-    """Return a value for a message of one line, whatever a file may hold."""
+    """Return a value for a message of one line."""
     if isinstance(value, dict | list):
         return "a mapping" if isinstance(value, dict) else "a list"
-    if isinstance(value, int) and value.bit_length() > 64:  # Python refuses to write out the longest
-        return f"a number of {value.bit_length()} bits"
-    return repr(value)[:80]
+    return f"a number of {value.bit_length()} bits" if isinstance(value, int) and value >> 64 else repr(value)[:80]
 
 
 def _disagreements(
     path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry], description: RobotDescription
 ) -> list[str]:
     found = []
-    joints = {joint.name: joint for joint in description.joints}
+    motors = {joint.name: joint.motor for joint in description.joints}
     for name, entry in entries.items():
-        joint = joints.get(name)
-        if joint is None or joint.motor is None:
+        motor = motors.get(name)
+        if motor is None:
             found.append(f"{path}: {name}: is not a driven joint of {description.name}; its entry is not used")
-            continue
-        if entry.id != joint.motor.can_id:
+        elif entry.id != motor.can_id:
             raise InputError(
-                f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {joint.motor.can_id}: "
+                f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}: "
                 "another robot's calibration, or calibrate this joint anew"
             )
-        if entry.direction != joint.motor.direction:
+        elif entry.direction != motor.direction:
             found.append(
-                f"{path}: {name}: direction: is {entry.direction}, the robot description has {joint.motor.direction}, "
+                f"{path}: {name}: direction: is {entry.direction}, the robot description has {motor.direction}, "
                 "which is used; calibrate this joint anew if its direction was wrong before"
             )
     return found
 
 
-def save_calibration(path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry]) -> None:
-    """Write a calibration: whole, or not at all, whatever happens meanwhile; an `InputError` where it cannot be."""
+def read_entries(path: Path, description: RobotDescription) -> Mapping[str, CalibrationEntry]:
+    """Return the entries of a calibration; none where there is no file."""
+    return load_calibration(path, description).entries if path.exists() else {}
+
+
+def save_calibration(
+    path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry], first: Sequence[str] = ()
+) -> None:
+    """Write a calibration, the `first` joints first: whole, or not at all; an `InputError` where it cannot be."""
     path = Path(path)
-    document = {
-        name: {"id": entry.id, "direction": entry.direction, "homing_offset": round(entry.homing_offset, 6)}
-        for name, entry in entries.items()
-    }
+    document: dict[str, dict[str, Any]] = {}
+    for name in dict.fromkeys([*(name for name in first if name in entries), *entries]):
+        entry = entries[name]
+        fields: dict[str, Any] = {"id": entry.id, "direction": entry.direction}
+        if entry.homing_offset is not None:
+            fields["homing_offset"] = round(entry.homing_offset, 6)
+        if entry.direction_confirmed:
+            fields["direction_confirmed"] = True
+        document[name] = fields
     with whole_file(path) as file:
         if path.exists():
             os.fchmod(file.fileno(), path.stat().st_mode & 0o777)
         file.write((_HEADING + yaml.safe_dump(document, sort_keys=False)).encode())
         file.flush()
-        os.fsync(file.fileno())  # before the name: after a power cut there is the old file or the whole new one
+        os.fsync(file.fileno())  # after a power cut there is the old file or the whole new one
 
 
 _TOUCH = 0.05
 """rad of overlap that is none: a joint whose range ends at zero touches its mirror image there."""
+THRESHOLD = 0.5
+"""rad; a joint that was moved less keeps its previous offset."""
 
 
 class Verdict(Enum):
     """Verdict on a sweep."""
 
     UNSWEPT = "unswept"
-    """Less than the threshold: the joint keeps its previous offset."""
     GOOD = "good"
     INCOMPLETE = "partial"
     """Shorter than the joint's range: not both stops were reached, or they are nearer than the limits."""
     BEYOND = "beyond"
     """Longer than the joint's range: its stops are farther than its limits, or two motors answer as one."""
     FLIPPED = "flipped"
-    """Range where the joint cannot be: its `direction` is wrong in the description, or its motor sits elsewhere."""
+    """Outside the joint's range: its `direction` is wrong in the description, or its motor sits elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Lowest and highest angle seen, rad; NaN before the first."""
+    """Lowest and highest angle of a joint, rad, `direction · motor`; NaN before the first."""
 
     lowest: float = math.nan
     highest: float = math.nan
 
     @property
     def width(self) -> float:
-        """The angle swept, rad; 0 before the first."""
+        """The angle swept, rad."""
         return 0.0 if math.isnan(self.lowest) else self.highest - self.lowest
 
     def with_angle(self, angle: float) -> Sweep:
-        """Return the sweep with another angle in it, rad; one that is not finite changes nothing."""
-        if not math.isfinite(angle):
-            return self
-        if math.isnan(self.lowest):
-            return Sweep(angle, angle)
-        return Sweep(min(self.lowest, angle), max(self.highest, angle))
-
-
-@dataclass(frozen=True, slots=True)
-class SweepResult:
-    """Result of one joint's sweep."""
-
-    verdict: Verdict
-    width: float
-    """rad swept."""
-    homing_offset: float | None
-    """rad, motor frame; none unless the verdict is GOOD."""
+        """Return the sweep with another angle in it, rad."""
+        return (
+            Sweep(angle, angle) if math.isnan(self.lowest) else Sweep(min(self.lowest, angle), max(self.highest, angle))
+        )
 
 
 def evaluate(
-    joint: JointDescription, direction: int, sweep: Sweep, *, threshold: float, tolerance: float, any_offset: bool
-) -> SweepResult:
-    """Return what a sweep says of a joint with limits.
+    joint: JointDescription, direction: int, sweep: Sweep, *, tolerance: float, any_offset: bool
+) -> tuple[Verdict, float | None]:
+    """Return the verdict on a joint's sweep, and its homing offset, rad, motor frame, if it is good.
 
     `homing_offset = ½ · ((lowest - lower) + (highest - upper)) · direction`, after the sweep was moved by whole turns
-    to where its middle is nearest to that of the limits: since it was switched on, a motor does not know its turn.
+    to where its middle is nearest to that of the limits: a motor does not know its turn since it was switched on.
 
     Args:
         joint: whose limits are its stops.
         direction: ±1, of its motor.
-        threshold: rad; less is not a sweep.
+        sweep: from stop to stop.
         tolerance: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
-        any_offset: do not conclude from a sweep outside the joint's limits that its direction is flipped: for motors
-            that were assembled without setting their zero.
+        any_offset: the motors' zeros were never set: a sweep outside the limits is not a flipped direction.
     """
-    width = sweep.width
-    if width < threshold:
-        return SweepResult(Verdict.UNSWEPT, width, None)
+    if sweep.width < THRESHOLD:
+        return Verdict.UNSWEPT, None
     offset = 0.5 * ((sweep.lowest - joint.lower) + (sweep.highest - joint.upper))
     nearest = math.remainder(offset, 2.0 * math.pi)
     lowest, highest = sweep.lowest + nearest - offset, sweep.highest + nearest - offset
     overlap = min(highest, joint.upper) - max(lowest, joint.lower)
-    if not any_offset and overlap <= min(_TOUCH, 0.5 * width):
-        return SweepResult(Verdict.FLIPPED, width, None)
-    excess = width - (joint.upper - joint.lower)
+    if not any_offset and overlap <= min(_TOUCH, 0.5 * sweep.width):
+        return Verdict.FLIPPED, None
+    excess = sweep.width - (joint.upper - joint.lower)
     if abs(excess) > tolerance:
-        return SweepResult(Verdict.BEYOND if excess > 0.0 else Verdict.INCOMPLETE, width, None)
-    return SweepResult(Verdict.GOOD, width, nearest * direction)
+        return (Verdict.BEYOND if excess > 0.0 else Verdict.INCOMPLETE), None
+    return Verdict.GOOD, nearest * direction

@@ -86,6 +86,8 @@ class LinkTerms:
     """Shape (motors,), N·m·s/rad, with which a watchdog brakes motors that have no timeout of their own."""
     known_uids: Mapping[str, bytes] = field(default_factory=dict)
     """Unique ids at an earlier activation by joint, where motors have them."""
+    is_whole: bool = True
+    """True if these are all motors of their channels; others are mentioned then."""
 
 
 class MotorLink(Protocol):

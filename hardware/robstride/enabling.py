@@ -1,9 +1,4 @@
-"""The one way to a motor that executes commands, and back: examine, make ready, enable, stop.
-
-A robot takes its motors over: it clears their faults and writes run mode and limits. A tool takes one motor as it is: a
-motor that has a fault, or another run mode, is refused, and only its CAN timeout is written, and the torque limit by a
-tool that moves it. All else is the same.
-"""
+"""The one way to a motor that executes commands, and back: examine, make ready, enable, stop."""
 
 from __future__ import annotations
 
@@ -34,10 +29,9 @@ def examine(
     link: RobstrideLink,
     joints: Sequence[int],
     checks: CheckList,
+    known_uids: Mapping[int, bytes],
     *,
-    known_uids: Mapping[int, bytes] | None = None,
-    takes_over: bool,
-    is_limp: bool = False,
+    asks_everyone: bool,
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
     """Check that nobody else drives these motors, and that they are those that were expected.
 
@@ -45,8 +39,7 @@ def examine(
 
     Args:
         known_uids: unique ids at an earlier activation, by joint.
-        takes_over: whether they are all motors of their channels, and their run mode will be written.
-        is_limp: no torque will be commanded, see `identify`.
+        asks_everyone: whether every id is asked, and strangers are mentioned.
 
     Returns:
         Unique ids and firmware versions, by joint.
@@ -54,49 +47,24 @@ def examine(
     time.sleep(_LISTENING)
     link.line.check(checks)
     checks.refuse()
-    found = identify(link, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)
+    found = identify(link, joints, checks, known_uids, asks_everyone=asks_everyone)
     checks.refuse()
-    if not takes_over:
-        for joint, mode in link.read(dict.fromkeys(joints, _RUN_MODE)).items():
-            if mode != RunMode.OPERATION:
-                text = f"run_mode is {mode.reason if isinstance(mode, Unreadable) else f'{mode:g}'}, expected 0"
-                checks.problem(link.motors.names[joint], f"{text}: enabling may move it")
-        checks.refuse()
     return found
 
 
-def make_ready(
-    link: RobstrideLink,
-    joints: Sequence[int],
-    can_timeout: float,
-    checks: CheckList,
-    *,
-    takes_over: bool,
-    torque: float | None = None,
-) -> None:
+def make_ready(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
     """Stop these motors, clear their faults, and configure them; leaves them stopped.
 
     Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not confirm it
     is not enabled; nor is one that would take another kind of command, or more torque than it was given, or answer its
-    commands to another host.
-
-    Args:
-        can_timeout: s without a command after which a motor stops by itself.
-        takes_over: whether faults are cleared, and run mode and the robot description's limits written.
-        torque: N·m that a tool lets these motors have; None: no limit is written.
+    commands to another host. `can_timeout` in s.
     """
-    _stop_and_check(link, joints, checks, clears_faults=takes_over)
-    if checks.problems and not takes_over:
-        return
-    if takes_over:
-        _write_run_mode(link, joints, checks)
+    _stop_and_check(link, joints, checks)
+    _write_run_mode(link, joints, checks)
     _write_timeout(link, joints, can_timeout, checks)
     torques, currents = link.motors.torque_limit, link.motors.current_limit
-    if takes_over:
-        _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks)
-        _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks)
-    elif torque is not None:
-        _write_limit(link, "limit_torque", dict.fromkeys(joints, torque), checks)
+    _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks)
+    _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks)
     _check_stored_hosts(link, joints, checks)
 
 
@@ -115,8 +83,8 @@ def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: boo
     return tuple(i for i in commands if i not in confirmed)
 
 
-def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckList, *, clears_faults: bool) -> None:
-    """Stop these motors, and clear their faults if that is wanted; what is left of them is a problem.
+def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
+    """Stop these motors and clear their faults; what is left of them is a problem.
 
     The fault words are read as well: they show what no status does, overvoltage.
     """
@@ -129,17 +97,16 @@ def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckLis
         status = () if sample is None else flag_names(sample.status.faults)
         return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(words.get(i, 0)))]))
 
-    if clears_faults:
-        faulty = [i for i in joints if faults(i)]
-        for i in faulty:
-            checks.warn(names[i], f"had faults, cleared: {faults(i)}")
-        stop_motors(link, [i for i in faulty if i not in silent], clear_faults=True)
-        words.update(_fault_words(link, faulty))
+    faulty = [i for i in joints if faults(i)]
+    for i in faulty:
+        checks.warn(names[i], f"had faults, cleared: {faults(i)}")
+    stop_motors(link, [i for i in faulty if i not in silent], clear_faults=True)
+    words.update(_fault_words(link, faulty))
     for i in joints:
         if i in silent:
             checks.problem(names[i], f"does not confirm that it is stopped ({slots[i].mode_text})")
         elif left := faults(i):
-            checks.problem(names[i], f"faults do not clear: {left}" if clears_faults else f"reports {left}")
+            checks.problem(names[i], f"faults do not clear: {left}")
         if i not in words:
             checks.warn(names[i], "its fault word cannot be read: overvoltage would not be seen here")
 

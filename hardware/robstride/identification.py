@@ -31,14 +31,12 @@ def identify(
     known_uids: Mapping[int, bytes],
     *,
     asks_everyone: bool,
-    is_limp: bool,
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
     """Ask on all channels who is there, and these motors for their firmware. Asks only; nothing is written.
 
     Args:
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
         asks_everyone: whether every id is asked, and strangers are mentioned.
-        is_limp: no torque will be commanded: firmware that scales it wrongly, or is not known, is a warning.
 
     Returns:
         Unique ids and firmware versions by joint, of the motors that answered.
@@ -67,7 +65,7 @@ def identify(
     for channel, motor_id in sorted(answers):
         if motor_id not in motors.motor_id:
             checks.warn(sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
-    return uids, _check_versions(link, uids, checks, is_limp=is_limp)
+    return uids, _check_versions(link, uids, checks)
 
 
 def _ask_again(link: RobstrideLink, joints: Sequence[int], answers: Answers) -> None:
@@ -103,20 +101,17 @@ def read_versions(link: RobstrideLink, joints: Sequence[int]) -> dict[int, Firmw
     return link.ask({i: [ReadVersion(link.motors.motor_id[i], host_id=link.host_id)] for i in joints}, version)
 
 
-def _check_versions(
-    link: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
-) -> dict[int, FirmwareVersion]:
+def _check_versions(link: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList) -> dict[int, FirmwareVersion]:
     motors = link.motors
-    note = checks.warn if is_limp else checks.problem
     versions = read_versions(link, list(uids))
     for i in sorted(uids):
         name, model = motors.names[i], motors.model[i]
         if i not in versions:
-            note(name, "does not report its firmware's version, by which its model and its scales are known")
+            checks.problem(name, "does not report its firmware's version, by which its model and its scales are known")
             continue
         version = versions[i]
         if problem := firmware_problem(model, version):
-            note(name, problem)
+            checks.problem(name, problem)
             continue
         where = f"motor {motors.motor_id[i]} on {link.sources[motors.channel[i]]}"
         checks.passed(name, f"{where}, {model.name}, firmware {version_text(version)}, uid {uids[i].hex()}")
@@ -124,8 +119,5 @@ def _check_versions(
         if found != model.position:
             checks.warn(name, f"firmware {version_text(version)} counts ±{found:g} rad: angles are off by 0.5 %")
         if question := firmware_question(model, version):
-            if is_limp:
-                checks.warn(name, question)
-            else:
-                checks.question(name, question, version_text(version))
+            checks.question(name, question, version_text(version))
     return versions

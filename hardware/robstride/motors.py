@@ -50,12 +50,13 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         """See `MotorLink`."""
         names, known = self.motors.names, self._terms.known_uids
         known_uids = {i: known[names[i]] for i in self._all if names[i] in known}
-        uids, self._versions = examine(self, self._all, checks, known_uids=known_uids, takes_over=True)
+        is_whole = self._terms.is_whole
+        uids, self._versions = examine(self, self._all, checks, known_uids, asks_everyone=is_whole)
         self.uids = {names[i]: uid for i, uid in uids.items()}
 
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`."""
-        make_ready(self, self._all, self._terms.can_timeout, checks, takes_over=True)
+        make_ready(self, self._all, self._terms.can_timeout, checks)
         self._check_turns(checks)
         volts = self.read(dict.fromkeys(self._all, PARAMETERS["VBUS"]))
         for channel, source in enumerate(self.sources):

@@ -177,7 +177,7 @@ def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malf
     if len(frame.data) != 8:
         name = MessageType(kind).name.lower().replace("_", " ")
         return Malformed(device_id, f"{name} with {len(frame.data)} bytes, expected 8")
-    return _DECODERS[kind](device_id, frame.data, model)
+    return _DECODERS[MessageType(kind)](device_id, frame.data, model)
 
 
 def _decode_reset(device_id: int, data: bytes, _: MotorModel) -> Reset | Malformed:

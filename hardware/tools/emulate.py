@@ -84,11 +84,11 @@ def _refuse_unreachable(addresses: Sequence[BusAddress], faults: Sequence[Fault]
 
 
 def _settings(config: Emulate, description: RobotDescription) -> MockSettings:
-    offsets = {}
+    offsets: dict[str, float] = {}
     if config.calibration is not None:
         entries = load_calibration(config.calibration, description).entries
-        driven = [joint.name for joint in description.joints if joint.motor is not None]
-        offsets = {name: entry.homing_offset for name, entry in entries.items() if name in driven}
+        driven = [joint.name for joint in description.joints if joint.motor is not None and joint.name in entries]
+        offsets = {name: entries[name].homing_offset or 0.0 for name in driven}
     firmware = {}
     for text in config.firmware:
         name, is_given, version = text.partition("=")

@@ -1,23 +1,32 @@
-"""`hardware identify`: move one joint a little."""
+"""`hardware identify`: move one joint a little, limp first, and store the direction that a person confirms."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
+import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.calibration import CalibrationEntry, read_entries, save_calibration
+from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import Wiring, make_wiring
+from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
+from humanoid_sim.hardware.robot import LINKS
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
-from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor, MovedMotor, limp_motors
+from humanoid_sim.hardware.tools.bench import answer, ask_uid, confirm, open_bench, silence, write_value
 from humanoid_sim.hardware.tools.options import Identify
-from humanoid_sim.hardware.tools.terminal import confirm
+from humanoid_sim.messages import SafetyLevel
+from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import real_time
 
@@ -29,16 +38,22 @@ _HOLD = 0.5
 """s to stay there, so that it is seen."""
 _DAMPING_TIME = 0.05
 """s, damping over stiffness: about critical for a forearm, and within every model's range."""
+_WATCHDOG_DAMPING = 1.0
+"""N·m·s/rad with which a watchdog brakes a motor without a timeout."""
 _MOVED = 0.3
 """Share of the angle from which on a joint counts as moved."""
 _FARTHEST = 3.0
 """Share of the angle beyond which something else moves the joint, and it is let go."""
 _ANSWER_TIME = 0.3
-"""s that motors have to tell their positions, which takes them some milliseconds."""
+"""s that motors have to report their positions, which takes them some milliseconds."""
+_PATIENCE = 0.75
+"""s of commands without a status after which a motor counts as silent."""
+_POLL = 0.001
+"""s"""
 
 
 def identify(config: Identify) -> int:
-    """Ask for confirmation, move, print, and return the exit status."""
+    """Ask for confirmation, move, print, store, and return the exit status."""
     description = load_robot(config.robot)
     require_known("joint", (config.joint,), description.joint_names)
     if not 0.02 <= config.angle <= 0.5:
@@ -48,100 +63,166 @@ def identify(config: Identify) -> int:
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses))
     joint = description.joint_names.index(config.joint)
-    if not 0.0 < config.torque <= wiring.effort_limit[joint]:
-        raise InputError(
-            f"--torque: is {config.torque}, expected more than 0 and at most {wiring.effort_limit[joint]:g} N·m"
-        )
+    limit = float(wiring.effort_limit[joint])
+    if not 0.0 < config.torque <= limit:
+        raise InputError(f"--torque: is {config.torque}, expected more than 0 and at most {limit:g} N·m")
     if joint in wiring.endless and not config.allow_no_timeout:
         raise InputError(
-            f"{config.joint}: its motor executes its last command for ever when this program dies, for no timeout of "
-            "its own is known; --allow-no-timeout accepts that"
+            f"{config.joint}: its motor executes its last command for ever when this program dies; "
+            "--allow-no-timeout accepts that"
         )
-    with real_time(), open_bench(addresses, config.host_id, wiring) as channels:
+    entries = read_entries(config.output, description)
+    with real_time(), open_bench(addresses, config.host_id, wiring) as link:
         if joint not in wiring.unasked:
-            read_device_id(channels, joint)
-        source = channels.sources[wiring.channel[joint]]
+            ask_uid(link, joint)
         print(
-            f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
+            f"{config.joint}: motor {wiring.motor_id[joint]} on {link.sources[wiring.channel[joint]]} will move it by "
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
         confirm("Is the arm supported and clear?", config.yes, "not moved")
-        before = _positions(channels)
-        with _enabled(config, wiring, joint, channels) as motor:
-            start, after = _move(config, wiring, joint, channels, motor, before)
+        before = _positions(link)
+        with _enabled(config, wiring, joint, link) as motor:
+            start, after = _move(config, wiring, joint, motor, before)
         before.setdefault(joint, start)
-    return _report(config, wiring, joint, before, after)
+    if not _has_moved(config, wiring, joint, before, after):
+        return ExitStatus.FAILED
+    return _store(config, wiring, joint, dict(entries))
 
 
-def _positions(channels: RobstrideLink) -> dict[int, float]:
-    """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
-    motors = range(channels.motors.count)
-    found = channels.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
+def _positions(link: RobstrideLink) -> dict[int, float]:
+    """Return `mechPos` of every motor that reports it, rad, motor frame, by joint."""
+    found = link.read(dict.fromkeys(range(link.motors.count), PARAMETERS["mechPos"]), (_ANSWER_TIME,))
     return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 
 
+class _Motor:
+    """The joint's motor, enabled."""
+
+    def __init__(self, config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink, link: MotorLink) -> None:
+        self.bench, self._link = bench, link
+        self._joint, self._torque = joint, np.array([config.torque])
+        self._doubt = float(wiring.stiffness_doubt[joint]), float(wiring.damping_doubt[joint])
+
+    @property
+    def position(self) -> float:
+        """rad, motor frame, as reported last."""
+        return float(self._link.readings().position[0])
+
+    def command(self, position: float, stiffness: float, damping: float) -> float:
+        """Send a command, and return the position of the next status: rad, motor frame.
+
+        It moves a commanded position that would ask for more torque than allowed, and is sent in every period until the
+        status comes, so that a lost frame makes no motor time out. Raises `RobotError` if the motor reports a fault or
+        has stopped, or another host commands it.
+        """
+        reading = self._link.readings()
+        known = np.isfinite(reading.time[0])
+        wanted = [position, 0.0, 0.0, self._doubt[0] * stiffness, self._doubt[1] * damping]
+        command = MITCommand(*(np.array([value]) for value in wanted))
+        lead = 2.0 * _PERIOD
+        bounded = (
+            bounded_position(command, reading.position, reading.velocity, self._torque, lead) if known else position
+        )
+        values = np.array([[float(np.squeeze(bounded))], [0.0], [0.0], [stiffness], [damping]])
+        clock = self.bench.line.clock
+        begin, sent = clock(), -math.inf
+        while not self._link.readings().time[0] > begin:  # NaN: nothing was received yet
+            now = clock()
+            if now - begin > _PATIENCE:
+                motors = self.bench.motors
+                raise silence(self.bench, motors.channel[self._joint], f"motor {motors.motor_id[self._joint]}")
+            if now - sent >= _PERIOD:
+                self._link.command(values)
+                sent = now
+            time.sleep(_POLL)
+        self._check(begin)
+        return self.position
+
+    def _check(self, since: float) -> None:
+        checks, name = CheckList(), self.bench.motors.names[self._joint]
+        self.bench.line.check(checks)
+        for finding in self._link.findings(since):
+            checks.problem(name, finding.text)
+        status = self._link.status()
+        if status is not None and status.level is SafetyLevel.FAULT:
+            checks.problem(name, status.message)
+        checks.refuse()
+
+
 @contextlib.contextmanager
-def _enabled(
-    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink
-) -> Iterator[EnabledMotor | MovedMotor]:
-    """Provide the joint's motor, enabled for a moment, and held to the torque."""
-    if joint in wiring.unasked:
-        with limp_motors(channels, [joint]) as session:
-            yield MovedMotor(channels, session, config.torque)
-        return
-    with EnabledMotor(channels, joint, torque=config.torque, accepted_firmware=config.accept_firmware) as motor:
-        yield motor
+def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink) -> Iterator[_Motor]:
+    """Enable the joint's motor, limp, after all checks of a session; disable it at the end, and verify that."""
+    alone = dataclasses.replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
+    terms = LinkTerms(config.host_id, CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), is_whole=False)
+    link = LINKS[wiring.model[joint].family](bench.line, alone, terms)
+    bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
+    checks = CheckList(accepted=config.accept_firmware)
+    link.examine(checks)
+    checks.refuse()
+    checks.refuse_questions()
+    old = None if joint in wiring.unasked else bench.read({joint: PARAMETERS["limit_torque"]})[joint]
+    try:
+        link.make_ready(checks)
+        bench.line.check(checks)
+        checks.refuse()
+        for warning in checks.warnings:
+            complain(f"warning: {warning}")
+        link.enable(checks)
+        checks.refuse()
+        yield _Motor(config, wiring, joint, bench, link)
+    finally:
+        left = link.stop([0])
+        link.close()
+        if left:
+            raise RobotError(f"{config.joint}: not confirmed to be disabled ({left[0]}): switch its power off")
+        if isinstance(old, float):
+            write_value(bench, PARAMETERS["limit_torque"], old, joint)
 
 
 def _move(
-    config: Identify,
-    wiring: Wiring,
-    joint: int,
-    channels: RobstrideLink,
-    motor: EnabledMotor | MovedMotor,
-    asked: Collection[int],
+    config: Identify, wiring: Wiring, joint: int, motor: _Motor, asked: Collection[int]
 ) -> tuple[float, dict[int, float]]:
-    """Move there and back; where the motor began, and what the asked motors' positions were when it was there."""
+    """Move there and back; returns where the motor began, and the asked motors' positions when it was there."""
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
     damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
-    start = motor.command(0.0, 0.0, 0.0, 0.0).position
-    largest = wiring.position_range[joint]
+    start = motor.command(motor.position, 0.0, 0.0)
+    largest = float(wiring.position_range[joint])
     if abs(start + step) > largest:
-        raise RobotError(
-            f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say, ±{largest:.2f}"
-        )
-
+        raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of commands, ±{largest:.2f}")
     there: dict[int, float] = {}
 
-    def follow(begin_share: float, end_share: float, duration: float, asked: Collection[int] = ()) -> None:
-        """Command; meanwhile ask for these motors' positions, until each has told it."""
+    def follow(first: float, last: float, duration: float, missing: Collection[int] = ()) -> None:
+        """Command for a time, s; meanwhile ask for these motors' positions."""
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < duration:
-            share = begin_share + (end_share - begin_share) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
-            status = motor.command(start + share * step, 0.0, stiffness, damping)
-            if abs(status.position - start) > _FARTHEST * config.angle:
-                raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
-            if missing := [i for i in asked if i not in there]:
-                there.update(channels.poll_values(PARAMETERS["mechPos"], missing, 0.0))
-            elif asked:
-                break
+            share = first + (last - first) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
+            position = motor.command(start + share * step, stiffness, damping)
+            if abs(position - start) > _FARTHEST * config.angle:
+                raise RobotError(f"{config.joint}: has moved by {position - start:+.2f} rad: let go")
+            if missing:
+                there.update(
+                    motor.bench.poll_values(PARAMETERS["mechPos"], [i for i in missing if i not in there], 0.0)
+                )
+                if len(there) == len(missing):
+                    break
             time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
 
     follow(0.0, 1.0, _RAMP)
     follow(1.0, 1.0, _HOLD)
-    channels.take_answers()  # late answers to earlier questions
+    motor.bench.take_answers()  # late ones to earlier questions
     follow(1.0, 1.0, _ANSWER_TIME, asked)
-    if isinstance(motor, MovedMotor):
+    if joint in wiring.unasked:
         there[joint] = motor.position
     follow(1.0, 0.0, _RAMP)
-    motor.command(start, 0.0, stiffness, damping)  # where the program was slow, the ramp's last command is short of it
+    motor.command(start, stiffness, damping)  # where the program was slow, the ramp's last command is short of it
     return start, there
 
 
-def _report(
+def _has_moved(
     config: Identify, wiring: Wiring, joint: int, before: Mapping[int, float], after: Mapping[int, float]
-) -> int:
+) -> bool:
+    """Print what moved; True if it was the joint, and no other."""
     moved = {i: after[i] - before[i] for i in after if i in before}
     own = moved.pop(joint, math.nan)
     others = {i: angle for i, angle in moved.items() if abs(angle) >= _MOVED * config.angle}
@@ -153,8 +234,32 @@ def _report(
     for i, angle in others.items():
         complain(f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved as well, by {angle:+.3f} rad")
     has_moved = direction * own >= _MOVED * config.angle
-    if has_moved:
-        print(f"If {config.joint} did not go the way of a rising angle in the robot's model, its direction is wrong.")
-    else:
+    if not has_moved:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
-    return 0 if has_moved and not others else ExitStatus.FAILED
+    return has_moved and not others
+
+
+def _store(config: Identify, wiring: Wiring, joint: int, entries: dict[str, CalibrationEntry]) -> int:
+    """Ask which way it went, and store a confirmed direction; returns the exit status."""
+    name, motor_id, direction = config.joint, wiring.motor_id[joint], int(wiring.direction[joint])
+    if not sys.stdin.isatty():
+        print(f"{name}: its direction is not stored: nobody confirms it where standard input is not a terminal")
+        return 0
+    is_confirmed = (
+        answer(f"Did {name}, and no other joint, go the way of a rising angle in the robot's model?") == "yes"
+    )
+    old = entries.get(name)
+    is_same = old is not None and (old.id, old.direction) == (motor_id, direction)
+    offset = old.homing_offset if old is not None and is_same else None
+    if not is_confirmed:
+        complain(f"warning: {name}: not confirmed: if it went the other way, its direction in the robot file is wrong")
+        if old is None or not old.direction_confirmed:
+            return ExitStatus.FAILED
+        entries[name] = dataclasses.replace(old, direction_confirmed=False)
+        if old.homing_offset is None:
+            del entries[name]
+    else:
+        entries[name] = CalibrationEntry(motor_id, direction, offset, direction_confirmed=True)
+    save_calibration(config.output, entries, wiring.names)
+    print(f"wrote {config.output}: direction of {name} {'confirmed' if is_confirmed else 'not confirmed'}")
+    return 0 if is_confirmed else ExitStatus.FAILED

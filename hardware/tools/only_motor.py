@@ -1,9 +1,7 @@
-"""`hardware set-id` and `set-zero`: what lasts, for one motor alone on a bus, as it comes from the factory.
+"""`hardware set-id` and `set-zero`: lasting changes of one motor alone on a bus, as it is delivered.
 
-It is found, stopped and known before anything is changed.
-
-On a robot with all its motors a wrong id would change the wrong one, and two motors that share the factory's id would
-both obey.
+On a robot with all its motors a wrong id would change the wrong one, and two with the factory's id would both obey. So
+the motor is found, alone, and stopped before anything is changed.
 """
 
 from __future__ import annotations
@@ -26,119 +24,109 @@ from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, RunMode, default_value
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
+    ask_uid,
     command_motor,
-    nobody,
+    confirm,
     open_bench,
-    read_device_id,
     read_value,
     require_up,
+    shown,
+    silence,
     some_motors,
 )
 from humanoid_sim.hardware.tools.options import SetId, SetZero
-from humanoid_sim.hardware.tools.terminal import confirm, shown
 
 _QUIET = 0.2
-"""s without an answer after which nobody else is expected."""
+"""s without an answer after which no other is expected."""
 _PACE = 0.002
 """s between two ids: answers of motors that share an id come apart."""
 _LISTENING = 0.1
-"""s of silence in which others would be heard."""
-_LOOKS = 2
+"""s of silence in which another host would be received."""
+_SCANS = 2
 """Times that every id is asked: an answer may be lost, and two that collide may both be."""
 
 
 @dataclass(frozen=True, slots=True)
-class OnlyMotor:
-    """The motor, with channels that know it."""
+class _OnlyMotor:
+    """The motor, on a link that knows it."""
 
-    channels: RobstrideLink
+    link: RobstrideLink
     motor_id: int
     uid: bytes
     model: str | None
-    """Such as rs-02; none if its firmware does not tell."""
-    firmware: str
-    """Such as `0.2.3.6`, or `unknown`."""
+    """Such as rs-02; None if its firmware does not tell."""
 
-    def __str__(self) -> str:
-        """As an operator is told of it."""
-        kind = f"{self.model or 'model unknown'}, firmware {self.firmware}"
-        return f"motor {self.motor_id} on {self.channels.sources[0]} ({kind}, unique id {self.uid.hex()})"
+
+def _uids(link: RobstrideLink, ids: list[int], pace: float = 0.0) -> dict[int, set[bytes]]:
+    """Return the unique ids that answer, by motor id."""
+    found: dict[int, set[bytes]] = {}
+    for _, reply in link.scan(ids, _QUIET, pace):
+        found.setdefault(reply.motor_id, set()).add(reply.uid)
+    return found
+
+
+def _named(uids: dict[int, set[bytes]]) -> str:
+    return ", ".join(f"{i} (unique id {uid.hex()})" for i, same in sorted(uids.items()) for uid in sorted(same))
 
 
 @contextlib.contextmanager
-def only_motor(channel: str, host_id: int) -> Iterator[OnlyMotor]:
-    """Find the one motor on a channel and stop it.
-
-    Raises:
-        SilentMotorError: nobody answers, or the motor does not confirm that it is stopped.
-        RobotError: several motors answer, somebody else speaks on the bus, or the channel cannot be used.
-    """
+def _only_motor(channel: str, host_id: int) -> Iterator[_OnlyMotor]:
+    """Find the one motor on a channel, and stop it. Raises `RobotError` if it is not alone there."""
     address = parse_address(channel)
-    with open_bench([address], host_id, some_motors([], [])) as channels:
+    with open_bench([address], host_id, some_motors([], [])) as link:
+        source, ids = link.sources[0], list(range(1, LARGEST_MOTOR_ID + 1))
         uids: dict[int, set[bytes]] = {}
-        for _ in range(_LOOKS):
-            for _, reply in channels.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET, _PACE):
-                uids.setdefault(reply.motor_id, set()).add(reply.uid)
-        require_up(channels)
-        motor_id, uid = _only(channels, uids)
-        channels.expect(some_motors([(0, motor_id)], channels.sources))
-        _stop(channels)
-        version = read_versions(channels, [0]).get(0)
+        for _ in range(_SCANS):
+            for motor_id, same in _uids(link, ids, _PACE).items():
+                uids.setdefault(motor_id, set()).update(same)
+        require_up(link)
+        if not uids:
+            raise silence(link, 0, "a motor")
+        count = sum(len(same) for same in uids.values())
+        if count > 1:
+            raise RobotError(f"{source}: {count} motors answer, expected one alone on the bus: {_named(uids)}")
+        if troubles := link.line.troubles(0):
+            raise RobotError(f"{source}: {troubles[0]}: two motors with one id, or bad wiring")
+        ((motor_id, (uid,)),) = uids.items()
+        link.expect(some_motors([(0, motor_id)], link.sources))
+        _stop(link)
+        version = read_versions(link, [0]).get(0)
         model = None if version is None else model_name(version)
-        yield OnlyMotor(channels, motor_id, uid, model, "unknown" if version is None else version_text(version))
+        firmware = "unknown" if version is None else version_text(version)
+        kind = f"{model or 'model unknown'}, firmware {firmware}"
+        print(f"found motor {motor_id} on {source} ({kind}, unique id {uid.hex()}), and no other")
+        yield _OnlyMotor(link, motor_id, uid, model)
 
 
-def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, bytes]:
-    """Id and unique id of the one that answered."""
-    source, troubles = channels.sources[0], channels.line.troubles(0)
-    if not uids:
-        raise nobody(channels, 0)
-    found = sorted((motor_id, uid) for motor_id, same in uids.items() for uid in same)
-    if len(found) > 1:
-        told = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in found)
-        raise RobotError(f"{source}: {len(found)} motors answer, expected one alone on the bus: {told}")
-    if troubles or channels.channels[0].counters.bus_errors:
-        because = f" ({troubles[0]})" if troubles else ""
-        raise RobotError(f"{source}: the bus has errors{because}: two motors with one id, or bad wiring")
-    return found[0]
-
-
-def _stop(channels: RobstrideLink) -> None:
-    """Stop it, once it is clear that nobody else speaks on the bus."""
+def _stop(link: RobstrideLink) -> None:
+    """Stop it, once it is clear that no other host speaks on the bus."""
     time.sleep(_LISTENING)
-    strangers = channels.line.notes[0].strangers
-    if strangers:
-        told = ", ".join(f"{count} × {what}" for what, count in strangers.items())
-        raise RobotError(f"{channels.sources[0]}: somebody else speaks there ({told}), expected one motor alone")
+    if strangers := link.line.notes[0].strangers:
+        received = ", ".join(f"{count} × {what}" for what, count in strangers.items())
+        raise RobotError(f"{link.sources[0]}: received {received}, expected one motor alone")
     checks = CheckList()
-    channels.line.check(checks)
+    link.line.check(checks)
     checks.refuse()
-    if stop_motors(channels, [0]):
-        raise SilentMotorError(f"{channels.motors.names[0]}: does not confirm that it is stopped")
+    if stop_motors(link, [0]):
+        raise SilentMotorError(f"{link.motors.names[0]}: does not confirm that it is stopped")
 
 
-def _warn_of_saving(motor: OnlyMotor) -> None:
-    """Tell which parameters are not as they come from the factory: saving keeps all values, these as well."""
-    if motor.model is None:
-        complain("warning: its model is not known: saving keeps all values that it has now, whatever they are")
-        return
+def _warn_of_saving(motor: _OnlyMotor) -> None:
+    """Name the parameters that are not as delivered: saving keeps all values, these as well."""
     for parameter in PARAMETERS.values():
-        usual = default_value(parameter, motor.model)
-        if not parameter.is_writable or usual is None:
-            continue
-        value = read_value(motor.channels, parameter)
-        if value is not None and not parameter.is_same(value, usual):
+        usual = None if motor.model is None else default_value(parameter, motor.model)
+        value = read_value(motor.link, parameter) if parameter.is_writable and usual is not None else None
+        if value is not None and usual is not None and not parameter.is_same(value, usual):
             complain(
                 f"warning: saving keeps {parameter.name} {shown(parameter, value)} too (factory: "
                 f"{shown(parameter, usual)}); to avoid it, switch the motor off and on first"
             )
 
 
-def _save(motor: OnlyMotor) -> None:
-    """Have the motor keep what it has beyond power-off; a `RobotError` if another one answers afterwards."""
-    command_motor(motor.channels, messages.SaveParameters(motor.motor_id, host_id=motor.channels.host_id))
-    uid = read_device_id(motor.channels).uid
-    if uid != motor.uid:
+def _save(motor: _OnlyMotor) -> None:
+    """Let the motor keep its values beyond power-off, and check that it is still the one that answers."""
+    command_motor(motor.link, messages.SaveParameters(motor.motor_id, host_id=motor.link.host_id))
+    if (uid := ask_uid(motor.link)) != motor.uid:
         raise RobotError(f"motor {motor.motor_id}: unique id {uid.hex()} answers, expected {motor.uid.hex()}")
 
 
@@ -150,80 +138,70 @@ def set_id(config: SetId) -> int:
     """Ask for confirmation, set the id, verify it, save it, and return the exit status."""
     if not 1 <= config.new_id <= LARGEST_MOTOR_ID:
         raise InputError(f"new id: is {config.new_id}, expected 1 to {LARGEST_MOTOR_ID}")
-    with only_motor(config.channel, config.host_id) as motor:
-        print(f"found {motor}, and nobody else")
+    with _only_motor(config.channel, config.host_id) as motor:
         if motor.motor_id == config.new_id:
             print(f"it has the id {config.new_id} already: nothing was changed")
             return 0
         _warn_of_saving(motor)
         confirm(f"Give it the id {config.new_id}, now and beyond power-off?", config.yes, "the id was not changed")
-        renamed = _rename(motor, config.new_id)
-        _save(renamed)
+        _save(_rename(motor, config.new_id))
         print(f"motor {motor.motor_id} is now {config.new_id}, read back and saved")
         print("Mark the motor. To see that it has kept its id, switch it off and on, then:")
         print(f"  python -m humanoid_sim.hardware ping {config.channel} {config.new_id}")
     return 0
 
 
-def _rename(motor: OnlyMotor, new_id: int) -> OnlyMotor:
-    """Return the motor under its new id, where it and nobody else answers."""
-    channels = motor.channels
-    answers: dict[int, set[bytes]] = {}
+def _rename(motor: _OnlyMotor, new_id: int) -> _OnlyMotor:
+    """Return the motor under its new id, where it alone answers."""
+    link, answers = motor.link, {motor.motor_id: {motor.uid}}
     for _ in range(_ATTEMPTS):
-        channels.send({0: [messages.SetDeviceId(motor.motor_id, new_id, host_id=channels.host_id)]})
-        answers = {}
-        for _, reply in channels.scan([motor.motor_id, new_id, motor.motor_id, new_id], _QUIET):
-            answers.setdefault(reply.motor_id, set()).add(reply.uid)
         if motor.motor_id not in answers:
             break
+        link.send({0: [messages.SetDeviceId(motor.motor_id, new_id, host_id=link.host_id)]})
+        answers = _uids(link, [motor.motor_id, new_id] * 2)
     if answers != {new_id: {motor.uid}}:
-        told = ", ".join(f"{i} (unique id {uid.hex()})" for i, same in sorted(answers.items()) for uid in same)
-        raise RobotError(
-            f"motor {motor.motor_id} did not become {new_id}: now answers {told or 'nobody'}; "
-            "run python -m humanoid_sim.hardware discover"
-        )
-    channels.expect(some_motors([(0, new_id)], channels.sources))
+        now = _named(answers) or "no motor"
+        raise RobotError(f"motor {motor.motor_id} did not become {new_id}: now answers {now}; run discover")
+    link.expect(some_motors([(0, new_id)], link.sources))
     return replace(motor, motor_id=new_id)
 
 
 _STILL = 0.01
-"""rad that the shaft may turn while it is looked at: more, and somebody turns it."""
+"""rad that the shaft may turn within `_STILL_TIME`; more, and somebody turns it."""
+_STILL_TIME = 0.3
+"""s between two readings."""
 _NEAR = 0.01
 """rad from zero at which it counts as set."""
-_LOOK = 0.3
-"""s between two readings."""
 
 
 def set_zero(config: SetZero) -> int:
     """Ask for confirmation, set the zero, verify it, save it, and return the exit status."""
-    with only_motor(config.channel, config.host_id) as motor:
-        print(f"found {motor}, and nobody else")
+    with _only_motor(config.channel, config.host_id) as motor:
         _check(motor)
         before = _position(motor)
         _warn_of_saving(motor)
         print(f"its position is {before:.3f} rad; a calibration of its joint is void afterwards")
         confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
-        _require_still(motor)
-        command_motor(motor.channels, messages.SetZero(motor.motor_id, host_id=motor.channels.host_id))
+        first = _position(motor)
+        time.sleep(_STILL_TIME)
+        if abs(_position(motor) - first) > _STILL:
+            raise RobotError(f"motor {motor.motor_id}: its shaft turns: hold it still")
+        command_motor(motor.link, messages.SetZero(motor.motor_id, host_id=motor.link.host_id))
         after = _position(motor)
         if not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor.motor_id}: reads {after:.3f} rad after its zero was set, expected 0")
         _save(motor)
-        print(f"its position was {before:.3f} rad and is now {round(after, 3) + 0.0:.3f}, read back and saved")
-        print("To see that it has kept its zero, switch it off and on without turning it, then:")
-        print(
-            f"  python -m humanoid_sim.hardware param get {config.channel} {motor.motor_id} mechPos  # near 0 or 6.28"
-        )
+        print(f"its position was {before:.3f} rad and is now {after + 0.0:.3f}, read back and saved")
+        print("To see that it has kept its zero, switch it off and on without turning it; then near 0 or 6.28:")
+        print(f"  python -m humanoid_sim.hardware param get {config.channel} {motor.motor_id} mechPos")
     return 0
 
 
-def _check(motor: OnlyMotor) -> None:
-    """Refuse where the zero would not be set, or would not stay where it is set."""
-    mode = read_value(motor.channels, PARAMETERS["run_mode"])
+def _check(motor: _OnlyMotor) -> None:
+    """Raise `RobotError` where the zero would not be set, or would not stay."""
+    mode, offset = (read_value(motor.link, PARAMETERS[name]) for name in ("run_mode", "add_offset"))
     if mode != RunMode.OPERATION:
-        told = "not told" if mode is None else f"{mode:g}"
-        raise RobotError(f"motor {motor.motor_id}: run_mode is {told}, expected 0: in mode 1 the zero is ignored")
-    offset = read_value(motor.channels, PARAMETERS["add_offset"])
+        raise RobotError(f"motor {motor.motor_id}: run_mode is {mode}, expected 0: in mode 1 the zero is ignored")
     if offset:
         raise RobotError(
             f"motor {motor.motor_id}: add_offset is {offset:g} rad, which moves its zero at the next power-on; set it "
@@ -231,15 +209,8 @@ def _check(motor: OnlyMotor) -> None:
         )
 
 
-def _position(motor: OnlyMotor) -> float:
-    position = read_value(motor.channels, PARAMETERS["mechPos"])
+def _position(motor: _OnlyMotor) -> float:
+    position = read_value(motor.link, PARAMETERS["mechPos"])
     if position is None:
         raise RobotError(f"motor {motor.motor_id}: mechPos cannot be read")
     return position
-
-
-def _require_still(motor: OnlyMotor) -> None:
-    first = _position(motor)
-    time.sleep(_LOOK)
-    if abs(_position(motor) - first) > _STILL:
-        raise RobotError(f"motor {motor.motor_id}: its shaft turns: hold it still")

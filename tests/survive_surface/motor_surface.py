@@ -19,7 +19,6 @@ from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride import enabling, identification, link, motors
-from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as identify_tool
 from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand, MITState
@@ -110,4 +109,4 @@ def short_waits(monkeypatch: Any, *, answers: float, listening: float) -> None:
     monkeypatch.setattr(robot_module, "_LONGEST", 0.05)  # s for which closing damps at most
     monkeypatch.setattr(identify_tool, "_RAMP", 0.06)
     monkeypatch.setattr(identify_tool, "_HOLD", 0.02)
-    monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # these motors have no clock, a test machine may stall
+    monkeypatch.setattr(identify_tool, "CAN_TIMEOUT", 2.0)  # these motors have no clock, a test machine may stall
