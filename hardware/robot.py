@@ -73,6 +73,7 @@ class HardwareRobot:
         channels: Sequence[BusAddress | str],
         *,
         calibration: Mapping[str, float],
+        unconfirmed: Sequence[str] = (),
         control_period: float | None = None,
         clock: Callable[[], float] = system_time.monotonic,
         host_id: int = DEFAULT_HOST_ID,
@@ -92,6 +93,7 @@ class HardwareRobot:
         Args:
             channels: one that carries all motors, or one per bus of the robot in their order.
             calibration: homing offset of every joint, rad, motor frame.
+            unconfirmed: joints whose direction no person has confirmed.
             control_period: s between commands; None for the description's.
             clock: s, monotonic; the robot's own clock counts from now.
             can_timeout: s without a command after which the motors stop by themselves.
@@ -117,6 +119,7 @@ class HardwareRobot:
             )
         self._sources = _sources(wiring, self._addresses)
         self._host_id, self._can_timeout = host_id, can_timeout
+        self._unconfirmed = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
         self._dry_run = dry_run
@@ -189,6 +192,8 @@ class HardwareRobot:
         self._retire()
         self._checks = checks = CheckList(self._name, self._accepted)
         gain_warnings(self.description, self._wiring, checks)
+        if self._unconfirmed:
+            checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._unconfirmed}")
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
             checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
         try:

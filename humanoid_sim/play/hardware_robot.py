@@ -56,7 +56,7 @@ def real_robot(
     is_virtual = [address.interface == "virtual" for address in addresses]
     if any(is_virtual) and not all(is_virtual):
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
-    offsets, notices = _homing_offsets(config, description, addresses)
+    offsets, unconfirmed, notices = _homing_offsets(config, description, addresses)
     motors: MockServer | None = None
     if all(is_virtual):
         with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
@@ -71,6 +71,7 @@ def real_robot(
         description,
         addresses,
         calibration=offsets,
+        unconfirmed=unconfirmed,
         control_period=control_period,
         imu=imu,
         anchor=anchor,
@@ -109,15 +110,14 @@ def _anchor(description: RobotDescription, contracts: Sequence[PolicyContract]) 
 
 def _homing_offsets(
     config: PlayConfig, description: RobotDescription, addresses: Sequence[BusAddress]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the homing offset of every joint, rad, motor frame, and what an operator should know about them."""
+) -> tuple[dict[str, float], tuple[str, ...], tuple[str, ...]]:
+    """Return the homing offset of every joint, rad, motor frame; joints of unconfirmed direction; and notices."""
     interfaces = {address.interface for address in addresses}
     if config.calibration is None and interfaces == {"virtual"}:
-        return dict.fromkeys(description.joint_names, 0.0), ("mock motors, assembled without offsets",)
+        return dict.fromkeys(description.joint_names, 0.0), (), ("mock motors, assembled without offsets",)
     if config.calibration == "none":
-        return dict.fromkeys(description.joint_names, 0.0), (
-            "no calibration: the motors' zeros are taken for the joints'",
-        )
+        notice = "no calibration: the motors' zeros are taken for the joints'"
+        return dict.fromkeys(description.joint_names, 0.0), (), (notice,)
     path = Path(CALIBRATION if config.calibration is None else config.calibration)
     if config.calibration is None and not path.exists():
         none = ", or add --calibration none for motors of hardware emulate" if interfaces == {"udp_multicast"} else ""
@@ -126,7 +126,8 @@ def _homing_offsets(
             f"are: run python -m humanoid_sim.hardware calibrate{none}"
         )
     calibration = load_calibration(path, description)
-    return calibration.homing_offsets(description), (f"calibration {path}", *calibration.warnings)
+    unconfirmed = () if interfaces == {"virtual"} else calibration.unconfirmed(description)
+    return calibration.homing_offsets(description), unconfirmed, (f"calibration {path}", *calibration.warnings)
 
 
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:

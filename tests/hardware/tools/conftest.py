@@ -1,17 +1,15 @@
-"""Emulated motors for the bench tools, and a way to run these within this process."""
+"""Mock motors for the tools, and a way to run these within this process."""
 
+import io
 import time
 
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
-from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.tools import only_motor
-from humanoid_sim.hardware.tools.bench import open_bench, some_motors
+from humanoid_sim.hardware.tools import discover, only_motor
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import MOTORS
 
 CHANNEL = "virtual:bench-tools"
 
@@ -33,6 +31,18 @@ def run(capsys):
         return status, printed, complained
 
     return run_tool
+
+
+@pytest.fixture
+def types(monkeypatch):
+    """Let an operator type these lines on a terminal."""
+
+    def type_lines(*lines):
+        terminal = io.StringIO("".join(f"{line}\n" for line in lines))
+        monkeypatch.setattr(terminal, "isatty", lambda: True)
+        monkeypatch.setattr("sys.stdin", terminal)
+
+    return type_lines
 
 
 @pytest.fixture
@@ -61,26 +71,11 @@ def inject():
     return begin
 
 
-@pytest.fixture
-def quick_search(monkeypatch):
-    """The search for a motor that is alone need not wait for a real bus."""
+@pytest.fixture(autouse=True)
+def quick_scans(monkeypatch):
+    """A scan need not wait for a real bus."""
+    monkeypatch.setattr(discover, "_PACE", 0.001)
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
     for name in ("_QUIET", "_LISTENING"):
         monkeypatch.setattr(only_motor, name, 0.04)
-
-
-BENCH = "virtual:bench-client"
-"""Of the motors of `bench` alone."""
-
-
-@pytest.fixture
-def motors():
-    with MockServer(load_robot("lite"), [parse_address(BENCH)]) as motors:
-        yield motors
-
-
-@pytest.fixture
-def bench(motors):
-    group = some_motors([(0, 15)], [str(parse_address(BENCH))], MOTORS["rs-05"])
-    with open_bench([parse_address(BENCH)], 0xFD, group, open_channel=motors.open_bus) as channels:
-        yield channels
+    monkeypatch.setattr(only_motor, "_STILL_TIME", 0.02)

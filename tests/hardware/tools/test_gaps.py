@@ -10,7 +10,6 @@ import pytest
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
-from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.robots.description import load_robot
 
@@ -79,14 +78,13 @@ def _sito(*kinds):
         (("identify", "left_wrist_yaw", "--yes"), "left_elbow_pitch"),
         (("identify", "left_wrist_yaw", "--yes"), "left_wrist_yaw"),
         (("identify", "left_wrist_roll", "--yes", "--robot", "lite_sito", "--allow-no-timeout"), "left_elbow_pitch"),
-        (("ping", "15", "--read-status"), ""),
     ],
 )
 def test_no_tool_is_silent_to_a_motor_that_it_drives(run, monkeypatch, words, silent):
     """Also where its answers, or those of a motor that is asked for its position, are lost for a while."""
     monkeypatch.setattr(tool, "_RAMP", 0.2)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
-    monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+    monkeypatch.setattr(tool, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
     is_sito = "lite_sito" in words
     commands = _sito(0x09) if is_sito else _robstride(1)
     seen = []

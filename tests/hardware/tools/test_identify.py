@@ -1,50 +1,140 @@
-import io
+"""`hardware identify` on mock motors: what it moves, what it stores, and how it ends."""
+
+import os
+import subprocess
+import sys
 import time
 from types import SimpleNamespace
 
 import pytest
+from waiting import until
 
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools import enabled_motor
+from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
+from humanoid_sim.hardware.mock.faults import Fault
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.tools import identify as tool
-from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads
 
-_CHANNEL = "virtual:bench-tools"
-_WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
+LITE = load_robot("lite")
+CHANNEL = "virtual:bench-identify"
+WRIST = ("identify", CHANNEL, "left_wrist_yaw", "--torque", "3")
+DIRECTION = LITE.joints[4].motor.direction
+
+
+@pytest.fixture
+def log():
+    return []
+
+
+@pytest.fixture
+def motors(log):
+    with MockServer(LITE, [CHANNEL], log=lambda _, text: log.append(text)) as motors:
+        yield motors
 
 
 @pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    monkeypatch.setattr(tool, "_RAMP", 0.12)
-    monkeypatch.setattr(tool, "_HOLD", 0.05)
-    monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+def quick(monkeypatch, tmp_path):
+    monkeypatch.setattr(tool, "_RAMP", 0.3)
+    monkeypatch.setattr(tool, "_HOLD", 0.2)
+    monkeypatch.setattr(tool, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+    monkeypatch.chdir(tmp_path)
 
 
-def _is_stopped_as_before(motor_id):
-    with motor_bench(_CHANNEL, motor_id, 0xFD) as channels:
-        write_value(channels, PARAMETERS["zero_sta"], 0)
-        sample = channels.slots[0].sample
-        return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.status.mode.name == "RESET"
+def entries():
+    return load_calibration("calibration.yaml", LITE).entries
 
 
-def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, lite_motors, monkeypatch):
+def test_a_confirmed_direction_is_stored_and_the_motor_is_left_as_it_was(run, types, motors, log):
+    types("yes", "yes")
+    status, printed, _ = run(*WRIST)
+    assert status == 0, printed
+    assert f"with direction {DIRECTION:+d}" in printed
+    assert entries() == {"left_wrist_yaw": CalibrationEntry(15, DIRECTION, None, direction_confirmed=True)}
+    assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
+    limits = []
+    motors.call(lambda mock: limits.append(mock.motors[4].value("limit_torque")))
+    assert limits == [5.5]
+
+
+@pytest.mark.parametrize(("direction", "kept"), [(DIRECTION, 0.5), (-DIRECTION, None)])
+def test_the_offset_is_kept_unless_it_was_found_with_another_direction(run, types, motors, direction, kept):
+    save_calibration("calibration.yaml", {"left_wrist_yaw": CalibrationEntry(15, direction, 0.5)})
+    types("yes", "yes")
+    assert run(*WRIST)[0] == 0
+    assert entries()["left_wrist_yaw"] == CalibrationEntry(15, DIRECTION, kept, direction_confirmed=True)
+
+
+def test_a_denied_direction_is_not_confirmed_any_more(run, types, motors):
+    save_calibration("calibration.yaml", {"left_wrist_yaw": CalibrationEntry(15, DIRECTION, 0.5, True)})
+    types("yes", "no")
+    status, _, complained = run(*WRIST)
+    assert (status, "direction in the robot file" in complained) == (1, True)
+    assert entries()["left_wrist_yaw"] == CalibrationEntry(15, DIRECTION, 0.5)
+
+
+def test_nothing_is_stored_where_nobody_is_asked(run, motors, tmp_path):
+    assert run(*WRIST, "--yes")[0] == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_moves_without_a_yes(run, types, motors, log):
+    types("y")
+    assert run(*WRIST)[0] == 2
+    assert not any("enabled" in text for text in log)
+
+
+def test_a_motor_that_another_master_drives_is_not_touched(run, motors, log, inject):
+    inject(motors, Fault("second_master"))
+    status, _, complained = run(*WRIST, "--yes")
+    assert (status, "another" in complained) == (2, True)
+    assert not any("abled" in text for text in log)
+
+
+def test_a_stuck_joint_confirms_nothing(run, motors, inject):
+    inject(motors, Fault("stuck", ("left_wrist_yaw",)))
+    status, _, complained = run(*WRIST, "--yes")
+    assert (status, "did not follow" in complained) == (1, True)
+
+
+def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, motors, log, monkeypatch):
     calls = []
 
     def interrupted(seconds):
         calls.append(seconds)
-        if len(calls) == 5:
+        if len(calls) == 30:
             raise KeyboardInterrupt
         time.sleep(seconds)
 
     monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=time.monotonic, sleep=interrupted))
-    status, _, complained = run(*_WRIST)
-    assert (status, complained) == (130, "interrupted\n")
-    assert _is_stopped_as_before(15)
+    assert run(*WRIST, "--yes")[0] == 130
+    assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
 
 
-@pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2)])
-def test_leave_is_asked_for_on_a_terminal(run, lite_motors, monkeypatch, answer, expected):
-    terminal = io.StringIO(answer)
-    monkeypatch.setattr(terminal, "isatty", lambda: True)
-    monkeypatch.setattr("sys.stdin", terminal)
-    assert run(*_WRIST[:-1])[0] == expected
+def test_a_motor_without_a_timeout_is_moved_with_leave_only(run):
+    log, channel = [], "virtual:bench-identify-sito"
+    words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--angle", "0.1", "--yes")
+    with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)):
+        status, _, complained = run(*words)
+        assert (status, "--allow-no-timeout" in complained, log) == (2, True, [])
+        status, printed, complained = run(*words, "--allow-no-timeout")
+    assert status == 0, printed + complained
+    assert [text for text in log if "abled" in text] == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
+
+
+@pytest.mark.soak
+def test_a_motor_without_a_timeout_is_disabled_when_the_tool_is_killed():
+    """By the tool's watchdog, with the motors in another process than the tool."""
+    channel = f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
+    log = []
+    with punctual_threads(behind=10):
+        motors = MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text))
+    words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--yes", "--allow-no-timeout")
+    command = [sys.executable, "-m", "humanoid_sim.hardware", *words]
+    with motors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as identify:
+        until(lambda: "left_wrist_roll: enabled" in log)
+        time.sleep(1.0)
+        identify.kill()
+        said = "".join(identify.communicate(timeout=60.0))
+        assert log[-1] == "left_wrist_roll: disabled"
+    assert "watchdog: the loop's process has ended: damping left_wrist_roll for 3 s, then reset" in said

@@ -28,4 +28,4 @@ def test_options_that_are_not_accepted_are_one_line_and_leave_nothing(run, tmp_p
 
 def test_status_3_where_the_motor_is_silent(run):
     status, _, complained = run(*_words("identify NOBODY left_wrist_yaw --yes"))
-    assert (status, complained) == (3, "error: motor 15 does not answer on virtual:nobody\n")
+    assert (status, "motor 15 does not answer on virtual:nobody" in complained) == (3, True)

@@ -59,9 +59,6 @@ def test_a_torque_limit_is_within_the_models_peak(run, values, motor, value, pea
     status, _, complained = run("param", "set", _CHANNEL, motor, "limit_torque", value)
     assert (status, complained) == (2, f"error: limit_torque: is {value}, expected 0 to {peak}\n")
     assert values(motor, "limit_torque") == before
-    status, _, complained = run("param", "set", _CHANNEL, motor, "limit_torque", value, "--model", "rs-02")
-    assert (status, complained) == (0, "")  # whoever knows better says so
-    run("param", "set", _CHANNEL, motor, "limit_torque", before[1]["limit_torque"])
 
 
 def test_saving_keeps_values_beyond_power_off(run, motors):
