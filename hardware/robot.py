@@ -119,7 +119,7 @@ class HardwareRobot:
             )
         self._sources = _sources(wiring, self._addresses)
         self._host_id, self._can_timeout = host_id, can_timeout
-        self._unconfirmed = ", ".join(unconfirmed)
+        self._undirected = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
         self._dry_run = dry_run
@@ -192,8 +192,8 @@ class HardwareRobot:
         self._retire()
         self._checks = checks = CheckList(self._name, self._accepted)
         gain_warnings(self.description, self._wiring, checks)
-        if self._unconfirmed:
-            checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._unconfirmed}")
+        if self._undirected:
+            checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._undirected}")
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
             checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
         try:

@@ -98,7 +98,7 @@ def test_from_limp_to_holding_to_disabled():
         assert np.abs(state.joint_position - motors.truth.joint_position).max() < 0.02
         assert np.abs(motors.truth.joint_effort).max() > 0.5
         figures = robot.figures()
-        assert (figures["commands"], figures["stale"], figures["saturated"]) == (15, 0, {})
+        assert (figures["commands"], figures["saturated"]) == (15, {})
         assert figures["answers"] >= 10 * 15
         robot.close()
         assert len([text for text in told if text.endswith(": disabled")]) == 14
