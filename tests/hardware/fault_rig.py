@@ -1,0 +1,280 @@
+"""A robot, its supervisor and mock motors on one channel, tick by tick: in virtual time, or in real time."""
+
+import contextlib
+import errno
+import sys
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from functools import cache
+
+import can
+import numpy as np
+from msgspec.structs import replace
+
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import open_bus
+from humanoid_sim.hardware.bus.frame import frame_of, message_of
+from humanoid_sim.hardware.mock.motors import MockMotors
+from humanoid_sim.hardware.mock.server import MockServer
+from humanoid_sim.hardware.robot import HardwareRobot
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads, real_time
+from humanoid_sim.stack import build_supervisor
+
+PERIOD = 0.02
+"""s, 50 Hz: the rate on hardware."""
+CAN_TIMEOUT = 0.1
+"""s"""
+WALK = {
+    Mode.ZERO_TORQUE: (),
+    Mode.DAMPING: (Intent.DAMP,),
+    Mode.STANDBY: (Intent.DAMP, Intent.LOAD_A),
+    Mode.LOCOMOTION: (Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION),
+    Mode.REMOTE: (Intent.DAMP, Intent.LOAD_A, Intent.START_REMOTE),
+}
+
+
+@cache
+def lite(name="lite"):
+    """The robot, which begins in its standby pose."""
+    robot = load_robot(name)
+    standby = robot.standby_controller_a
+    pose = standby.pose_segments[-1]
+    quick = replace(standby, segment_durations=(0.06,), pose_segments=(pose,))
+    return replace(robot, standby_controller_a=quick, initial_position=pose)
+
+
+@cache
+def supervisor(name):
+    checkpoint = load_checkpoint(SAMPLE_POLICY)
+    motion = read_motion(asset_path("motions", "circle.mcap"))
+    policy = load_policy(checkpoint.contract, checkpoint.policy, motion, checkpoint.observation_width)
+    return build_supervisor(lite(name), PERIOD, policy, remote=True)
+
+
+@dataclass(frozen=True)
+class Tick:
+    time: float
+    """s, the robot's clock."""
+    flags: SafetyFlag
+    is_ok: bool
+    mode: Mode
+    messages: tuple[str, ...]
+
+
+class Rig:
+    """A robot that is activated, in ZERO_TORQUE; what its motors do, and the loop."""
+
+    name = "lite"
+
+    def __init__(self, channel, clock, open_bus):
+        description = lite(self.name)
+        self.robot = HardwareRobot(
+            description,
+            [channel],
+            calibration=dict.fromkeys(description.joint_names, 0.0),
+            control_period=PERIOD,
+            can_timeout=CAN_TIMEOUT,
+            allow_no_timeout=True,
+            clock=clock,
+            open_bus=open_bus,
+        )
+        self._step = supervisor(self.name).step
+        self._memory = supervisor(self.name).initial()
+        n, pose = description.joint_count, np.array(description.standby_controller_a.pose_segments[-1])
+        self._hold = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
+
+    def __enter__(self):
+        self.robot.activate()
+        return self
+
+    def __exit__(self, *_):
+        self.clear_faults()
+        with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
+            self.robot.close()
+        self.close()
+
+    def tick(self, *intents):
+        """One turn of the loop, a period after the last."""
+        self.wait()
+        state, safety = self.robot.read()
+        remote = RemoteCommand(self._hold, float(state.time))
+        self._memory, output = self._step(self._memory, TickInput(state, safety, intents, remote))
+        self.robot.write(output.command)
+        self.sent()
+        flags = SafetyFlag.NONE
+        for status in safety:
+            flags |= status.flags
+        words = tuple(status.message for status in safety)
+        mode = output.control_mode.mode
+        return Tick(float(state.time), flags, all(status.is_ok for status in safety), mode, words)
+
+    def reach(self, mode):
+        """Walk up to a mode as an operator would, to where its motors hold the arms up."""
+        for _ in range(2):
+            tick = self.tick()
+        for intent in WALK[mode]:
+            tick = self.tick(intent)
+            for _ in range(5 if intent is Intent.LOAD_A else 2):
+                tick = self.tick()
+                assert tick.is_ok, tick.messages
+        assert tick.mode is mode
+
+    def is_harmless(self, only=()):
+        """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
+        drives = []
+        self.look(lambda mock: drives.extend(drives_of(mock, only)))
+        return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
+
+
+def drives_of(mock, only=()):
+    """The commands in force of motors that have power."""
+    motors = zip(mock.names, mock.motors, mock.has_power, strict=True)
+    return [motor.drive() for name, motor, has_power in motors if has_power and (not only or name in only)]
+
+
+class VirtualBus(can.BusABC):
+    """The computer's end of a channel. While `runs`, a ms passes with every poll; else as much as the test says."""
+
+    def __init__(self, mock):
+        super().__init__("mock")
+        self.mock, self.runs, self.attempts = mock, True, 0
+        self._received = deque()
+        self._lock, self._is_idle = threading.Lock(), threading.Event()
+
+    def send(self, msg, timeout=None):
+        with self._lock:
+            self.attempts += 1
+            fault = self.mock.host_fault(0)
+            if fault:
+                number = errno.ENOBUFS if fault == "tx_full" else errno.ENETDOWN
+                raise can.CanOperationError(f"Failed to transmit: {fault}", number)
+            self.mock.submit(0, frame_of(msg), self.mock.time)
+
+    def _recv_internal(self, timeout):
+        with self._lock:
+            if not self._received and self.runs:
+                self._received.extend(self.mock.advance(self.mock.time + 0.001))
+            if self._received:
+                arrival = self._received.popleft()
+                age = self.mock.time - arrival.time
+                return message_of(arrival.frame, time.time() - age), False
+            self._is_idle.set()
+        time.sleep(0.0002)
+        return None, False
+
+    def advance(self, duration):
+        """Let time pass, and the robot receive what comes of it."""
+        with self._lock:
+            self._received.extend(self.mock.advance(self.mock.time + duration))
+            self._is_idle.clear()
+        assert self._is_idle.wait(10.0)
+
+    def until_sent(self, attempts):
+        """Wait until so many frames were handed over."""
+        deadline = time.monotonic() + 10.0
+        while self.attempts < attempts:
+            assert time.monotonic() < deadline, "commands do not leave"
+            time.sleep(0.0001)
+
+
+class VirtualRig(Rig):
+    """In virtual time: nothing waits for a clock, so that no machine is too slow."""
+
+    def __init__(self):
+        self.mock = MockMotors(lite(self.name))
+        self.bus = VirtualBus(self.mock)
+        super().__init__("virtual:faults", lambda: self.mock.time, lambda _: self.bus)
+
+    def __enter__(self):
+        super().__enter__()
+        self.bus.runs = False
+        return self
+
+    def wait(self, duration=PERIOD):
+        self.bus.advance(duration)
+        self._attempts = self.bus.attempts
+
+    def sent(self):
+        fault = self.mock.host_fault(0)
+        self.bus.until_sent(self._attempts + (1 if fault == "tx_full" else len(self.robot.joints)))
+
+    def inject(self, fault):
+        self.mock.inject(replace_start(fault, self.mock.time))
+        return self.robot.time + 0.007
+
+    def look(self, action):
+        action(self.mock)
+
+    def clear_faults(self):
+        self.bus.runs = True
+        self.mock.clear_faults()
+
+    def close(self):
+        self.bus.shutdown()
+
+
+class RealRig(Rig):
+    """In real time, with motors on a thread of their own, as `play --hardware virtual:lite` has them."""
+
+    def __init__(self, channel="virtual:faults"):
+        self._measures = contextlib.ExitStack()
+        with punctual_threads(behind=10):
+            self.motors = MockServer(lite(self.name), [channel])
+        self._measures.enter_context(real_time())
+        super().__init__(channel, time.monotonic, self.motors.open_bus)
+        self._deadline = 0.0
+
+    def wait(self, duration=PERIOD):
+        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + duration
+        time.sleep(max(self._deadline - time.monotonic(), 0.0))
+
+    def sent(self):
+        pass
+
+    def inject(self, fault):
+        began = self.robot.time + 0.007
+        self.motors.inject(replace_start(fault, self.motors.time))
+        return began
+
+    def look(self, action):
+        self.motors.call(action)
+
+    def clear_faults(self):
+        self.motors.clear_faults()
+
+    def close(self):
+        self._measures.close()
+        self.motors.close()
+
+
+def replace_start(fault, now):
+    return type(fault)(fault.kind, fault.joints, now + 0.007, fault.duration, fault.value)
+
+
+class Driver(Rig):
+    """A robot whose motors are another process's."""
+
+    def __init__(self, channel):
+        super().__init__(channel, time.monotonic, open_bus)
+        self._deadline = 0.0
+
+    wait, sent = RealRig.wait, RealRig.sent
+
+
+if __name__ == "__main__":  # `fault_rig.py CHANNEL MODE`: drive motors of another process until killed
+    with real_time():
+        driver = Driver(sys.argv[1])
+        driver.robot.activate()
+        driver.reach(Mode[sys.argv[2]])
+        print("there", flush=True)
+        while True:
+            driver.tick()
