@@ -42,7 +42,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--complete",
         action="store_true",
-        help="soak: campaigns in full",
+        help="soak: the long runs",
     )
 
 
