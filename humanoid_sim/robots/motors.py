@@ -74,14 +74,8 @@ class MotorFamily:
     has_timeout: bool = True  # its motors stop by themselves when their host falls silent
     has_torque_limit: bool = True  # its motors have a limit for torque and current
     has_questions: bool = False  # the bench tools can ask its motors who and where they are
-    gains_apart: bool = False  # K_p and K_d come in a frame of their own: a command may meet gains that are not its own
     stiffness_doubt: float = 1.0  # largest ratio of a motor's K_p to the commanded one where sources disagree
     damping_doubt: float = 1.0  # likewise of its K_d
-
-    @property
-    def period_frames(self) -> int:
-        """Frames in a control period to a motor, at most, and as many from it."""
-        return 2 if self.gains_apart else 1
 
 
 _HOST_IDS = range(128, 256)
@@ -97,7 +91,6 @@ _FAMILIES = (
         frozenset({0x00, 0x01, 0x09, 0x45}),
         has_timeout=False,
         has_torque_limit=False,
-        gains_apart=True,
         stiffness_doubt=688.58 / 500.0,
         damping_doubt=1.125 / 0.5,
     ),
