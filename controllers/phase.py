@@ -63,5 +63,7 @@ def _step(rule: PhaseRule, command: FloatArray, policy_dt: float) -> FloatArray 
 
 def _magnitude(command: FloatArray, count: int) -> FloatArray:
     """Shape (...), of the first values of commands, shape (..., 3)."""
-    square: FloatArray = sum((command[..., i] ** 2 for i in range(count)), np.zeros(()))
+    square = command[..., 0] ** 2
+    for i in range(1, count):
+        square = square + command[..., i] ** 2
     return np.sqrt(square)
