@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from humanoid_sim.errors import InputError, known_names
@@ -49,71 +49,55 @@ def asset_path(*parts: str) -> Path:
 
 def shipped(kind: str) -> tuple[str, ...]:
     """Return the names of what ships with the package: of `robots`, `suites`, `motions`, `songs`, `policies`."""
-    return tuple(path.name.removesuffix(_ENDS[kind]) for path in _ending(kind, _ENDS[kind]))
+    return tuple(_samples(kind, _ENDS[kind]))
 
 
-def _ending(kind: str, end: str) -> list[Path]:
-    return sorted((ASSETS / kind).glob(f"*{end}"))
+def _samples(kind: str, end: str) -> dict[str, Path]:
+    return {path.name.removesuffix(end): path for path in sorted((ASSETS / kind).glob(f"*{end}"))}
 
 
-def motion_path(name: str) -> Path:
-    """Return a sample motion by name, else a file by path.
+def _chosen(what: str, name: str | Path, samples: Mapping[str, Path], also: Sequence[str] = ()) -> Path:
+    """Return a file of this name where there is one, else the sample of this name.
 
-    Raises:
-        InputError: if it is neither.
+    What cannot be a name (it has a folder or a suffix) is a path, and opening it says what is wrong with it.
+
+    Args:
+        what: the option that names it, and what it is, for the message: `--policy: unknown policy`.
+        also: other names that the option takes, for the message.
     """
-    sample = asset_path("motions", f"{name}.mcap")
-    if is_file(sample):
-        return sample
     path = Path(name)
-    if not os.path.exists(path):
-        raise InputError(f"--motion: {known_names('motion', name, shipped('motions'))}; or a file that exists (.mcap)")
-    return path
+    if not is_file(path) and str(name) in samples:
+        return samples[str(name)]
+    if path.suffix or len(path.parts) > 1 or os.path.exists(path):
+        return path
+    option, _, kind = what.rpartition(" ")
+    raise InputError(f"{option} {known_names(kind, str(name), (*sorted(samples), *also))}; or a file that exists")
+
+
+def motion_path(name: str | Path) -> Path:
+    """Return a motion file by path, or a sample motion by name. Raises `InputError` if it is neither."""
+    return _chosen("--motion: motion", name, _samples("motions", ".mcap"))
 
 
 def policy_path(
     name: str | Path, option: str = "--policy", *, also: Sequence[str] = (), contracts: bool = False
 ) -> Path:
-    """Return the file of a policy: a path where a file of this name exists, else a sample policy by name.
-
-    What cannot be a name (it has a folder or a suffix) is a path, and opening it says what is wrong with it.
+    """Return the file of a policy by path, or a sample policy by name. Raises `InputError` if it is neither.
 
     Args:
-        name: of a sample policy, or a path.
         option: that names it, for the message.
         also: other names that the option takes, for the message.
         contracts: samples of contracts alone are policies too.
-
-    Raises:
-        InputError: it is neither.
     """
-    path = Path(name)
-    if is_file(path):
-        return path
-    ends = (_ENDS["policies"], ".contract.yaml") if contracts else (_ENDS["policies"],)
-    samples = {file.name.removesuffix(end): file for end in reversed(ends) for file in _ending("policies", end)}
-    if str(name) in samples:
-        return samples[str(name)]
-    if path.suffix or len(path.parts) > 1 or os.path.exists(path):
-        return path
-    known = known_names("policy", str(name), (*sorted(samples), *also))
-    raise InputError(f"{option}: {known}; or a file that exists ({'.onnx or .yaml' if contracts else '.onnx'})")
+    beside = _samples("policies", ".contract.yaml") if contracts else {}
+    return _chosen(f"{option}: policy", name, beside | _samples("policies", ".onnx"), also)
+
+
+def song_path(name: str | Path, option: str = "--song") -> Path:
+    """Return a MIDI file by path, or a sample song by name. Raises `InputError` if it is neither."""
+    return _chosen(f"{option}: song", name, _samples("songs", ".mid"))
 
 
 def sample_songs() -> tuple[str, ...]:
     """Names of the sample songs."""
     return shipped("songs")
-
-
-def song_path(name: str, what: str = "--song") -> Path:
-    """Return a sample song by name, else a MIDI file by path; `what` is what a refusal calls it.
-
-    Raises:
-        InputError: if it is neither.
-    """
-    songs = sample_songs()
-    if name in songs:
-        return asset_path("songs", f"{name}.mid")
-    if not os.path.exists(name):
-        raise InputError(f"{what}: {known_names('song', name, songs)}; or a MIDI file that exists")
-    return Path(name)

@@ -96,7 +96,7 @@ def test_the_nearer_a_finger_the_better():
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"motion": "tune.mid"}, "motion: unknown song 'tune.mid'"),
+        ({"motion": "tune.mid"}, "tune.mid: no such file"),
         ({"motion": song((2, 0, 9)), "robot": load_robot("lite")}, "policy on robot 'lite': .* 'key_pressed' needs"),
         ({"motion": None}, "motion: is missing"),
     ],
