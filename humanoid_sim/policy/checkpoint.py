@@ -34,20 +34,13 @@ class Checkpoint:
 
     contract: PolicyContract
     policy: Policy
-    source: str
-    """Path, or `placeholder`."""
-    sha256: str = ""
-    """Digest of the file and of the external tensors beside it; empty for the placeholder."""
-    observation_width: int | None = None
-    """N as the model declares it; None if any width will do."""
-    motion: Motion | None = None
-    """The motion that the model carries in its graph."""
-    contract_file: Path | None = None
-    """The contract.yaml that took part, beside the model or named."""
-    golden: str = ""
-    """Worth of the golden vectors that were computed again, in words; empty without any."""
-    reading: Reading | None = None
-    """All that its sources state; None for the placeholder."""
+    source: str  # path, or `placeholder`
+    sha256: str = ""  # of the file and of the external tensors beside it
+    observation_width: int | None = None  # N as the model declares it; None if any width will do
+    motion: Motion | None = None  # in the model's graph
+    contract_file: Path | None = None  # that took part, beside the model or named
+    golden: str = ""  # worth of the golden vectors that were computed again, in words
+    reading: Reading | None = None  # all that its sources state
 
     @property
     def model(self) -> OnnxModel | None:
@@ -85,9 +78,9 @@ def load_checkpoint(
     Raises `InputError` naming the file and what is wrong with it.
 
     Args:
-        contract_file: a contract.yaml; None: the one beside the model, if there is one.
-        robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
-        verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
+        contract_file: None: the one beside the model, if there is one.
+        robot_joints: in the robot's order; only needed where no source names the policy's joints.
+        verify: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
     reading = read_model(model, contract_file, robot_joints)

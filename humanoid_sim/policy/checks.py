@@ -5,7 +5,7 @@ Each yields findings, one for all the joints that it concerns; `contract_finding
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -19,7 +19,7 @@ from humanoid_sim.names import mirrored_pairs, near_miss
 from humanoid_sim.policy.describe import field_lines
 from humanoid_sim.policy.findings import Finding, Severity, list_joints, on_joints
 from humanoid_sim.policy.layers import is_from_robot
-from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators, own_joint_damping
+from humanoid_sim.robots.actuators import NO_RANGE, own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
 
@@ -47,24 +47,44 @@ def contract_findings(
         model: the robot's, as `humanoid_sim.robots.mjcf.bare_model` gives it.
         hardware: the real robot, which has no estimator, and needs motors.
     """
-    own_damping, actuators = own_joint_damping(model, description), own_actuators(model)
-    own = [joint.stiffness for joint in description.joints] + [servo.stiffness for servo in actuators.values()]
+    damping = own_joint_damping(model, description)
+    own = [joint.stiffness for joint in description.joints]
+    own += [servo.stiffness for servo in own_actuators(model).values()]
     return [
         *_joint_findings(contract, description),
         *_frame_findings(contract, description.name, model),
         *motor_findings(contract, description, hardware=hardware),
         *_range_findings(contract, description),
         *effort_findings(contract, description),
-        *suspicious_findings(contract, own_damping, max(own)),
+        *suspicious_findings(contract, damping, max(own)),
         *_term_findings(contract, hardware=hardware),
         *_symmetry_findings(contract),
-        *_actuator_findings(contract, actuators, own_damping),
+        *_actuator_findings(contract, model, damping),
         *_scale_findings(contract, description),
-        *model_damping_findings(contract, own_damping),
+        *model_damping_findings(contract, damping),
         *(_rate_findings(contract, description) if hardware else ()),
         *_rounding_findings(contract),
         *_assumption_findings(contract),
     ]
+
+
+def _where(names: Sequence[str], hits: BoolArray, text: str = "", *columns: FloatArray) -> Any:
+    """Return the joints at which a mask is set: their names, or, with a text, by name that text with their values."""
+    chosen = [name for name, hit in zip(names, hits.tolist(), strict=True) if hit]
+    if not text:
+        return chosen
+    rows = zip(*(column[hits].tolist() for column in columns), strict=True)
+    return {name: text.format(*row) for name, row in zip(chosen, rows, strict=True)}
+
+
+def _of_robot(description: RobotDescription, names: Sequence[str], attribute: str) -> FloatArray:
+    """Return a value of each joint's description, in the order of `names`; NaN for joints that the robot lacks."""
+    own = {joint.name: getattr(joint, attribute) for joint in description.joints}
+    return np.array([own.get(name, np.nan) for name in names])
+
+
+def _joints_of(contract: PolicyContract, field: str) -> tuple[str, ...]:
+    return contract.action_joint_names if field == "action_scale" else contract.joint_names
 
 
 # --- names ---
@@ -121,79 +141,63 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
     if hardware:
         without = [name for name in description.joint_names if name in contract.joint_names and name not in models]
         yield from on_joints("error", "robot", "the description names no motor of", without)
-    motors = {name: MOTORS[model] for name, model in models.items() if model in MOTORS}
+    motors = [MOTORS.get(models.get(name, "")) for name in contract.joint_names]
     for gain in ("stiffness", "damping"):
-        over = {
-            name: f"{value:g}, {motors[name].name} at most {getattr(motors[name], gain):g}"
-            for name, value in _each(contract.joint_names, getattr(contract, f"joint_{gain}"))
-            if name in motors and value > getattr(motors[name], gain)
-        }
+        most = np.array([np.inf if motor is None else getattr(motor, gain) for motor in motors])
+        gains = getattr(contract, f"joint_{gain}")
+        over = _where(contract.joint_names, gains > most, "{:g}, at most {:g}", gains, most)
         yield from on_joints("error", f"joint_{gain}", "is more than the motor can encode for", over)
 
 
 def _range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Poses and actions against the joints' ranges, for joints that the robot has."""
-    ranges = {joint.name: (joint.lower, joint.upper) for joint in description.joints}
-    pose = dict(_each(contract.joint_names, contract.default_joint_pos))
-    assert contract.action_offset is not None  # filled in at construction
-    offsets = dict(_each(contract.action_joint_names, contract.action_offset))
-    moved = {name: value for name, value in offsets.items() if abs(value - pose[name]) > _ANGLE}
-    held = {name: 0.0 for name in pose if name not in offsets}
-    for field, values, what in (
-        ("default_joint_pos", pose, ""),
-        ("action_offset", moved, ""),
-        ("action_joint_names", held, "at 0, where it is held, "),
+    """Poses and targets beyond the joints' ranges, and scales that hardly move a joint."""
+    joints, driven, pose = contract.joint_names, contract.action_joint_names, contract.default_joint_pos
+    places = [joints.index(name) for name in driven]
+    offset: Any = contract.action_offset
+    held = np.where(np.isin(joints, driven), np.nan, 0.0)
+    moved = np.where(np.abs(offset - pose[places]) > _ANGLE, offset, np.nan)
+    for field, names, values, what in (
+        ("default_joint_pos", joints, pose, ""),
+        ("action_offset", driven, moved, ""),
+        ("action_joint_names", joints, held, "at 0, where it is held, "),
     ):
-        far = {name: value for name, value in values.items() if name in ranges and not _is_in(value, ranges[name])}
-        in_degrees = all(abs(value) > np.pi and _is_in(np.deg2rad(value), ranges[name]) for name, value in far.items())
-        shown = {name: f"{value:g}, range {_span(ranges[name])}" for name, value in far.items()}
-        remark = "; is it in degrees?" if in_degrees else ""
-        yield from on_joints("error", field, f"is {what}beyond the range, rad, of {{}}{remark}", shown)
-    scales = dict(_each(contract.action_joint_names, np.abs(contract.action_scale)))
-    stuck = {name: f"{scale:g}" for name, scale in scales.items() if 0.0 < scale < _STUCK}
+        lower, upper = (_of_robot(description, names, end) for end in ("lower", "upper"))
+        far = (values < lower - _ANGLE) | (values > upper + _ANGLE)
+        turned = np.deg2rad(values)
+        in_degrees = (np.abs(values) > np.pi) & (turned >= lower) & (turned <= upper)
+        remark = "; is it in degrees?" if in_degrees[far].all() else ""
+        beyond = _where(names, far, "{:g}, range {:.4g} to {:.4g}", values, lower, upper)
+        yield from on_joints("error", field, f"is {what}beyond the range, rad, of {{}}{remark}", beyond)
+    scale = np.abs(contract.action_scale)
+    stuck = _where(driven, (scale > 0.0) & (scale < _STUCK), "{:g}", scale)
     yield from on_joints("warning", "action_scale", "an action of 1 hardly moves, in rad,", stuck)
     clip = contract.position_clip
     if clip is not None and not isinstance(clip, str):
-        spans = dict(_each(contract.action_joint_names, clip))
-        wide = {
-            name: f"{_span(span)}, range {_span(ranges[name])}"
-            for name, span in spans.items()
-            if name in ranges and not all(_is_in(end, ranges[name]) for end in span)
-        }
+        lower, upper = (_of_robot(description, driven, end) for end in ("lower", "upper"))
+        is_wide = (clip[:, 0] < lower - _ANGLE) | (clip[:, 1] > upper + _ANGLE)
+        text = "{:.4g} to {:.4g}, range {:.4g} to {:.4g}"
+        wide = _where(driven, is_wide, text, clip[:, 0], clip[:, 1], lower, upper)
         yield from on_joints("warning", "position_clip", "is wider than the range of", wide)
-
-
-def _is_in(value: float, span: Sequence[float]) -> bool:
-    return bool(span[0] - _ANGLE <= value <= span[1] + _ANGLE)
-
-
-def _span(span: Sequence[float]) -> str:
-    return f"{span[0]:.4g} to {span[1]:.4g}"
 
 
 def effort_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints whose torque nothing limits, and those whose robot has other limits than the policy was trained with."""
-    robot = {joint.name: joint.effort_limit for joint in description.joints}
-    trained = np.full(len(contract.joint_names), np.inf) if contract.effort_limit is None else contract.effort_limit
-    free, weaker, stronger = list[str](), dict[str, str](), dict[str, str]()
-    for name, limit in _each(contract.joint_names, trained):
-        own = robot.get(name, limit)
-        if name in robot and own == limit == np.inf:
-            free.append(name)
-        elif own < limit < np.inf:
-            weaker[name] = f"{limit:g}, robot {own:g}"
-        elif limit < own < np.inf:
-            stronger[name] = f"{limit:g}, robot {own:g}"
+    names, text, count = contract.joint_names, "{:g}, robot {:g}", description.joint_count
+    robot = _of_robot(description, names, "effort_limit")
+    trained = np.full(len(names), np.inf) if contract.effort_limit is None else contract.effort_limit
     where = f"no torque limit, in the contract or in '{description.name}', for {{}}: a simulation applies any torque"
-    yield from on_joints("warning", "effort_limit", where, free, len(robot))
+    free = _where(names, (robot == np.inf) & (trained == np.inf))
+    yield from on_joints("warning", "effort_limit", where, free, count)
+    weaker = _where(names, (robot < trained) & (trained < np.inf), text, trained, robot)
     yield from on_joints("warning", "effort_limit", "the robot allows less, N·m, which counts, for", weaker)
+    stronger = _where(names, (robot > trained) & (robot < np.inf), text, trained, robot)
     yield from on_joints("info", "effort_limit", "the robot allows more, N·m; simulations keep these for", stronger)
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
     """Joints that the robot's model damps as well, N·m·s/rad by joint, beside the contract's K_d."""
     pairs: dict[tuple[float, float], list[str]] = {}
-    for name, damping in _each(contract.joint_names, contract.joint_damping):
+    for name, damping in zip(contract.joint_names, contract.joint_damping.tolist(), strict=True):
         if name in own:
             pairs.setdefault((damping, own[name]), []).append(name)
     if not pairs:
@@ -211,7 +215,6 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
 
 
 def _rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Find a policy's period that is not a multiple of the real robot's control period."""
     period = 1.0 / description.hardware.control_frequency
     if not ticks_per_step(contract.policy_dt, period)[1]:
         message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
@@ -231,46 +234,41 @@ def suspicious_findings(
         own_stiffness: N·m/rad, the robot's largest; a low one excuses low ones in the contract.
     """
     joints, driven, scale = contract.joint_names, contract.action_joint_names, contract.action_scale
-    stiffness, damping = contract.joint_stiffness, contract.joint_damping
-    limp = [name for name in _where(joints, stiffness == 0.0) if name in driven]
-    yield from on_joints("error", "joint_stiffness", "is 0: the action cannot move", limp, len(joints))
+    stiffness, damping, count = contract.joint_stiffness, contract.joint_damping, len(joints)
+    limp = _where(joints, (stiffness == 0.0) & np.isin(joints, driven))
+    yield from on_joints("error", "joint_stiffness", "is 0: the action cannot move", limp, count)
     is_weak = 0.0 < own_stiffness <= _PLACEHOLDER
-    if len(joints) >= _FEW and 0.0 < stiffness.max() <= _PLACEHOLDER and not is_weak:
+    if count >= _FEW and 0.0 < stiffness.max() <= _PLACEHOLDER and not is_weak:
         yield Finding("error", "joint_stiffness", f"is {stiffness.max():g} or less for every joint: a placeholder?")
-    kept = {} if contract.model_joint_damping == "drop" else own_damping
-    free = [name for name in _where(joints, damping == 0.0) if name not in kept]
-    severity: Severity = "error" if len(free) == len(joints) else "warning"
-    yield from on_joints(severity, "joint_damping", "is 0: nothing brakes", free, len(joints))
+    kept = [] if contract.model_joint_damping == "drop" else list(own_damping)
+    free = _where(joints, (damping == 0.0) & ~np.isin(joints, kept))
+    severity: Severity = "error" if len(free) == count else "warning"
+    yield from on_joints(severity, "joint_damping", "is 0: nothing brakes", free, count)
     has_both = (damping > 0.0) & (stiffness > 0.0)
     ratio = damping / np.where(has_both, stiffness, 1.0)
     if has_both.any() and ratio[has_both].min() > 1.0:
         yield Finding("error", "joint_damping", "is larger than joint_stiffness for every joint: swapped?")
     else:
-        is_odd = has_both & ((ratio < _RATIO[0]) | (ratio > _RATIO[1]))
-        odd = {name: f"{value:.2g}" for name, value, hit in _each(joints, ratio, is_odd) if hit}
-        usual = f"{_RATIO[0]:g} to {_RATIO[1]:g} are usual"
-        yield from on_joints(
-            "warning", "joint_damping", f"over joint_stiffness, in s, is unusual for {{}}; {usual}", odd
-        )
-    still = _where(driven, scale == 0.0)
+        odd = _where(joints, has_both & ((ratio < _RATIO[0]) | (ratio > _RATIO[1])), "{:.2g}", ratio)
+        message = f"over joint_stiffness, in s, is unusual for {{}}; {_RATIO[0]:g} to {_RATIO[1]:g} are usual"
+        yield from on_joints("warning", "joint_damping", message, odd)
+    still, turned = _where(driven, scale == 0.0), _where(driven, scale < 0.0)
     yield from on_joints("error", "action_scale", "is 0: the action cannot move", still, len(driven))
-    turned = _where(driven, scale < 0.0)
     yield from on_joints("warning", "action_scale", "is negative, direction reversed? for", turned)
     if (scale == 1.0).all():
         yield Finding("warning", "action_scale", "is 1 rad for every joint: usual are less than 0.6; was it forgotten?")
-    if len(joints) >= _FEW and not contract.default_joint_pos.any():
+    if count >= _FEW and not contract.default_joint_pos.any():
         message = "is 0 for every joint: is it the pose that the policy was trained around?"
         yield Finding("warning", "default_joint_pos", message)
     rate, period = 1.0 / contract.policy_dt, f"is {contract.policy_dt:g} s"
     if not _RATES[0] <= rate <= _RATES[1]:
-        usual = f"policies run at {_RATES[0]:g} to {_RATES[1]:g} Hz"
-        yield Finding("warning", "policy_dt", f"{period} ({rate:g} Hz); {usual}")
+        yield Finding("warning", "policy_dt", f"{period} ({rate:g} Hz); usual are {_RATES[0]:g} to {_RATES[1]:g} Hz")
     elif abs(rate - round(rate)) > 1e-3 * rate:
         yield Finding("warning", "policy_dt", f"{period}, {rate:.4g} Hz: rounded by an exporter?")
 
 
 def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
-    """Scales and clips that hardly anybody trains with, estimates that a robot lacks, and live inputs."""
+    """Scales that hardly anybody trains with, estimates that a robot lacks, and live inputs."""
     for term in contract.terms:
         kind, field, scale = contract.kind(term), f"observation term {term.name}", np.atleast_1d(term.scale)
         size = np.abs(scale[scale != 0.0])
@@ -303,45 +301,34 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
 def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
     """Gains, limits, scales and poses that differ between left and right; a pose may be mirrored by its sign."""
     for field in ("joint_stiffness", "joint_damping", "effort_limit", "default_joint_pos", "action_scale"):
-        if getattr(contract, field) is None:
-            continue
-        names, values = _named(contract, field)
-        size = dict(_each(names, np.abs(values)))
+        names, values = _joints_of(contract, field), getattr(contract, field)
+        size = {} if values is None else dict(zip(names, np.abs(values).tolist(), strict=True))
         far, relative = (_POSE, 0.0) if field == "default_joint_pos" else (0.0, _CLOSE)
         found = {
             left: f"{size[left]:g}, {right} {size[right]:g}"
-            for left, right in mirrored_pairs(names)
+            for left, right in mirrored_pairs(list(size))
             if not np.isclose(size[left], size[right], rtol=relative, atol=far)
         }
         yield from on_joints("warning", field, "differs between left and right:", found)
 
 
 def _actuator_findings(
-    contract: PolicyContract, actuators: Mapping[str, OwnActuator], own_damping: Mapping[str, float]
+    contract: PolicyContract, model: mujoco.MjModel, own_damping: Mapping[str, float]
 ) -> Iterator[Finding]:
-    """Gains and targets that differ from those of the model's own actuators, which simulations leave out.
-
-    Args:
-        actuators: by joint, in the model's order.
-        own_damping: N·m·s/rad by joint, of the model, which a contract may hold in its K_d.
-    """
-    servos = {name: own for name, own in actuators.items() if own.stiffness > 0.0 and name in contract.joint_names}
-    places = [contract.joint_names.index(name) for name in servos]
-    passive = np.array([own_damping.get(name, 0.0) for name in servos])
+    """Gains and targets that differ from those of the model's own actuators, which simulations leave out."""
+    actuators = own_actuators(model).items()
+    servos = {name: own for name, own in actuators if own.stiffness > 0.0 and name in contract.joint_names}
+    names, places = list(servos), [contract.joint_names.index(name) for name in servos]
+    passive = np.array([own_damping.get(name, 0.0) for name in names])  # a contract may hold it in its K_d
     for gain, extra in (("stiffness", 0.0), ("damping", passive)):
-        field, gains = f"joint_{gain}", np.array([getattr(own, gain) for own in servos.values()])
-        values = getattr(contract, field)
-        ours = values[places] + 0.0  # no -0
+        gains = np.array([getattr(own, gain) for own in servos.values()])
+        ours = getattr(contract, f"joint_{gain}")[places] + 0.0  # no -0
         is_same = _is_rounded(ours, gains) | _is_rounded(ours, gains + extra) | (gains == 0.0)
-        found = {
-            name: f"{value:g}, actuator {own:g}"
-            for name, value, own, same in _each(servos, ours, gains, is_same)
-            if not same
-        }
+        found = _where(names, ~is_same, "{:g}, actuator {:g}", ours, gains)
         # One gain for all is a placeholder in the model.
         severity: Severity = "warning" if len(set(gains.tolist())) > 1 else "info"
         message = f"is not that of the model's own actuators for {len(found)} joints:"
-        yield from on_joints(severity, field, message, found)
+        yield from on_joints(severity, f"joint_{gain}", message, found)
     if contract.position_clip is None:
         clipped = [name for name, own in servos.items() if own.target_range != NO_RANGE]
         message = f"none, but the model's own actuators clip the targets of {{}}: `{JOINT_LIMITS}` is what training saw"
@@ -349,14 +336,13 @@ def _actuator_findings(
 
 
 def _scale_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Find joints that leave mjlab's formula, scale = factor · effort limit / K_p, where it holds for most."""
-    own = {joint.name: joint.effort_limit for joint in description.joints}
-    effort = np.array([own.get(name, np.inf) for name in contract.joint_names])
+    """Joints that leave mjlab's formula, scale = factor · effort limit / K_p, where it holds for most."""
+    names, scale = contract.action_joint_names, contract.action_scale
+    effort = _of_robot(description, contract.joint_names, "effort_limit")
     if contract.effort_limit is not None:
-        effort = np.minimum(effort, contract.effort_limit)
+        effort = np.fmin(effort, contract.effort_limit)
     reach = np.where(np.isfinite(effort), effort, 0.0) / np.maximum(contract.joint_stiffness, 1e-9)
-    unit = reach[[contract.joint_names.index(name) for name in contract.action_joint_names]]
-    scale = contract.action_scale
+    unit = reach[[contract.joint_names.index(name) for name in names]]
     is_known = (unit > 0.0) & (scale > 0.0)
     if is_known.sum() < _FEW:
         return
@@ -365,12 +351,7 @@ def _scale_findings(contract: PolicyContract, description: RobotDescription) -> 
     holds = is_known & _is_rounded(scale, factor * unit)
     kinds = len({f"{value:.2g}" for value in unit[holds].tolist()})
     if kinds >= 3 and holds.sum() >= _RULED * is_known.sum():  # otherwise nothing shows that it is the exporter's
-        columns = scale, factor * unit, is_known & ~holds
-        found = {
-            name: f"{value:g}, expected {other:.3g}"
-            for name, value, other, hit in _each(contract.action_joint_names, *columns)
-            if hit
-        }
+        found = _where(names, is_known & ~holds, "{:g}, expected {:.3g}", scale, factor * unit)
         message = f"is {factor:.3g} · effort limit / K_p for {holds.sum()} joints, but not for"
         yield from on_joints("warning", "action_scale", message, found)
 
@@ -379,15 +360,14 @@ def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
     """Gains and scales that an exporter rounded to three decimals: one line."""
     worst, lost = 0.0, []
     for field in ("action_scale", "joint_stiffness", "joint_damping"):
-        names, values = _named(contract, field)
-        values = np.abs(values)
+        values: FloatArray = np.abs(getattr(contract, field))
         fine = np.round(values, _DECIMALS) != np.round(values, _DECIMALS - 1)
         # Values that end early by themselves (0.25, 50) do not show that anything was cut off.
         is_cut = fine.any() and (np.round(values, _DECIMALS) == values).all()
         if is_cut and len(values) >= _FEW and "metadata" in contract.source.get(field, ""):
             smallest = int(np.argmin(np.where(fine, values, np.inf)))
             share = 0.5 * 10.0**-_DECIMALS / float(values[smallest])
-            lost.append(f"{field} {100.0 * share:.2g} % ({names[smallest]})")
+            lost.append(f"{field} {100.0 * share:.2g} % ({_joints_of(contract, field)[smallest]})")
             worst = max(worst, share)
     if lost:
         severity: Severity = "error" if worst > _LOST[1] else "warning" if worst > _LOST[0] else "info"
@@ -409,18 +389,3 @@ def _is_rounded(values: FloatArray, expected: FloatArray) -> BoolArray:
     """Return where values are the expected ones, as far as the decimals with which they are written go."""
     decimals = np.array([len(f"{value:.6g}".partition(".")[2]) for value in values.tolist()])
     return np.abs(values - expected) <= np.maximum(_CLOSE * expected, 0.51 * 10.0**-decimals)
-
-
-def _named(contract: PolicyContract, field: str) -> tuple[tuple[str, ...], FloatArray]:
-    """Return a field's joints and values."""
-    names = contract.action_joint_names if field == "action_scale" else contract.joint_names
-    return names, getattr(contract, field)
-
-
-def _each(names: Iterable[str], *columns: FloatArray | BoolArray) -> Iterator[Any]:
-    """Yield each joint's name and values."""
-    return zip(names, *(column.tolist() for column in columns), strict=True)
-
-
-def _where(names: Iterable[str], mask: BoolArray) -> tuple[str, ...]:
-    return tuple(name for name, hit in _each(names, mask) if hit)

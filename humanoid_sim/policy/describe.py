@@ -38,11 +38,7 @@ class FieldLine(NamedTuple):
 
 
 def field_lines(contract: PolicyContract, layout: ObservationLayout | None = None) -> list[FieldLine]:
-    """Return every field that some source gives, and each observation term, with where it came from.
-
-    Args:
-        layout: of the observation, for the terms' places; None: without them.
-    """
+    """Return every field that some source gives, and each observation term, with its place in the layout, if given."""
     sources, lines = contract.source, list[FieldLine]()
     for item in fields(contract):
         value = getattr(contract, item.name)

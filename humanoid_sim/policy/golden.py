@@ -34,11 +34,8 @@ _FLOAT32 = ("last_action", "observation", "action", "history")
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
     """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
-    Raises `InputError` if the checkpoint's observation, action or targets differ from the trainer's; the line names the
-    first step, term and joint, and both values.
-
-    Args:
-        motion: what the run followed, where the model does not carry it.
+    Raises `InputError` with the first step, term and joint at which the checkpoint differs. `motion` is what the run
+    followed, where the model does not carry it.
     """
     loaded = checkpoint.following(motion)
     with blaming(checkpoint.source, (FieldError, ValueError)):

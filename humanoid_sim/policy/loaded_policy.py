@@ -33,12 +33,9 @@ class LoadedPolicy:
         return widths if keys is None else {**widths, KEY_PRESSED: keys.shape[1]}
 
     def taken(self, reported: Container[str]) -> Mapping[str, int]:
-        """Name and width of the live inputs that a session takes from outside: those sent to it, and a piano's keys.
+        """Name and width of the live inputs that a session takes from outside, less those that the robot reports.
 
-        The keys also where the policy does not observe them: the score of a run needs them.
-
-        Args:
-            reported: names of those that the robot reports itself.
+        A piano's keys also where the policy does not observe them: the score of a run needs them.
         """
         live = self.contract.sent_inputs
         if "target_keys" in self.reference.terms:
@@ -60,14 +57,9 @@ def load_policy(
     source: str = "policy",
     motion_source: str = "motion",
 ) -> LoadedPolicy:
-    """Bring a policy and its motion together.
+    """Bring a policy and its motion together, N as the model declares it; `source` names the policy in messages.
 
     Raises `InputError` if the motion does not fit the policy, or the terms do not add up to the model's input.
-
-    Args:
-        motion: what it follows; None for a policy that follows none.
-        observation_width: N as the model declares it; None if any will do.
-        source: what to call the policy in messages.
     """
     with blaming(source):
         for name, topic in contract.live_topics.items():
@@ -109,10 +101,8 @@ def _reference(contract: PolicyContract, motion: Motion | None, motion_source: s
 def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
-    Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
-
-    Args:
-        observation_width: N as the model declares it: the number of a piano's keys follows from it; None: one key.
+    The number of a piano's keys follows from N, which the model declares. Raises `FieldError` for an unknown term, or
+    one that the contract does not say enough about.
     """
     one = _layout(contract, keys=1)
     per_key = _layout(contract, keys=2).width - one.width

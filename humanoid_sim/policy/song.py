@@ -35,14 +35,10 @@ PERCUSSION = 9
 class Note:
     """One note."""
 
-    key: int
-    """0 to 87, or beyond where the piano has no such key."""
-    start: float
-    """s"""
-    end: float
-    """s"""
-    velocity: int = 64
-    """1 to 127, how hard it was struck."""
+    key: int  # 0 to 87, or beyond where the piano has no such key
+    start: float  # s
+    end: float  # s
+    velocity: int = 64  # 1 to 127, how hard it was struck
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +65,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None) -> Song:
 
     A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
     what is not MIDI, has no notes, no such track, or counts time in frames.
-
-    Args:
-        tracks: those to play, counted from 0; None for all.
+    `tracks` are counted from 0; None for all.
     """
     path = regular_file(path, "a MIDI file (.mid)")
     with blaming(f"{path}: is not a MIDI file that can be read", Exception):
@@ -170,13 +164,9 @@ def _reach(robot: RobotDescription) -> Collection[int]:
 def named_song(
     name: str, robot: RobotDescription, folder: Path = Path(), what: str = "--song"
 ) -> tuple[Song, tuple[Note, ...]]:
-    """Return what a robot can play of a sample song or of a MIDI file, a note at least; and the notes left out.
+    """Return what a robot can play of a sample song, or of a MIDI file in `folder`; and the notes left out.
 
-    Raises `InputError` if there is no such song, it cannot be read, or none of its notes is within reach.
-
-    Args:
-        name: of the sample, or the file's path, relative to `folder`.
-        what: what a refusal calls the song.
+    Raises `InputError`, which begins with `what`, if there is no such song, or none of its notes is within reach.
     """
     is_beside = name not in sample_songs() and is_file(folder / name)
     song, dropped = playable(read_song(folder / name if is_beside else song_path(name, what)), robot)
@@ -188,7 +178,7 @@ def named_song(
 
 
 def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:
-    """Return the goals of a song, one row per policy step of `policy_dt` (s), for a policy to follow."""
+    """Return the goals of a song as a motion, one row per policy step of `policy_dt` (s)."""
     return Motion(goals(song, policy_dt), (), policy_dt, task_type="piano", robot=robot.name)
 
 

@@ -40,14 +40,11 @@ def stamp(
     """Stamp a copy of a checkpoint, and return its samples, None without any.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
-    the trace, or else those that the checkpoint has already. Whatever other metadata the checkpoint has stays. The copy
-    is loaded before a file takes the name `output`. Raises `InputError` if the checkpoint, its contract or the trace is
-    refused, or the copy cannot be written.
+    the trace, or else those that the checkpoint has already. It is loaded before a file takes the name `output`. Raises
+    `InputError` if the checkpoint, its contract or the trace is refused, or the copy cannot be written.
 
     Args:
-        contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
-        description: the robot, for contracts that name joints by place, and for traces whose anchor poses follow from
-            `qpos`.
+        description: the robot, for joints that are named by place, and for what follows from a trace's `qpos`.
         trace: a trainer's run, see `humanoid_sim.policy.traces`.
         motion: what the policy follows, where the model does not carry it.
     """

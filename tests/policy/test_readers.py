@@ -276,13 +276,13 @@ BERKELEY = {
 
 def test_berkeleys_yaml(tmp_path):
     (tmp_path / "configs").mkdir()
-    (tmp_path / "configs" / "any.yaml").write_text(yaml.safe_dump(BERKELEY))
+    (tmp_path / "configs" / "policy.yaml").write_text(yaml.safe_dump(BERKELEY))
     contract = read(tmp_path).contract
     assert (contract.joint_names, contract.action_joint_names) == (ROBOT, ("b", "d"))
     assert contract.terms[3].joints == ("b", "d")
     assert (contract.terms[0].history, contract.history_layout) == (2, "per_step")
     assert (contract.action_clip, contract.action_limit, contract.policy_dt) == (100.0, 1e4, 0.04)
-    (tmp_path / "configs" / "any.yaml").write_text(yaml.safe_dump({**BERKELEY, "action_limit_lower": -1.0}))
+    (tmp_path / "configs" / "policy.yaml").write_text(yaml.safe_dump({**BERKELEY, "action_limit_lower": -1.0}))
     with pytest.raises(InputError, match="expected -x and x"):
         read(tmp_path)
 

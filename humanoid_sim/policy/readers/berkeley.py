@@ -33,23 +33,17 @@ _ACTION_LIMIT = 1e4
 
 
 def find_berkeley(checkpoint: Path) -> Path | None:
-    """Return the file with the model's stem beside it, or the one in `configs/`, there or one up, that names it."""
+    """Return the file with the model's stem beside it, or in `configs/`, there or one up."""
     folder = checkpoint.absolute().parent
-    own = [place / f"{checkpoint.stem}.yaml" for place in (folder, folder / "configs", folder.parent / "configs")]
-    for path in own:
-        if _checkpoint_name(path) is not None:
-            return path
-    others = [path for place in own[1:] for path in sorted(place.parent.glob("*.yaml"))]
-    return next((path for path in others if _checkpoint_name(path) == checkpoint.name), None)
+    places = (folder, folder / "configs", folder.parent / "configs")
+    return next((path for path in (place / f"{checkpoint.stem}.yaml" for place in places) if _is_berkeley(path)), None)
 
 
-def _checkpoint_name(path: Path) -> str | None:
-    """Return the name of the checkpoint that a file of this dialect is for; None for any other file."""
+def _is_berkeley(path: Path) -> bool:
     try:
-        document = read_section(path).values if is_file(path) else {}
-    except InputError:
-        return None
-    return Path(str(document.get("policy_checkpoint_path"))).name if document.keys() >= _KEYS else None
+        return is_file(path) and read_section(path).values.keys() >= _KEYS
+    except InputError:  # some other file
+        return False
 
 
 def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
