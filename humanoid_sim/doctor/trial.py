@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,35 +17,26 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
+from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.errors import pose_error
+from humanoid_sim.evaluation.errors import length, pose_error, rms
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
 from humanoid_sim.evaluation.rollout import ClosedLoop
-from humanoid_sim.evaluation.run_figures import MotionErrors
-from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, MITState
+from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, IndexArray
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.robots.description import RobotDescription, with_contract, with_joint_limits
-from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.model import SimConfig, build_model
-from humanoid_sim.simulation.stability import DampingStability
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.model import SimConfig
 
 Command = tuple[float, float, float]
 """vx, vy in m/s and yaw rate in rad/s."""
-Plant = tuple[bool, float]
-"""Implicit damping, and the physics step, s."""
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_EXPLICIT, _IMPLICIT = False, True
-_PLANTS: tuple[Plant, ...] = (
-    *((_EXPLICIT, 0.005), (_EXPLICIT, 0.0025), (_EXPLICIT, 0.002), (_IMPLICIT, 0.0025), (_IMPLICIT, 0.002)),
-    *((_EXPLICIT, 0.001), (_EXPLICIT, 0.0005)),
-)
-"""Fastest first: where damping is stable the longest step gives the figures of the shortest."""
-_STABLE = 1.5  # see simulation.stability
+_LONGEST_TIMESTEP = 0.005  # s of physics, with implicit damping
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
@@ -59,7 +51,6 @@ _NOTICED: Mapping[str, float] = {
     "torque": 15.0,  # N·m, root mean square
 }
 """Errors at which an onlooker begins to notice."""
-_SQUARED = ("shaking", "torque", "tilt")  # of these the squares are kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +145,27 @@ class Simulations:
     def __init__(self, subject: Subject) -> None:
         self._subject = subject
         self._robots: dict[tuple[object, ...], BatchSim] = {}
-        self._stability: dict[Plant, DampingStability] = {}
+
+    def robots(self, contract: PolicyContract, count: int) -> BatchSim:
+        """Return robots in the contract's default pose, whose gains come with every command."""
+        order, limits = np.argsort(contract.joint_names), contract.effort_limit
+        key = (
+            *(count, contract.policy_dt, contract.anchor_body, contract.velocity_points),
+            contract.default_joint_pos[order].tobytes(),
+            None if limits is None else limits[order].tobytes(),
+        )
+        if key not in self._robots:
+            config = SimConfig(
+                control_period=contract.policy_dt,
+                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / _LONGEST_TIMESTEP),
+                anchor_body=contract.anchor_body,
+                velocity_at=contract.velocity_points,
+                height_scan=contract.height_scan,
+            )
+            none = np.zeros(len(contract.joint_names))
+            limp = with_contract(self._subject.description, replace(contract, joint_stiffness=none, joint_damping=none))
+            self._robots[key] = BatchSim(limp, count, config, implicit=True, threads=1)
+        return self._robots[key]
 
     def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
         """Run a contract once; one that cannot run is lost at 0 s. The same contract gives the same outcome.
@@ -169,145 +180,95 @@ class Simulations:
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
             loop = ClosedLoop(robot, wiring, np.array(commands[:1]))
+            score = _Score(loaded, robot, self._subject.base_reference(contract))
         except (FieldError, InputError) as error:
             return Outcome(0.0, seconds, {}, str(error))
-        score, period = _Score(loaded, robot, self._subject.base_reference(contract)), contract.policy_dt
-        steps = round(seconds / period)
+        steps = round(seconds / contract.policy_dt)
         for step in range(steps):
             command, frame = commands[step * len(commands) // steps], int(np.asarray(loop.memory.frame)[0])
-            lost = score.compare(frame, loop)
-            if robot.fault[0] or has_run_away(loop.state.joint_velocity)[0]:
-                lost = "the joints run away"
+            lost = score.loss(frame) or ("the joints run away" if has_run_away(loop.state.joint_velocity)[0] else "")
             inferred = infer(wiring, loaded.policy, loop.observation[0], frame)
             if isinstance(inferred, Fault):
                 lost = lost or inferred.message
             if lost or isinstance(inferred, Fault):
-                return Outcome(step * period, seconds, score.parts(period), lost)
+                return Outcome(step * contract.policy_dt, seconds, score.errors(), lost)
+            is_settled = step * contract.policy_dt % (seconds / len(commands)) >= _SETTLED
             sent = loop.act(inferred.action[None], velocity=np.array([command]))
-            is_settled = step * period % (seconds / len(commands)) >= _SETTLED
-            score.add(sent.position[0], command if is_settled else None)
-        return Outcome(seconds, seconds, score.parts(period))
-
-    def robots(self, contract: PolicyContract, count: int) -> BatchSim:
-        """Return robots in the contract's default pose, on the fastest plant that is stable with its gains."""
-        plant = is_implicit, timestep = self._plant(contract)
-        order, limits = np.argsort(contract.joint_names), contract.effort_limit
-        key = (
-            *(count, plant, contract.policy_dt, contract.anchor_body, contract.velocity_points),
-            contract.default_joint_pos[order].tobytes(),
-            None if limits is None else limits[order].tobytes(),
-        )
-        if key not in self._robots:
-            config = SimConfig(
-                control_period=contract.policy_dt,
-                physics_timestep=timestep,
-                anchor_body=contract.anchor_body,
-                velocity_at=contract.velocity_points,
-                height_scan=contract.height_scan,
-            )
-            self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=is_implicit, threads=1)
-        return self._robots[key]
-
-    def _plant(self, contract: PolicyContract) -> Plant:
-        own = [contract.joint_names.index(name) for name in self._subject.description.joint_names]
-        for plant in _PLANTS:
-            is_implicit, timestep = plant
-            try:
-                steps_per_period(contract.policy_dt, timestep)
-            except InputError:
-                continue
-            if plant not in self._stability:
-                limp = self._limp(contract)
-                model = build_model(
-                    limp, physics_timestep=timestep, affine_actuators=True, implicit=is_implicit, scene=False
-                )
-                self._stability[plant] = DampingStability(model, limp)
-            if self._stability[plant].suits(contract.joint_damping[own], contract.joint_stiffness[own], _STABLE):
-                return plant
-        raise InputError("its damping is unstable in simulation")
-
-    def _limp(self, contract: PolicyContract) -> RobotDescription:
-        """Return the robot in the contract's default pose, without gains: they come with every command."""
-        zeros = np.zeros(len(contract.joint_names))
-        return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
+            score.add(frame, sent.position[0], command if is_settled else (np.nan,) * 3)
+        return Outcome(seconds, seconds, score.errors())
 
 
 class _Score:
     """Errors of one episode: the robot in the world, whatever the contract says."""
 
     def __init__(self, loaded: LoadedPolicy, robot: BatchSim, base: MotionReference | None) -> None:
-        contract, terms = loaded.contract, loaded.reference.terms
-        self._robot = robot
-        self._walks = contract.task_type == "locomotion"
-        self._targets = loaded.reference if "reference_joint_pos" in terms else None
-        self._order = joint_indices(contract.joint_names, robot.joints, "joint_names of the policy")
-        self._bodies = MotionErrors(robot.description, loaded) if "motion_body_pos_b" in terms else None
-        self._base, self._alignment = base, None if robot.base is None or base is None else base.align(_pose(robot))
-        self._values: dict[str, list[float]] = {}
-        self._velocities: dict[Command, list[FloatArray]] = {}
-        self._sent: FloatArray | None = None
+        """Begin; `base` has the base's poses in the motion, if it does."""
+        self._loaded, self._robot, self._base_motion = loaded, robot, base
+        self._alignment = None if base is None else base.align(self._pose())
+        self._rows: list[dict[str, Any]] = []
 
-    def _add(self, name: str, value: object) -> None:
-        self._values.setdefault(name, []).append(float(np.asarray(value)))
+    def _pose(self) -> FloatArray:
+        """Return the base's pose now, shape (7,), m and w x y z, world frame."""
+        base = self._robot.base
+        assert base is not None
+        return np.concatenate([base.position[0], base.quaternion[0]])
 
-    def compare(self, frame: int, loop: ClosedLoop) -> str:
-        """Compare the state with the reference's frame; return how the robot was lost, or ''."""
-        base, position = self._robot.base, loop.state.joint_position[0]
-        if self._bodies is not None:
-            self._bodies.update(frame, _first(loop.state))
-        if self._targets is not None:
-            target = self._targets.term("reference_joint_pos", frame)
-            self._add("joints", np.abs(position[self._order] - target).mean())
+    def loss(self, frame: int) -> str:
+        """Return how the robot was lost by now, at a frame of the reference; or ''."""
+        base = self._robot.base
+        if self._robot.fault[0]:
+            return "the simulation diverged"
         if base is None:
             return ""
-        if self._base is not None:
-            error = pose_error(_pose(self._robot), *self._base.anchor(frame, self._alignment))
-            self._add("position", error.distance)
-            self._add("angle", error.angle)
+        if self._base_motion is not None:
+            error = pose_error(self._pose(), *self._base_motion.anchor(frame, self._alignment))
             return describe_stray(error) if has_strayed(error) else ""
         standing = self._robot.start_pose.standing_height
         return describe_fall(base, standing, 0) if has_fallen(base, standing)[0] else ""
 
-    def add(self, sent: FloatArray, command: Command | None) -> None:
-        """Take in a policy step: the positions (n,) sent, and the command; None: not settled yet."""
-        base = self._robot.base
-        if self._sent is not None:
-            self._add("shaking", ((sent - self._sent) ** 2).mean())
-        self._sent = sent
-        self._add("torque", (self._robot.effort[0] ** 2).mean())
-        if self._walks and base is not None:
-            self._add("tilt", base.tilt[0] ** 2)
-            if command is not None:
-                self._velocities.setdefault(command, []).append(np.array(base.planar_velocity[0]))
-                self._add("height", base.height[0])
+    def add(self, frame: int, sent: FloatArray, command: Sequence[float]) -> None:
+        """Take in a policy step: the reference's frame, the positions (n,) sent, the command; NaN: not settled yet."""
+        robot, base = self._robot, self._robot.base
+        row: dict[str, Any] = {"frame": frame, "sent": sent, "command": command, "effort": robot.effort[0].copy()}
+        row["position"] = robot.state().joint_position[0]
+        if base is not None:
+            row |= {"pose": self._pose(), "velocity": base.planar_velocity[0], "tilt": base.tilt[0]}
+            row["height"] = base.height[0]
+        self._rows.append(row)
 
-    def parts(self, period: float) -> dict[str, float]:
+    def errors(self) -> dict[str, float]:
         """Return the errors, each about 1 where an onlooker begins to notice."""
-        errors = {name: float(np.mean(values)) for name, values in self._values.items()}
-        errors |= {name: math.sqrt(errors[name]) for name in _SQUARED if name in errors}
-        if "shaking" in errors:
-            errors["shaking"] /= period
-        if "height" in errors:
-            errors["height"] = float(np.std(self._values["height"]))
-        if self._velocities:
-            off = np.array([np.mean(each, axis=0) - command for command, each in self._velocities.items()])
-            errors["velocity"] = float(np.hypot(off[:, 0], off[:, 1]).mean())
-            errors["turning"] = float(np.abs(off[:, 2]).mean())
-        summary = None if self._bodies is None else self._bodies.summary()
-        if summary is not None:
-            for name, error in (("hand position", "hands position"), ("hand angle", "hands orientation")):
-                errors[name] = summary["errors"][error]["rms"]
-        return {name: value / _NOTICED[name] for name, value in errors.items()}
+        if not self._rows:
+            return {}
+        rows = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+        contract, reference = self._loaded.contract, self._loaded.reference
+        frames, position = reference.clamp(rows["frame"] + 1), rows["position"]
+        found = {"torque": rms(rows["effort"].ravel())}
+        found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt if len(frames) > 1 else 0.0
+        if "reference_joint_pos" in reference.terms:
+            order = joint_indices(contract.joint_names, self._robot.joints, "joint_names of the policy")
+            found["joints"] = np.abs(position[:, order] - reference.term("reference_joint_pos", frames)).mean()
+        if self._base_motion is not None:
+            error = pose_error(rows["pose"], *self._base_motion.anchor(frames, self._alignment))
+            found |= {"position": error.distance.mean(), "angle": error.angle.mean()}
+        if "motion_body_pos_b" in reference.terms:
+            found |= self._hand_errors(frames, position)
+        if contract.task_type == "locomotion" and "tilt" in rows:
+            found["tilt"], settled = rms(rows["tilt"]), np.isfinite(rows["command"][:, 0])
+            commands = np.unique(rows["command"][settled], axis=0)
+            off = [rows["velocity"][(rows["command"] == each).all(axis=1)].mean(axis=0) - each for each in commands]
+            if off:
+                found["height"] = rows["height"][settled].std()
+                found["velocity"] = np.mean([np.hypot(x, y) for x, y, _ in off])
+                found["turning"] = np.mean([abs(turning) for _, _, turning in off])
+        return {name: float(value) / _NOTICED[name] for name, value in found.items()}
 
-
-def _pose(robot: BatchSim) -> FloatArray:
-    """Return the base's pose, shape (7,), m and w x y z, world frame."""
-    assert robot.base is not None
-    return np.concatenate([robot.base.position[0], robot.base.quaternion[0]])
-
-
-def _first(state: MITState) -> MITState:
-    """Return the state of a batch's first robot, without its live inputs."""
-    return MITState(
-        **{field.name: getattr(state, field.name)[0] for field in fields(MITState) if field.name != "extern"}
-    )
+    def _hand_errors(self, frames: IndexArray, position: FloatArray) -> dict[str, Any]:
+        """Return the errors of the hands, of a motion without them of all bodies, in the base frame."""
+        terms, names = self._loaded.reference.terms, self._loaded.contract.body_names
+        wanted, turned = body_poses(np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]]), len(names))
+        places, rotations = ForwardKinematics(self._robot.description, names)(position)
+        hands = [i for i, name in enumerate(names) if name in self._robot.description.hands] or list(range(len(names)))
+        distance = length(places - wanted[frames])[:, hands]
+        angle = rotation_angle(rotations, turned[frames])[:, hands]
+        return {"hand position": rms(distance.ravel()), "hand angle": rms(angle.ravel())}

@@ -10,7 +10,7 @@ import pytest
 from motion_samples import POLICY, joint_path, lite, state_of, write_npz
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError
 from humanoid_sim.prepare import main, wandb_run
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 
@@ -24,34 +24,33 @@ class File:
     def download(self, root, replace):
         assert replace
         path = Path(root) / self.name
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(POLICY.read_bytes())
         return path.open()
 
 
 @pytest.fixture
 def service(monkeypatch):
-    """Runs by path, with their files' names; an exception instead is raised, an event waited for."""
-    runs = {}
+    """The names of the run's files; an exception instead is raised, an event waited for."""
+    answer = {}
 
     class Api:
         def __init__(self, timeout):
             assert timeout >= 1
 
         def run(self, path):
-            if isinstance(runs[path], Exception):
-                raise runs[path]
-            if isinstance(runs[path], threading.Event):
-                runs[path].wait(20.0)
-            return types.SimpleNamespace(files=lambda: [File(name) for name in runs[path]])
+            if isinstance(answer[path], Exception):
+                raise answer[path]
+            if isinstance(answer[path], threading.Event):
+                answer[path].wait(20.0)
+            return types.SimpleNamespace(files=lambda: [File(name) for name in answer[path]])
 
     module = types.ModuleType("wandb")
     module.Api = Api
     monkeypatch.setitem(sys.modules, "wandb", module)
-    return runs
+    return answer
 
 
-def test_the_newest_model_by_its_number(service, tmp_path):
+def test_the_newest_model_by_its_number_with_its_tensors(service, tmp_path):
     service[RUN] = ["config.yaml", "model_900.onnx", "model_1500.onnx", "model_1500.onnx.data", "other_9999.onnx"]
     assert fetch_checkpoint(RUN, None, tmp_path) == tmp_path / "model_1500.onnx"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model_1500.onnx", "model_1500.onnx.data"]
@@ -83,15 +82,10 @@ def test_no_answer_is_no_hang(service, tmp_path, monkeypatch):
     event.set()
 
 
-def test_a_missing_package(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "wandb", None)
-    with pytest.raises(MissingPackageError, match="wandb"):
-        fetch_checkpoint(RUN, None, tmp_path)
-
-
 def test_a_motion_for_a_run_s_checkpoint(service, tmp_path):
     service[RUN] = ["model_300.onnx"]
     motion = write_npz(tmp_path / "dance.npz", state_of(joint_path(), ("chest", *lite().hands)))
     arguments = ["--wandb-run-path", RUN, "--motion", str(motion), "--output", str(tmp_path / "out")]
+    (tmp_path / "out").mkdir()
     assert run_program(main, [*arguments, "--body-order", ",".join(("chest", *lite().hands))]) == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["dance.mcap", "model_300.onnx"]

@@ -7,27 +7,11 @@ import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.messages import (
-    ControlMode,
-    FaultReport,
-    Intent,
-    Mode,
-    RemoteCommand,
-    SafetyFlag,
-    SafetyLevel,
-    SafetyStatus,
-    StandbyState,
-)
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, RemoteCommand, StandbyState
 from humanoid_sim.testing import SafetyProperties, SafetyViolationError
 
-ZERO, DAMPING, A, RL, REMOTE = (
-    "zero_torque_controller",
-    "damping_controller",
-    "standby_controller_a",
-    "rl_policy_controller",
-    "remote_policy_controller",
-)
-FAULT = (SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "can0", "over-current"),)
+ZERO, DAMPING, A = "zero_torque_controller", "damping_controller", "standby_controller_a"
+RL, REMOTE = "rl_policy_controller", "remote_policy_controller"
 
 
 class WatchedRun(rig.Run):
@@ -38,9 +22,9 @@ class WatchedRun(rig.Run):
         self.properties = SafetyProperties(self.supervisor)
 
     def step(self, *intents, **inputs):
-        self.given = rig.tick(self.time, *intents, **inputs)
-        self.memory, output = self.supervisor.step(self.memory, self.given)
-        self.properties.check(self.given, output)
+        given, output = self.next(*intents, **inputs)
+        self.memory, _ = self.supervisor.step(self.memory, given)
+        self.properties.check(given, output)
         self.time += rig.PERIOD
         return output
 
@@ -50,90 +34,61 @@ class WatchedRun(rig.Run):
         return given, self.supervisor.step(self.memory, given)[1]
 
 
-def at(name):
-    run = WatchedRun(rig.supervisor())
-    run.walk(*rig.PATHS[name])
-    return run
-
-
-def with_command(output, **changes):
+def command(output, **changes):
     return replace(output, command=replace(output.command, **changes))
 
 
-def with_mode(output, mode, name, message=""):
-    return replace(output, control_mode=ControlMode(mode, name, message))
+def mode(output, mode, name):
+    return replace(output, control_mode=ControlMode(mode, name, ""))
+
+
+def fault(output, **changes):
+    return replace(output, faults=(replace(FaultReport(RL, DAMPING, "NaN"), **changes),))
 
 
 STANDBY = StandbyState(1, 2, 1.0, True)
-REPORT = FaultReport(RL, DAMPING, "NaN")
-
-
-def row(name, tamper, message, *intents, **inputs):
-    """In control, what is done to the output, what is found, and what comes in."""
-    return name, intents, inputs, tamper, message
-
-
-BROKEN = {
-    "negative gain": row(DAMPING, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
-    "torque in ZERO_TORQUE": row(ZERO, lambda o: with_command(o, effort=[0, 0, 1e-9]), "ZERO_TORQUE's command is"),
-    "stiff DAMPING": row(DAMPING, lambda o: with_command(o, stiffness=np.ones(3)), "DAMPING's stiffness is [1. 1. 1.]"),
-    "DAMPING follows": row(DAMPING, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
-    "wrong mode": row(DAMPING, lambda o: with_mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
-    "standby elsewhere": row(DAMPING, lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
-    "DAMP is not heard": row(
-        RL,
-        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
-        "DAMP was requested, and rl_policy_controller is in control",
-        Intent.DAMP,
-    ),
-    "no such edge": row(
-        DAMPING, lambda o: with_mode(o, Mode.LOCOMOTION, RL), "which is not an edge", Intent.START_LOCOMOTION
-    ),
-    "another intent": row(
-        DAMPING,
-        lambda o: with_mode(replace(o, standby=STANDBY), Mode.STANDBY, A),
-        "without Intent.LOAD_A",
-        Intent.LOAD_B,
-    ),
-    "quits although DAMP": row(
-        DAMPING, lambda o: replace(o, quit=True), "although DAMP came with it", Intent.QUIT, Intent.DAMP
-    ),
-    "quits while moving": row(RL, lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy", Intent.QUIT),
-    "QUIT says nothing": row(RL, lambda o: replace(o, refusals=()), "no refusal says why", Intent.QUIT),
-    "selection says nothing": row(
-        RL, lambda o: replace(o, refusals=()), "policy dance was selected in rl_policy_controller", policy="dance"
-    ),
-    "failed and stays": row(RL, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
-    "failure not told": row(DAMPING, lambda o: replace(o, faults=(REPORT,)), "is not in the status message"),
-    "raised": row(DAMPING, lambda o: replace(o, faults=(replace(REPORT, is_bug=True),)), "raised: NaN"),
-    "other fallback": row(
-        DAMPING, lambda o: replace(o, faults=(replace(REPORT, fallback=ZERO),)), "damping_controller leads"
-    ),
-    "gains too high": row(
+QUIT, DAMP, LOAD_A, LOAD_B = Intent.QUIT, Intent.DAMP, Intent.LOAD_A, Intent.LOAD_B
+START = Intent.START_LOCOMOTION
+BROKEN = [  # in control, intents or inputs, what is done to the output, what is found
+    (DAMPING, (), lambda o: command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
+    (ZERO, (), lambda o: command(o, effort=[0, 0, 1e-9]), "ZERO_TORQUE's command is"),
+    (DAMPING, (), lambda o: command(o, stiffness=np.ones(3)), "DAMPING's stiffness is [1. 1. 1.]"),
+    (DAMPING, (), lambda o: command(o, position=np.ones(3)), "captured at activation"),
+    (DAMPING, (), lambda o: mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
+    (DAMPING, (), lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
+    (RL, (DAMP,), lambda o: mode(o, Mode.LOCOMOTION, RL), "DAMP was requested, and rl_policy"),
+    (DAMPING, (START,), lambda o: mode(o, Mode.LOCOMOTION, RL), "which is not an edge"),
+    (DAMPING, (LOAD_B,), lambda o: mode(replace(o, standby=STANDBY), Mode.STANDBY, A), "without Intent.LOAD_A"),
+    (DAMPING, (QUIT, DAMP), lambda o: replace(o, quit=True), "although DAMP came with it"),
+    (RL, (QUIT,), lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy"),
+    (RL, (QUIT,), lambda o: replace(o, refusals=()), "no refusal says why"),
+    (RL, {"policy": "dance"}, lambda o: replace(o, refusals=()), "policy dance was selected in rl_policy_controller"),
+    (RL, (), fault, "failed and stays in control"),
+    (DAMPING, (), fault, "is not in the status message"),
+    (DAMPING, (), lambda o: fault(o, is_bug=True), "raised: NaN"),
+    (DAMPING, (), lambda o: fault(o, fallback=ZERO), "damping_controller leads"),
+    (
         A,
-        lambda o: with_command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
-        "expected one share of",
+        (),
+        lambda o: command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
+        "expected one share",
     ),
-    "gains begin high": row(
+    (
         DAMPING,
-        lambda o: with_command(o, stiffness=[5.0, 5.5, 6.0], damping=[0.5, 0.55, 0.6]),
-        "STANDBY began with 0.5 of its gains",
-        Intent.LOAD_A,
+        (LOAD_A,),
+        lambda o: command(o, stiffness=[5.0, 5.5, 6.0], damping=[0.5, 0.55, 0.6]),
+        "with 0.5 of its gain",
     ),
-    "pinned joint": row(
-        RL,
-        lambda o: with_command(o, position=o.command.position + 1.0),
-        "LOCOMOTION moves joints that its policy does not drive",
-    ),
-    "nobody's command": row(REMOTE, lambda o: replace(o, command=rig.command()), "no command has arrived since"),
-}
+    (RL, (), lambda o: command(o, position=o.command.position + 1.0), "joints that its policy does not drive"),
+    (REMOTE, (), lambda o: replace(o, command=rig.command()), "no command has arrived since"),
+]
 
 
-@pytest.mark.parametrize("what", BROKEN)
-def test_a_broken_property_is_found(what):
-    name, intents, inputs, tamper, message = BROKEN[what]
-    run = at(name)
-    given, output = run.next(*intents, **inputs)
+@pytest.mark.parametrize(("name", "given", "tamper", "message"), BROKEN, ids=[row[-1] for row in BROKEN])
+def test_a_broken_property_is_found(name, given, tamper, message):
+    run = WatchedRun(rig.supervisor())
+    run.walk(*rig.PATHS[name])
+    given, output = run.next(**given) if isinstance(given, dict) else run.next(*given)
     copy.copy(run.properties).check(given, output)
     with pytest.raises(SafetyViolationError) as caught:
         run.properties.check(given, tamper(output))
