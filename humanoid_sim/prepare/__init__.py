@@ -16,7 +16,7 @@ class PrepareOptions:
     """Make a motion file of a motion or a song that was made elsewhere, checked against the robot.
 
     What a source does not say, an option must, unless forward kinematics on the robot confirms the usual meaning. A
-    motion that does not fit is refused. Lengths are m, angles rad.
+    motion that does not fit is refused. Lengths are m.
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
@@ -30,12 +30,16 @@ class PrepareOptions:
     robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file", "--registry-name"])] = None
-    """An .npz or .csv file, or a LeRobot dataset: its folder, or user/name on the hub. Default: the dataset that the
-    checkpoint names."""
+    """An .npz or .csv file, an .mcap file or rosbag2 folder with joint states, or a LeRobot dataset: its folder, or
+    user/name on the hub. Default: the dataset that the checkpoint names."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
     """Episode of the dataset, counted from 0; required if it has more than one."""
     features: tuple[str, ...] = ()
     """For features of the dataset with unusual names: ROLE=FEATURE, such as joint_pos=observation.qpos."""
+    topic: str | None = None
+    """Topic of the joint states, where a recording has several."""
+    degrees: bool = False
+    """The motion's joints are in degrees. Default: rad."""
     fps: float | None = None
     """Frames per second of a .csv without a column of times, or of a song without a policy (default 50)."""
     joint_order: str | None = None

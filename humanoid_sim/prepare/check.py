@@ -59,7 +59,7 @@ def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton, 
         off = int((excess.max(axis=0) > 1.0).sum())
         raise InputError(
             f"{motion.source}: {text}; {off} of {len(names)} bodies are off; is it this robot's motion, and are "
-            "--joint-order, --body-order and --quaternions right, and its angles in rad?"
+            "--joint-order, --body-order, --quaternions and --degrees right?"
         )
     return f"{len(names)} bodies fit: at most, {text}"
 
@@ -72,7 +72,7 @@ def _check_joints(motion: SourceMotion, joints: FloatArray, skeleton: Skeleton) 
         limits = f"{robot.lower[joint]:.3g} to {robot.upper[joint]:.3g}"
         text = f"joint '{names[joint]}' is at {joints[frame, joint]:.3f} rad in frame {frame}, beyond {limits}"
         if motion.bodies is None and beyond[frame, joint] > _BEYOND:
-            raise InputError(f"{motion.source}: {text}; is --joint-order right, and are its angles in rad?")
+            raise InputError(f"{motion.source}: {text}; are --joint-order and --degrees right?")
         lines.append(f"note: {text}")
     rate = derivative(joints, motion.times)
     limit = speed_limit(robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -94,8 +95,9 @@ def interpret(
         names = _named(source, "joint", order, skeleton.joint_orders, source.joints.shape[1], skeleton.joints)
         require_known("joint", skeleton.joints, names, f"{source.source}: ")
         columns = [names.index(joint) for joint in skeleton.joints]
-        velocity = None if source.joint_velocity is None else source.joint_velocity[:, columns]
-        motion = replace(motion, joints=source.joints[:, columns], joint_velocity=velocity)
+        unit = math.radians(1.0) if options.degrees else 1.0
+        velocity = None if source.joint_velocity is None else unit * source.joint_velocity[:, columns]
+        motion = replace(motion, joints=unit * source.joints[:, columns], joint_velocity=velocity)
     bodies: tuple[str, ...] = ()
     if source.bodies is not None:
         count = source.bodies.shape[1]

@@ -14,7 +14,14 @@ from humanoid_sim.policy.song import left_out, playable, read_song, song_motion,
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.check import check
 from humanoid_sim.prepare.convert import Skeleton, at_rate, convert, interpret
-from humanoid_sim.prepare.sources import SourceMotion, dataset_folder, read_csv, read_dataset, read_npz
+from humanoid_sim.prepare.sources import (
+    SourceMotion,
+    dataset_folder,
+    read_csv,
+    read_dataset,
+    read_joint_states,
+    read_npz,
+)
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -103,7 +110,7 @@ def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescrip
     lines = [summary, *check(motion, skeleton, options.tolerance)]
     if assumed:
         lines.append(f"assumed, and confirmed by the bodies: {', '.join(assumed)}")
-    name = path.stem if path.suffix in (".csv", ".npz") else f"{path.name}_{options.episode or 0}"
+    name = path.stem if source.source == str(path) else f"{path.name}_{options.episode or 0}"
     return convert(at_rate(motion, contract.policy_dt, resample=options.resample), contract, skeleton), lines, name
 
 
@@ -114,4 +121,6 @@ def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> Sourc
         raise InputError(f"--fps: is given, but {path} has times of its own")
     if path.suffix == ".npz":
         return read_npz(path)
+    if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
+        return read_joint_states(path, options.topic, joints)
     return read_dataset(dataset_folder(str(path)), options.episode, options.features, joints)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from motion_samples import BODIES, FRAMES, POLICY, joint_frames, joint_path, lite, prepare, refusal, state_of, write_npz
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.play import main as play
@@ -45,6 +47,24 @@ def csv(tmp_path, rows, *names):
     return path
 
 
+def bag(tmp_path, q, *topics, unstamped=False):
+    """A folder of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    state = store.types["sensor_msgs/msg/JointState"]
+    jitter = np.random.default_rng(3).integers(0, 1_000_000, len(q))
+    with Writer(tmp_path / "dance", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in topics or ("/joint_states",):
+            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
+            for i, row in enumerate(q):
+                time = 10**18 + 5_000_000 * i + int(jitter[i])
+                sent = stamp(0, 0) if unstamped else stamp(*divmod(time, 10**9))
+                names = ["gripper", *lite().joint_names]
+                message = state(header(sent, ""), names, np.array([0.5, *row]), np.zeros(0), np.zeros(0))
+                writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
+    return tmp_path / "dance"
+
+
 def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
     assert prepare(tmp_path, npz(tmp_path)) == 0
     motion = made(tmp_path)
@@ -69,12 +89,13 @@ def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
             ["--joint-order", ",".join(lite().joint_names[i] for i in LEAD)],
         ),
         ({"joint_pos": ANGLES[:, LEAD], "joint_names": np.array(lite().joint_names)[LEAD]}, []),
+        ({"joint_pos": np.degrees(ANGLES), "joint_vel": np.degrees(SPEEDS)}, ["--degrees"]),
         (
             {"body_pos_w": POINTS[:, [7, 1]], "body_quat_w": TURNS[:, [7, 1]]},
             ["--body-order", f"{SKELETON.bodies[7]},{SKELETON.bodies[1]}"],
         ),
     ],
-    ids=["Isaac's orders", "joints by name", "names in the file", "two bodies"],
+    ids=["Isaac's orders", "joints by name", "names in the file", "degrees", "two bodies"],
 )
 def test_what_the_file_does_not_say_the_options_do(tmp_path, changes, options):
     assert prepare(tmp_path, npz(tmp_path, **changes), *options) == 0
@@ -159,7 +180,7 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
     ("rows", "names", "options", "reason"),
     [
         (ROWS[:, LEVELS], (), BARE, "beyond"),
-        (np.degrees(ROWS), lite().joint_names, NAMED, "are its angles in rad?"),
+        (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --degrees right?"),
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
         (ROWS, ("hip", *lite().joint_names[1:]), NAMED, "unknown column 'hip'"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
@@ -168,6 +189,27 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
+
+
+Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
+
+
+@pytest.mark.parametrize("unstamped", [False, True])
+def test_joint_states_of_another_robot_s_driver(tmp_path, capsys, unstamped):
+    path = bag(tmp_path, Q_200_HZ, unstamped=unstamped)
+    path = next(path.glob("*.mcap")) if unstamped else path
+    assert "add --resample" in refusal(capsys, tmp_path, path)
+    assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
+    motion = made(tmp_path)
+    assert motion.frames.shape == (50, 36)
+    assert motion.policy_dt == 0.02
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
+
+
+def test_joint_states_that_are_not_enough(tmp_path, capsys):
+    several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
+    assert "expected one: /left, /right; --topic chooses" in refusal(capsys, tmp_path, several)
+    assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
 
 
 def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
