@@ -242,8 +242,8 @@ class _Score:
             return {}
         rows = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
         contract, reference = self._loaded.contract, self._loaded.reference
-        frames, position = reference.clamp(rows["frame"] + 1), rows["position"]
-        found = {"torque": rms(rows["effort"].ravel())}
+        frames, position = np.minimum(rows["frame"] + 1, reference.frame_count - 1), rows["position"]
+        found: dict[str, Any] = {"torque": rms(rows["effort"].ravel())}
         found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt if len(frames) > 1 else 0.0
         if "reference_joint_pos" in reference.terms:
             order = joint_indices(contract.joint_names, self._robot.joints, "joint_names of the policy")
