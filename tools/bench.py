@@ -49,7 +49,6 @@ from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor, run_header
@@ -266,7 +265,7 @@ class _BareRollout:
     """The same models, states, controls and threads as a batch simulation's, and nothing around them.
 
     Args:
-        simulation: that has taken a command already, so that the gains are in its models.
+        simulation: a `BatchSim` that has taken a command already, so that the gains are in its models.
         qpos: shape (N, nq), where it starts.
         qvel: shape (N, nv).
         targets: shape (N, n) each, rad, the positions that are commanded one control period after the other.
@@ -275,7 +274,7 @@ class _BareRollout:
 
     def __init__(
         self,
-        simulation: BatchSimulation,
+        simulation: Any,
         qpos: FloatArray,
         qvel: FloatArray,
         targets: Sequence[FloatArray],

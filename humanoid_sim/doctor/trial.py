@@ -36,7 +36,8 @@ Command = tuple[float, float, float]
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_LONGEST_TIMESTEP = 0.005  # s of physics, with implicit damping
+_EPISODE_TIMESTEP = 0.005  # s of physics at most, with implicit damping
+EXACT_TIMESTEP = 0.001  # s, likewise, where single steps are compared with the trainer's
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
@@ -146,18 +147,22 @@ class Simulations:
         self._subject = subject
         self._robots: dict[tuple[object, ...], BatchSim] = {}
 
-    def robots(self, contract: PolicyContract, count: int) -> BatchSim:
-        """Return robots in the contract's default pose, whose gains come with every command."""
+    def robots(self, contract: PolicyContract, count: int, longest: float = _EPISODE_TIMESTEP) -> BatchSim:
+        """Return robots in the contract's default pose, whose gains come with every command.
+
+        Args:
+            longest: s, of a physics step.
+        """
         order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
-            *(count, contract.policy_dt, contract.anchor_body, contract.velocity_points),
+            *(count, longest, contract.policy_dt, contract.anchor_body, contract.velocity_points),
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
         )
         if key not in self._robots:
             config = SimConfig(
                 control_period=contract.policy_dt,
-                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / _LONGEST_TIMESTEP),
+                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / longest),
                 anchor_body=contract.anchor_body,
                 velocity_at=contract.velocity_points,
                 height_scan=contract.height_scan,
