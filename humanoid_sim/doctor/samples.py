@@ -16,11 +16,12 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, act
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term
-from humanoid_sim.doctor.trial import EXACT_TIMESTEP, Simulations, Subject
+from humanoid_sim.doctor.trial import Simulations, Subject
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
 from humanoid_sim.policy.findings import shown
+from humanoid_sim.policy.golden import value_name
 from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import with_joint_limits
@@ -104,11 +105,10 @@ class Samples:
 
     def names(self, contract: PolicyContract, differing: BoolArray) -> str:
         """Name the values that `differing` marks: of each term the first, with its joint."""
-        layout, found = self.wiring(contract).layout, dict[str, str]()
+        wiring, found = self.wiring(contract), dict[str, str]()
+        layout = wiring.layout
         for i in np.flatnonzero(differing[: layout.width]).tolist():
-            located, term = layout.locate(i), layout.term_at(i).term
-            joints, place = value_names(term, contract), int(located.split("[")[1].split("]")[0])
-            found.setdefault(term.name, f"{located} ({joints[place]})" if joints else located)
+            found.setdefault(layout.term_at(i).name, value_name(wiring, i))
         targets = zip(self.trace(contract).joint_names, differing[layout.width :], strict=False)
         return ", ".join([*found.values(), *(f"target of {name}" for name, far in targets if far)])
 
@@ -151,7 +151,7 @@ class Samples:
         description, trace = self._subject.description, self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
         try:
-            wiring, robots = self.wiring(contract), simulations.robots(contract, len(steps), EXACT_TIMESTEP)
+            wiring, robots = self.wiring(contract), simulations.robots(contract, len(steps))
         except (FieldError, InputError):
             return math.inf
         if "qpos" not in self._file:
