@@ -22,8 +22,7 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_yaml
 
-_LARGEST_OFFSET = 8.0 * math.pi
-"""rad, the width of a motor's position range."""
+_LARGEST_OFFSET = 8.0 * math.pi  # rad, the width of a motor's position range
 _FIELDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     "id": ("a whole number of 1 to 255", lambda value: type(value) is int and 1 <= value <= 255),
     "direction": ("1 or -1", lambda value: type(value) is int and value in (-1, 1)),
@@ -163,10 +162,8 @@ def save_calibration(
         os.fsync(file.fileno())  # after a power cut there is the old file or the whole new one
 
 
-_TOUCH = 0.05
-"""rad of overlap that is none: a joint whose range ends at zero touches its mirror image there."""
-THRESHOLD = 0.5
-"""rad; a joint that was moved less keeps its previous offset."""
+_TOUCH = 0.05  # rad of overlap that is none: a joint whose range ends at zero touches its mirror image there
+THRESHOLD = 0.5  # rad; a joint that was moved less keeps its previous offset
 
 
 class Verdict(Enum):

@@ -28,8 +28,7 @@ from humanoid_sim.hardware.imu import LABEL_UP, Imu, ImuReading, silent, upright
 from humanoid_sim.mit import FloatArray
 
 _SYNC = b"\x75\x65"
-SENSOR_DATA = 0x80
-"""Descriptor set of a packet of measurements."""
+SENSOR_DATA = 0x80  # Descriptor set of a packet of measurements
 ACCELERATION, ANGULAR_RATE, QUATERNION = 0x04, 0x05, 0x0A
 """Scaled accelerometer (3 floats, g), scaled gyroscope (3 floats, rad/s), filtered attitude (4 floats, w x y z)."""
 
@@ -98,12 +97,9 @@ def _fields(payload: bytes) -> dict[int, bytes] | None:
     return found
 
 
-_POLL = 0.02
-"""s, longest read of the receiving thread."""
-_TIMEOUT = 0.1
-"""s without a sample after which the status is FAULT."""
-_FIRST_SAMPLE = 1.0
-"""s that `open` waits for a first sample."""
+_POLL = 0.02  # s, longest read of the receiving thread
+_TIMEOUT = 0.1  # s without a sample after which the status is FAULT
+_FIRST_SAMPLE = 1.0  # s that `open` waits for a first sample
 
 
 class MicrostrainImu(Imu):
@@ -196,8 +192,7 @@ _BASE, _3DM = 0x01, 0x0C
 """Descriptor sets of commands."""
 _ACK = 0xF1
 _WRITE = 0x01
-_ANSWER_TIME = 1.0
-"""s; the manual knows no command that takes longer among these."""
+_ANSWER_TIME = 1.0  # s; the manual knows no command that takes longer among these
 _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
 
 
@@ -231,11 +226,9 @@ def _command(
     raise RobotError(f"does not answer {name} within {_ANSWER_TIME:g} s: check its power, the port and the baud rate")
 
 
-_GRAVITY = 9.80665
-"""m/s² of one g, as the manual defines its unit."""
+_GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
 _NORM_TOLERANCE = 0.01
-_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
-"""The device's world has its z axis down."""
+_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # The device's world has its z axis down
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from types import SimpleNamespace
-from typing import NamedTuple, cast
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
 
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.faults import BUS_FAULTS, Fault
-from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, MockMotor
+from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE
 from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.mock.sito_motor import SitoMotor
@@ -30,18 +30,14 @@ from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, mit_torque
 from humanoid_sim.robots.motors import motor_model
 from humanoid_sim.robots.schema import RobotDescription
 
-FACTORY_ID = 127
-"""Id with which Robstride motors are delivered."""
+FACTORY_ID = 127  # Id with which Robstride motors are delivered
+MockMotor: TypeAlias = RobstrideMotor | SitoMotor
 Log = Callable[[float, str], None]
 """Receives the time, s on the simulation's clock, and a line for a person."""
-_REPLY_DELAY = 0.0003
-"""s from a command to its reply; frames take 131 to 160 µs, and none waits for another."""
-_CHECK_PERIOD = 0.005
-"""s between two checks of a motor's own sensors."""
-_OFF_VOLTAGE = 6.0
-"""V, below which a motor is off."""
-_BUS_OFF = Frame(0x040, bytes(8), is_error=True)
-"""CAN_ERR_BUSOFF of linux/can/error.h."""
+_REPLY_DELAY = 0.0003  # s from a command to its reply; frames take 131 to 160 µs, and none waits for another
+_CHECK_PERIOD = 0.005  # s between two checks of a motor's own sensors
+_OFF_VOLTAGE = 6.0  # V, below which a motor is off
+_BUS_OFF = Frame(0x040, bytes(8), is_error=True)  # CAN_ERR_BUSOFF of linux/can/error.h
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,26 +81,21 @@ class MockMotors:
         """
         settings = settings or MockSettings()
         self.plant = plant = MotorPlant(description, settings.homing_offset)
-        self.names = plant.names
-        """The driven joints, one per motor."""
+        self.names = plant.names  # The driven joints, one per motor
         driven = [joint.motor for joint in plant.joints if joint.motor is not None]
         buses = 1 + max(motor.bus for motor in driven)
         if bus_count not in (1, buses):
             raise InputError(f"{description.name}: {bus_count} channels, expected 1 or {buses}")
         self.bus_count = bus_count
-        self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]
-        """By motor."""
+        self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]  # By motor
         self.motors = _make_motors(description, settings)
         self.has_power = [settings.alone in ("", name) for name in self.names]
-        self.time = 0.0
-        """s, the time up to which everything has happened."""
+        self.time = 0.0  # s, the time up to which everything has happened
         self._log = log
         self._random = random.Random(settings.seed)
         self._scheduled: list[Fault] = []
-        self._faults: list[Fault] = []
-        """Those in force."""
-        self._off: set[int] = set()
-        """Buses that are off."""
+        self._faults: list[Fault] = []  # Those in force
+        self._off: set[int] = set()  # Buses that are off
         self._true_ids = [motor.can_id for motor in self.motors]
         self._serial = count()
         self._arrivals: list[tuple[float, int, Arrival]] = []
@@ -112,11 +103,9 @@ class MockMotors:
         """Events to come, and among them drives of motors that react late."""
         self._told = [(False, "")] * len(self.motors)
         self._jump, self._shaft = np.zeros((2, len(self.motors)))
-        self._drive = np.zeros((7, len(self.motors)))
-        """Rows as `Drive`, by motor: the commands in force."""
+        self._drive = np.zeros((7, len(self.motors)))  # Rows as `Drive`, by motor: the commands in force
         rows = dict(zip(COMMAND_FIELDS, self._drive, strict=False))
-        self._command = cast("MITCommand", SimpleNamespace(**rows))
-        """The first five rows, which no physics step copies."""
+        self._command = cast("MITCommand", SimpleNamespace(**rows))  # The first five rows, which no physics step copies
         self._range = np.array([motor.model.position for motor in self.motors])
         self._steps = 0
         self._steps_between_checks = max(round(_CHECK_PERIOD / plant.timestep), 1)

@@ -15,8 +15,7 @@ from humanoid_sim.simulation.floating_base import FloatingBase, move_support
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.sensing import Sensors
 
-_JAM = 1e4
-"""N·m·s/rad of a jammed joint: damping is integrated implicitly, and MuJoCo's friction slips."""
+_JAM = 1e4  # N·m·s/rad of a jammed joint: damping is integrated implicitly, and MuJoCo's friction slips
 _HAND_STIFFNESS, _HAND_DAMPING, _HAND_STRENGTH = 150.0, 4.0, 40.0
 """N·m/rad, N·m·s/rad and N·m with which a hand leads a joint."""
 
@@ -42,8 +41,7 @@ class MotorPlant:
         """The driven joints, one per motor."""
         self.names = [joint.name for joint in self.joints]
         require_known("joint", homing_offset, self.names, "homing_offset: ")
-        self.timestep = config.timestep(description)
-        """s, of one physics step."""
+        self.timestep = config.timestep(description)  # s, of one physics step
         self._model = build_model(description, physics_timestep=self.timestep, sensors=config)
         self._data = mujoco.MjData(self._model)
         self._sensors = Sensors(self._model, description, config)
@@ -53,8 +51,7 @@ class MotorPlant:
         self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
         self._strength = self._direction * description.torque_scale[self._driven]
         """Torque at the joint over the torque that the motor reports."""
-        self.delay = description.delay[self._driven]
-        """Shape (m,), s from a command's arrival to its effect."""
+        self.delay = description.delay[self._driven]  # Shape (m,), s from a command's arrival to its effect
         self._offset = np.array([homing_offset.get(name, 0.0) for name in self.names])
         self._damping = self._model.dof_damping.copy()
         self._hand: FloatArray | None = None

@@ -11,7 +11,7 @@ import math
 from dataclasses import replace
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.mock.motor import Drive, MockMotor, Sensed
+from humanoid_sim.hardware.mock.motor import Drive, Sensed
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID, decode_command, encode_command, encode_reply
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
@@ -32,30 +32,25 @@ from humanoid_sim.robots.motors import MotorModel
 
 STALL_TIME = 2.0
 """s at the torque limit without motion until the overload protection trips: the manuals do not state its rule."""
-_STILL = 0.05
-"""rad/s, below which the shaft counts as still."""
-_VOLTAGES = 12.0, 60.0
-"""V, the manuals' limits."""
-_FIRST_NEWER = 0x702A
-"""Parameters from here on exist in newer firmware only."""
+_STILL = 0.05  # rad/s, below which the shaft counts as still
+_VOLTAGES = 12.0, 60.0  # V, the manuals' limits
+_FIRST_NEWER = 0x702A  # Parameters from here on exist in newer firmware only
 
 
-class RobstrideMotor(MockMotor):
-    """See `MockMotor`."""
+class RobstrideMotor:
+    """A motor's firmware without a bus and without physics."""
 
     def __init__(self, model: MotorModel, can_id: int, version: FirmwareVersion, uid: bytes) -> None:
         self.firmware = firmware_of(model, version)
         self.model = self.firmware.applied_to(model)
         self.can_id, self.version, self.uid = can_id, version, uid
         self.sensed = Sensed()
-        self.stored: dict[int, float] = {}
-        """Parameters that were saved, by index."""
-        self.zero = 0.0
-        """rad, the shaft's angle, up to whole turns, that counts as 0."""
+        self.stored: dict[int, float] = {}  # Parameters that were saved, by index
+        self.zero = 0.0  # rad, the shaft's angle, up to whole turns, that counts as 0
         self.power_on()
 
     def power_on(self) -> tuple[Frame, ...]:
-        """See `MockMotor`. The first position is in 0..2π, or in ±π with `zero_sta` 1."""
+        """Boot, disabled, at 0..2π, or ±π with `zero_sta` 1; returns the frames that it sends."""
         self.parameters: dict[int, float] = {}
         for index, known in PARAMETERS_BY_INDEX.items():
             if known.is_writable and (index < _FIRST_NEWER or self.firmware.has_active_reports):
@@ -71,7 +66,7 @@ class RobstrideMotor(MockMotor):
         return (self._frame(messages.DeviceId(self.can_id, self.uid)),)
 
     def reset(self) -> None:
-        """See `MockMotor`."""
+        """Leave run mode, without a fault."""
         self.is_running = False
         self.command: messages.OperationControl | None = None
         self.stalled_since = math.inf
@@ -81,11 +76,11 @@ class RobstrideMotor(MockMotor):
         return self.parameters[PARAMETERS[name].index]
 
     def is_for(self, frame: Frame) -> bool:
-        """See `MockMotor`."""
+        """Return whether a frame names this motor."""
         return frame.arbitration_id & 0xFF == self.can_id
 
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
-        """See `MockMotor`."""
+        """Execute a frame that names it, at a time, s; returns its answers."""
         command = decode_command(frame, self.can_id, self.model)
         if isinstance(command, messages.Ignored | messages.Malformed):
             return ()
@@ -98,7 +93,7 @@ class RobstrideMotor(MockMotor):
         return () if reply is None else (self._frame(reply),)
 
     def advance(self, time: float) -> tuple[Frame, ...]:
-        """See `MockMotor`."""
+        """Check protections and timeouts at a time, s; returns the frames that it sends unasked."""
         frames = []
         before = self.fault_bits, self.warnings
         self._protect(time)
@@ -114,11 +109,11 @@ class RobstrideMotor(MockMotor):
         return tuple(frames)
 
     def next_time(self) -> float:
-        """See `MockMotor`."""
+        """Return when `advance` has something to do, protections apart; infinity: never."""
         return min(self.next_report, self._timeout_at() if self.is_running else math.inf)
 
     def drive(self) -> Drive:
-        """See `MockMotor`."""
+        """Return the command of its control loop."""
         command = self.command
         if command is None:
             return Drive(limit=self._torque_limit(), origin=self.origin)
@@ -127,13 +122,13 @@ class RobstrideMotor(MockMotor):
         return Drive(command.position, command.velocity, command.effort, *gains, self._torque_limit(), self.origin)
 
     def faults(self) -> str:
-        """See `MockMotor`."""
+        """Return its latched faults in words; empty without any."""
         if not self.fault_bits:  # naming flags is slow, and every status fault has a bit here too
             return ""
         return ", ".join(dict.fromkeys((*flag_names(self.status_faults), *flag_names(self.fault_bits))))
 
     def zero_torque(self) -> tuple[Frame, ...]:
-        """See `MockMotor`."""
+        """Return the frames with which another computer commands no torque."""
         return (encode_command(messages.OperationControl(self.can_id, 0.0, 0.0, 0.0, 0.0, 0.0), self.model),)
 
     def _frame(self, reply: messages.Reply) -> Frame:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.mock.motor import Drive, MockMotor, Sensed
+from humanoid_sim.hardware.mock.motor import Drive, Sensed
 from humanoid_sim.hardware.sito.protocol import (
     Command,
     Feedback,
@@ -27,44 +27,40 @@ from humanoid_sim.hardware.sito.protocol import (
 )
 from humanoid_sim.robots.motors import MotorModel
 
-_VOLTAGES = 12.0, 60.0
-"""V, assumed as for the other motors of the robot."""
-_HOTTEST = 120.0
-"""°C, assumed."""
+_VOLTAGES = 12.0, 60.0  # V, assumed as for the other motors of the robot
+_HOTTEST = 120.0  # °C, assumed
 
 
-class SitoMotor(MockMotor):
-    """See `MockMotor`."""
+class SitoMotor:
+    """A motor's firmware without a bus and without physics; see `RobstrideMotor` for its interface."""
 
     def __init__(self, model: MotorModel, can_id: int) -> None:
         self.model, self.can_id = model, can_id
         self.sensed = Sensed()
-        self.is_deaf = False
-        """True if it ignores gains and commands while it is disabled."""
+        self.is_deaf = False  # True if it ignores gains and commands while it is disabled
         self.power_on()
 
     def power_on(self) -> tuple[Frame, ...]:
-        """See `MockMotor`. The first position is in ±π."""
+        """Boot, disabled: the first position is in ±π."""
         self.origin = self.sensed.shaft - math.remainder(self.sensed.shaft, 2.0 * math.pi)
         self.gains = Gains(self.can_id, 0.0, 0.0)
         self.command = Command(self.can_id, 0.0, 0.0, 0.0)
-        self.intervals = (0.0, 0.0)
-        """s between two frames of feedback 1 and 2; 0: none."""
+        self.intervals = (0.0, 0.0)  # s between two frames of feedback 1 and 2; 0: none
         self.reset()
         return ()
 
     def reset(self) -> None:
-        """See `MockMotor`."""
+        """Leave run mode, without a fault."""
         self.is_running = False
         self.next_feedback = [math.inf, math.inf]
 
     def is_for(self, frame: Frame) -> bool:
-        """See `MockMotor`."""
+        """Return whether a frame names this motor."""
         parts = split_identifier(frame)
         return parts is not None and parts[0] == self.can_id
 
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
-        """See `MockMotor`. Nothing is answered."""
+        """Execute a frame that names it, at a time, s; nothing is answered."""
         listens = self.is_running or not self.is_deaf
         match decode(frame, self.model):
             case Reset():
@@ -81,7 +77,7 @@ class SitoMotor(MockMotor):
         return ()
 
     def advance(self, time: float) -> tuple[Frame, ...]:
-        """See `MockMotor`."""
+        """Check protections and timeouts at a time, s; returns the frames that it sends unasked."""
         if self.is_running and self.faults():
             self.reset()
         sensed, frames = self.sensed, []
@@ -97,11 +93,11 @@ class SitoMotor(MockMotor):
         return tuple(frames)
 
     def next_time(self) -> float:
-        """See `MockMotor`."""
+        """Return when `advance` has something to do, protections apart; infinity: never."""
         return min(self.next_feedback)
 
     def drive(self) -> Drive:
-        """See `MockMotor`. Gains without a command hold position 0."""
+        """Return the command of its control loop. Gains without a command hold position 0."""
         limit = self.model.peak_torque
         if not self.is_running:
             return Drive(limit=limit, origin=self.origin)
@@ -110,13 +106,13 @@ class SitoMotor(MockMotor):
         return Drive(*target, gains.stiffness, gains.damping, limit, self.origin)
 
     def faults(self) -> str:
-        """See `MockMotor`."""
+        """Return its latched faults in words; empty without any."""
         sensed = self.sensed
         is_powered = _VOLTAGES[0] <= sensed.voltage <= _VOLTAGES[1]
         return "" if is_powered and sensed.temperature < _HOTTEST and not sensed.overcurrent else "protects itself"
 
     def zero_torque(self) -> tuple[Frame, ...]:
-        """See `MockMotor`."""
+        """Return the frames with which another computer commands no torque."""
         messages = Gains(self.can_id, 0.0, 0.0), Command(self.can_id, 0.0, 0.0, 0.0)
         return tuple(encode(message, self.model) for message in messages)
 

@@ -41,18 +41,15 @@ class Mode(IntEnum):
     """Modes that a motor can be set to."""
 
     POSITION = 0x08
-    MIT = 0x09
-    """Selecting it enables the motor."""
+    MIT = 0x09  # Selecting it enables the motor
 
 
-LARGEST_INTERVAL = 255
-"""ms between two frames of one kind of feedback."""
+LARGEST_INTERVAL = 255  # ms between two frames of one kind of feedback
 _PREFIX = 0x0506
 _RESET = b"\x55" * 8
 _STIFFNESS_UNIT = 500.0
 """N·m/rad in a gain of 1. Another page of the same authors has 688.58, measured: see `MotorFamily.stiffness_doubt`."""
-_DAMPING_UNIT = 0.5
-"""N·m·s/rad in a gain of 1; 1.125 there."""
+_DAMPING_UNIT = 0.5  # N·m·s/rad in a gain of 1; 1.125 there
 _CURRENT_STEPS = 2**15 - 1
 _COMMAND = struct.Struct(">hhi")
 _GAINS = struct.Struct(">ff")
@@ -168,58 +165,41 @@ def rounded(value: float) -> int:
     return int(math.copysign(math.floor(abs(value) + 0.5), value))
 
 
-def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malformed | None:
+_DECODED = frozenset(MessageType) - {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}
+
+
+def decode(  # noqa: PLR0911 - one for each message
+    frame: Frame, model: MotorModel
+) -> HostMessage | MotorMessage | Malformed | None:
     """Return the message of a frame from or to a motor of this model; never raises. None: not one of Sito's types."""
     parts = split_identifier(frame)
-    if parts is None or parts[1] not in _DECODERS:
+    if parts is None or parts[1] not in _DECODED:
         return None
-    device_id, kind = parts
-    if len(frame.data) != 8:
+    (device_id, kind), data, effort_unit = parts, frame.data, model.effort / _CURRENT_STEPS
+    if len(data) != 8:
         name = MessageType(kind).name.lower().replace("_", " ")
-        return Malformed(device_id, f"{name} with {len(frame.data)} bytes, expected 8")
-    return _DECODERS[MessageType(kind)](device_id, frame.data, model)
-
-
-def _decode_reset(device_id: int, data: bytes, _: MotorModel) -> Reset | Malformed:
-    return Reset(device_id) if data == _RESET else Malformed(device_id, f"reset with {data.hex(' ')}, expected 55s")
-
-
-def _decode_mode(device_id: int, data: bytes, _: MotorModel) -> SelectMode | Malformed:
-    if data[0] not in tuple(Mode):
-        return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
-    return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
-
-
-def _decode_gains(device_id: int, data: bytes, _: MotorModel) -> Gains | Malformed:
-    stiffness, damping = _GAINS.unpack(data)
-    if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
-        return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
-    return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
-
-
-def _decode_command(device_id: int, data: bytes, model: MotorModel) -> Command:
-    current, velocity, position = _COMMAND.unpack(data)
-    effort = current * (model.effort / _CURRENT_STEPS)
-    return Command(device_id, position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD, effort)
-
-
-def _decode_feedback_1(device_id: int, data: bytes, model: MotorModel) -> Feedback:
-    current, velocity = _FEEDBACK_1.unpack(data)
-    return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * (model.effort / _CURRENT_STEPS))
-
-
-def _decode_feedback_2(device_id: int, data: bytes, _: MotorModel) -> PositionFeedback:
-    return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
-
-
-_DECODERS = {
-    MessageType.RESET: _decode_reset,
-    MessageType.SELECT_MODE: _decode_mode,
-    MessageType.COMMAND: _decode_command,
-    MessageType.GAINS: _decode_gains,
-    MessageType.FEEDBACK_1: _decode_feedback_1,
-    MessageType.FEEDBACK_2: _decode_feedback_2,
-}
+        return Malformed(device_id, f"{name} with {len(data)} bytes, expected 8")
+    match kind:
+        case MessageType.RESET:
+            return Reset(device_id) if data == _RESET else Malformed(device_id, f"reset with {data.hex(' ')}")
+        case MessageType.SELECT_MODE:
+            if data[0] not in tuple(Mode):
+                return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
+            return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
+        case MessageType.GAINS:
+            stiffness, damping = _GAINS.unpack(data)
+            if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
+                return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
+            return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
+        case MessageType.COMMAND:
+            current, velocity, position = _COMMAND.unpack(data)
+            angles = position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD
+            return Command(device_id, *angles, current * effort_unit)
+        case MessageType.FEEDBACK_1:
+            current, velocity = _FEEDBACK_1.unpack(data)
+            return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * effort_unit)
+        case _:
+            return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
 
 
 def limp_frames(device_id: int, model: MotorModel, position: float = 0.0) -> tuple[Frame, ...]:

@@ -32,22 +32,15 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.realtime import real_time
 
 SOURCE = "watchdog"
-TIMEOUT = 0.1
-"""s without a beat after which the child takes over."""
-DAMPING_TIME = 3.0
-"""s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile."""
-_PERIOD = 0.02
-"""s between two rounds of frames."""
-_RESETS = 5
-"""Rounds in which the reset is sent."""
+TIMEOUT = 0.1  # s without a beat after which the child takes over
+DAMPING_TIME = 3.0  # s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile
+_PERIOD = 0.02  # s between two rounds of frames
+_RESETS = 5  # Rounds in which the reset is sent
 _REMINDER = 0.2
 """s between further resets, until a stopped loop has seen TAKEN: one last frame of its own may leave before."""
-_START = 10.0
-"""s that the child may take to start, on a busy computer."""
-_DEAF = 0.5
-"""s without an answer to a beat after which the child counts as hung."""
-_END = 1.0
-"""s that the child may take to end, beyond what it has to send."""
+_START = 10.0  # s that the child may take to start, on a busy computer
+_DEAF = 0.5  # s without an answer to a beat after which the child counts as hung
+_END = 1.0  # s that the child may take to end, beyond what it has to send
 ENABLED, BEAT, RELEASED, ABANDONED, SEEN, TAKEN = b"e", b"b", b"r", b"a", b"s", b"t"
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motor_link import MotorGroup
+from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
+from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
@@ -74,6 +76,35 @@ def open_motor(channel: str, motor_id: int, host_id: int) -> Iterator[RobstrideL
     address = parse_address(channel)
     with open_bench([address], host_id, some_motors([(0, motor_id)], [str(address)])) as link:
         yield link
+
+
+@contextlib.contextmanager
+def enabled(
+    bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms, accepted_firmware: Collection[str] = ()
+) -> Iterator[MotorLink]:
+    """Enable some motors of one family, limp, after all checks of a session; disable them at the end, and verify it."""
+    link = LINKS[motors.model[0].family](bench.line, motors, terms)
+    bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
+    checks = CheckList(accepted=accepted_firmware)
+    link.examine(checks)
+    checks.refuse()
+    checks.refuse_questions()
+    try:
+        link.make_ready(checks)
+        bench.line.check(checks)
+        checks.refuse()
+        for warning in checks.warnings:
+            complain(f"warning: {warning}")
+        link.enable(checks)
+        bench.line.check(checks)
+        checks.refuse()
+        yield link
+    finally:
+        left = link.stop(range(motors.count))
+        link.close()
+        if left:
+            names = ", ".join(f"{motors.names[i]} ({state})" for i, state in left.items())
+            raise RobotError(f"{names}: not confirmed to be disabled: switch the power off")
 
 
 def require_up(link: RobstrideLink) -> None:

@@ -7,7 +7,7 @@ import math
 import select
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.files import output_file
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import (
@@ -27,29 +27,29 @@ from humanoid_sim.hardware.calibration import (
     read_entries,
     save_calibration,
 )
-from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
-from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import confirm, make_console, make_table, open_bench, require_up, silence
+from humanoid_sim.hardware.tools.bench import (
+    confirm,
+    enabled,
+    make_console,
+    make_table,
+    open_bench,
+    require_up,
+    silence,
+)
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
 
-_ANSWER_TIME = 0.1
-"""s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
-_LATE = 0.1
-"""s without feedback after which a limp motor's position counts as old."""
-_SILENT = 1.0
-"""s without a position after which a motor counts as silent."""
-_POLL_PERIOD = 0.02
-"""s between two readings of all positions."""
-_TABLE_PERIOD = 0.2
-"""s between two pictures of the table."""
-_FEEDBACK_PERIOD = 0.02
-"""s between two frames of a limp motor's feedback."""
+_ANSWER_TIME = 0.1  # s that a poll waits for the slowest motor; as a rule all have answered within a few ms
+_LATE = 0.1  # s without feedback after which a limp motor's position counts as old
+_SILENT = 1.0  # s without a position after which a motor counts as silent
+_POLL_PERIOD = 0.02  # s between two readings of all positions
+_TABLE_PERIOD = 0.2  # s between two pictures of the table
+_FEEDBACK_PERIOD = 0.02  # s between two frames of a limp motor's feedback
 
 
 @dataclass(slots=True)
@@ -166,7 +166,10 @@ def _sweep(
     print(f"{description.name}: move each joint by hand from stop to stop{lasts}{enter}")
     unasked = [i for i in chosen if i in wiring.unasked]
     with contextlib.ExitStack() as stack:
-        limp = stack.enter_context(_limp(config, wiring, link, unasked)) if unasked else None
+        limp = None
+        if unasked:
+            terms = LinkTerms(config.host_id, 0.0, _FEEDBACK_PERIOD, np.zeros(len(unasked)), is_whole=False)
+            limp = stack.enter_context(enabled(link, wiring.select(unasked), terms))
         begin = next_table = time.monotonic()
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
@@ -218,30 +221,6 @@ def _require_all(link: RobstrideLink, wiring: Wiring, tracks: Mapping[int, Joint
     for i, track in tracks.items():
         if track.received == -math.inf:
             raise silence(link, wiring.channel[i], f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
-
-
-@contextlib.contextmanager
-def _limp(config: Calibrate, wiring: Wiring, bench: RobstrideLink, joints: list[int]) -> Iterator[MotorLink]:
-    """Enable motors without questions, limp, after all checks of a session; disable them at the end."""
-    terms = LinkTerms(config.host_id, 0.0, _FEEDBACK_PERIOD, np.zeros(len(joints)), is_whole=False)
-    link = LINKS[wiring.model[joints[0]].family](bench.line, wiring.select(joints), terms)
-    bench.line.listeners.insert(0, link.receive)
-    checks = CheckList()
-    link.examine(checks)
-    checks.refuse()
-    try:
-        link.make_ready(checks)
-        checks.refuse()
-        link.enable(checks)
-        bench.line.check(checks)
-        checks.refuse()
-        yield link
-    finally:
-        left = link.stop(range(len(joints)))
-        link.close()
-        if left:
-            names = ", ".join(wiring.names[joints[k]] for k in left)
-            raise RobotError(f"{names}: not confirmed to be disabled: switch the power off")
 
 
 _COLOURS = {

@@ -21,12 +21,9 @@ from humanoid_sim.hardware.tools.bench import make_console, make_table, open_ben
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.robots.description import load_robot
 
-_PACE = 0.02
-"""s to wait for each id."""
-_LATE = 0.1
-"""s to wait for late answers at the end."""
-_LISTENING = 0.3
-"""s in which an enabled Sito motor is received: its feedback comes every 255 ms at the latest."""
+_PACE = 0.02  # s to wait for each id
+_LATE = 0.1  # s to wait for late answers at the end
+_LISTENING = 0.3  # s in which an enabled Sito motor is received: its feedback comes every 255 ms at the latest
 
 _Place = tuple[int, int]
 """Channel and motor id."""

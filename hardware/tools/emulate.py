@@ -18,8 +18,7 @@ from humanoid_sim.hardware.tools.options import Emulate
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-_WAKE = 0.05
-"""s between two checks for an end."""
+_WAKE = 0.05  # s between two checks for an end
 
 
 class _Ending:

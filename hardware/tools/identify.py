@@ -12,44 +12,33 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.errors import HumanoidSimError, InputError, RobotError, require_known
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import CalibrationEntry, read_entries, save_calibration
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
-from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import answer, ask_uid, confirm, open_bench, silence, write_value
+from humanoid_sim.hardware.tools.bench import answer, ask_uid, confirm, enabled, open_bench, silence, write_value
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import real_time
 
-_PERIOD = 0.01
-"""s between commands."""
-_RAMP = 1.0
-"""s to get there, and as long to get back."""
-_HOLD = 0.5
-"""s to stay there, so that it is seen."""
-_DAMPING_TIME = 0.05
-"""s, damping over stiffness: about critical for a forearm, and within every model's range."""
-_WATCHDOG_DAMPING = 1.0
-"""N·m·s/rad with which a watchdog brakes a motor without a timeout."""
-_MOVED = 0.3
-"""Share of the angle from which on a joint counts as moved."""
-_FARTHEST = 3.0
-"""Share of the angle beyond which something else moves the joint, and it is let go."""
-_ANSWER_TIME = 0.3
-"""s that motors have to report their positions, which takes them some milliseconds."""
-_PATIENCE = 0.75
-"""s of commands without a status after which a motor counts as silent."""
-_POLL = 0.001
-"""s"""
+_PERIOD = 0.01  # s between commands
+_RAMP = 1.0  # s to get there, and as long to get back
+_HOLD = 0.5  # s to stay there, so that it is seen
+_DAMPING_TIME = 0.05  # s, damping over stiffness: about critical for a forearm, and within every model's range
+_WATCHDOG_DAMPING = 1.0  # N·m·s/rad with which a watchdog brakes a motor without a timeout
+_MOVED = 0.3  # Share of the angle from which on a joint counts as moved
+_FARTHEST = 3.0  # Share of the angle beyond which something else moves the joint, and it is let go
+_ANSWER_TIME = 0.3  # s that motors have to report their positions, which takes them some milliseconds
+_PATIENCE = 0.75  # s of commands without a status after which a motor counts as silent
+_POLL = 0.001  # s
 
 
 def identify(config: Identify) -> int:
@@ -151,32 +140,20 @@ class _Motor:
 
 @contextlib.contextmanager
 def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink) -> Iterator[_Motor]:
-    """Enable the joint's motor, limp, after all checks of a session; disable it at the end, and verify that."""
+    """Enable the joint's motor with the torque as its limit, and give it its own limit back at the end."""
     alone = dataclasses.replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
     terms = LinkTerms(config.host_id, CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), is_whole=False)
-    link = LINKS[wiring.model[joint].family](bench.line, alone, terms)
-    bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
-    checks = CheckList(accepted=config.accept_firmware)
-    link.examine(checks)
-    checks.refuse()
-    checks.refuse_questions()
-    old = None if joint in wiring.unasked else bench.read({joint: PARAMETERS["limit_torque"]})[joint]
+    limit = PARAMETERS["limit_torque"]
+    old = None if joint in wiring.unasked else bench.read({joint: limit})[joint]
+    was_enabled = False
     try:
-        link.make_ready(checks)
-        bench.line.check(checks)
-        checks.refuse()
-        for warning in checks.warnings:
-            complain(f"warning: {warning}")
-        link.enable(checks)
-        checks.refuse()
-        yield _Motor(config, wiring, joint, bench, link)
+        with enabled(bench, alone, terms, config.accept_firmware) as link:
+            was_enabled = True
+            yield _Motor(config, wiring, joint, bench, link)
     finally:
-        left = link.stop([0])
-        link.close()
-        if left:
-            raise RobotError(f"{config.joint}: not confirmed to be disabled ({left[0]}): switch its power off")
-        if isinstance(old, float):
-            write_value(bench, PARAMETERS["limit_torque"], old, joint)
+        if was_enabled and isinstance(old, float):
+            with contextlib.suppress(HumanoidSimError):  # a silent motor, of which there is an error already
+                write_value(bench, limit, old, joint)
 
 
 def _move(

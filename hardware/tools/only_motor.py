@@ -36,14 +36,10 @@ from humanoid_sim.hardware.tools.bench import (
 )
 from humanoid_sim.hardware.tools.options import SetId, SetZero
 
-_QUIET = 0.2
-"""s without an answer after which no other is expected."""
-_PACE = 0.002
-"""s between two ids: answers of motors that share an id come apart."""
-_LISTENING = 0.1
-"""s of silence in which another host would be received."""
-_SCANS = 2
-"""Times that every id is asked: an answer may be lost, and two that collide may both be."""
+_QUIET = 0.2  # s without an answer after which no other is expected
+_PACE = 0.002  # s between two ids: answers of motors that share an id come apart
+_LISTENING = 0.1  # s of silence in which another host would be received
+_SCANS = 2  # Times that every id is asked: an answer may be lost, and two that collide may both be
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +126,7 @@ def _save(motor: _OnlyMotor) -> None:
         raise RobotError(f"motor {motor.motor_id}: unique id {uid.hex()} answers, expected {motor.uid.hex()}")
 
 
-_ATTEMPTS = 3
-"""Times that the new id is sent: a lost frame leaves the motor at its old one."""
+_ATTEMPTS = 3  # Times that the new id is sent: a lost frame leaves the motor at its old one
 
 
 def set_id(config: SetId) -> int:
@@ -166,12 +161,9 @@ def _rename(motor: _OnlyMotor, new_id: int) -> _OnlyMotor:
     return replace(motor, motor_id=new_id)
 
 
-_STILL = 0.01
-"""rad that the shaft may turn within `_STILL_TIME`; more, and somebody turns it."""
-_STILL_TIME = 0.3
-"""s between two readings."""
-_NEAR = 0.01
-"""rad from zero at which it counts as set."""
+_STILL = 0.01  # rad that the shaft may turn within `_STILL_TIME`; more, and somebody turns it
+_STILL_TIME = 0.3  # s between two readings
+_NEAR = 0.01  # rad from zero at which it counts as set
 
 
 def set_zero(config: SetZero) -> int:

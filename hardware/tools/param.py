@@ -33,8 +33,7 @@ from humanoid_sim.hardware.tools.bench import (
 from humanoid_sim.hardware.tools.options import Get, Param, Ping, Save, Set
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
-_ANSWER_TIME = 0.2
-"""s; it takes a millisecond, and a busy computer may take longer to notice."""
+_ANSWER_TIME = 0.2  # s; it takes a millisecond, and a busy computer may take longer to notice
 _PINGED = ("run_mode", "mechPos", "mechVel", "VBUS", "limit_torque", "canTimeout")
 
 
