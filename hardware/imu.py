@@ -15,7 +15,7 @@ from humanoid_sim.mit import FloatArray, MITState, frozen_array
 
 SOURCE = "imu"
 OK = SafetyStatus(source=SOURCE)
-LABEL_UP = (0.0, 1.0, 0.0, 0.0)  # The mounting, w x y z, of a device that lies with its label up and its x axis forward
+LABEL_UP = (0.0, 1.0, 0.0, 0.0)  # the mounting, w x y z, of a device that lies with its label up and its x axis forward
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,7 +28,7 @@ from humanoid_sim.hardware.imu import LABEL_UP, Imu, ImuReading, silent, upright
 from humanoid_sim.mit import FloatArray
 
 _SYNC = b"\x75\x65"
-SENSOR_DATA = 0x80  # Descriptor set of a packet of measurements
+SENSOR_DATA = 0x80  # descriptor set of a packet of measurements
 ACCELERATION, ANGULAR_RATE, QUATERNION = 0x04, 0x05, 0x0A
 """Scaled accelerometer (3 floats, g), scaled gyroscope (3 floats, rad/s), filtered attitude (4 floats, w x y z)."""
 
@@ -228,7 +228,7 @@ def _command(
 
 _GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
 _NORM_TOLERANCE = 0.01
-_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # The device's world has its z axis down
+_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # the device's world has its z axis down
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:

@@ -43,7 +43,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
         "tx_full": FaultKind("the driver refuses every frame for want of buffer space (this process only)"),
     }
 )
-BUS_FAULTS = frozenset({"second_master", "bus_off", "tx_full"})  # Faults of a whole channel; the others are a motor's
+BUS_FAULTS = frozenset({"second_master", "bus_off", "tx_full"})  # faults of a whole channel; the others are a motor's
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, mit_torque
 from humanoid_sim.robots.motors import motor_model
 from humanoid_sim.robots.schema import RobotDescription
 
-FACTORY_ID = 127  # Id with which Robstride motors are delivered
+FACTORY_ID = 127  # id with which Robstride motors are delivered
 MockMotor: TypeAlias = RobstrideMotor | SitoMotor
 Log = Callable[[float, str], None]
 """Receives the time, s on the simulation's clock, and a line for a person."""
@@ -81,21 +81,21 @@ class MockMotors:
         """
         settings = settings or MockSettings()
         self.plant = plant = MotorPlant(description, settings.homing_offset)
-        self.names = plant.names  # The driven joints, one per motor
+        self.names = plant.names  # the driven joints, one per motor
         driven = [joint.motor for joint in plant.joints if joint.motor is not None]
         buses = 1 + max(motor.bus for motor in driven)
         if bus_count not in (1, buses):
             raise InputError(f"{description.name}: {bus_count} channels, expected 1 or {buses}")
         self.bus_count = bus_count
-        self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]  # By motor
+        self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]  # by motor
         self.motors = _make_motors(description, settings)
         self.has_power = [settings.alone in ("", name) for name in self.names]
         self.time = 0.0  # s, the time up to which everything has happened
         self._log = log
         self._random = random.Random(settings.seed)
         self._scheduled: list[Fault] = []
-        self._faults: list[Fault] = []  # Those in force
-        self._off: set[int] = set()  # Buses that are off
+        self._faults: list[Fault] = []  # those in force
+        self._off: set[int] = set()  # buses that are off
         self._true_ids = [motor.can_id for motor in self.motors]
         self._serial = count()
         self._arrivals: list[tuple[float, int, Arrival]] = []
@@ -103,9 +103,9 @@ class MockMotors:
         """Events to come, and among them drives of motors that react late."""
         self._told = [(False, "")] * len(self.motors)
         self._jump, self._shaft = np.zeros((2, len(self.motors)))
-        self._drive = np.zeros((7, len(self.motors)))  # Rows as `Drive`, by motor: the commands in force
+        self._drive = np.zeros((7, len(self.motors)))  # rows as `Drive`, by motor: the commands in force
         rows = dict(zip(COMMAND_FIELDS, self._drive, strict=False))
-        self._command = cast("MITCommand", SimpleNamespace(**rows))  # The first five rows, which no physics step copies
+        self._command = cast("MITCommand", SimpleNamespace(**rows))  # the first five rows, which no physics step copies
         self._range = np.array([motor.model.position for motor in self.motors])
         self._steps = 0
         self._steps_between_checks = max(round(_CHECK_PERIOD / plant.timestep), 1)

@@ -51,7 +51,7 @@ class MotorPlant:
         self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
         self._strength = self._direction * description.torque_scale[self._driven]
         """Torque at the joint over the torque that the motor reports."""
-        self.delay = description.delay[self._driven]  # Shape (m,), s from a command's arrival to its effect
+        self.delay = description.delay[self._driven]  # shape (m,), s from a command's arrival to its effect
         self._offset = np.array([homing_offset.get(name, 0.0) for name in self.names])
         self._damping = self._model.dof_damping.copy()
         self._hand: FloatArray | None = None

@@ -34,7 +34,7 @@ STALL_TIME = 2.0
 """s at the torque limit without motion until the overload protection trips: the manuals do not state its rule."""
 _STILL = 0.05  # rad/s, below which the shaft counts as still
 _VOLTAGES = 12.0, 60.0  # V, the manuals' limits
-_FIRST_NEWER = 0x702A  # Parameters from here on exist in newer firmware only
+_FIRST_NEWER = 0x702A  # parameters from here on exist in newer firmware only
 
 
 class RobstrideMotor:
@@ -45,7 +45,7 @@ class RobstrideMotor:
         self.model = self.firmware.applied_to(model)
         self.can_id, self.version, self.uid = can_id, version, uid
         self.sensed = Sensed()
-        self.stored: dict[int, float] = {}  # Parameters that were saved, by index
+        self.stored: dict[int, float] = {}  # parameters that were saved, by index
         self.zero = 0.0  # rad, the shaft's angle, up to whole turns, that counts as 0
         self.power_on()
 

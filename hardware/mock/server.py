@@ -20,8 +20,8 @@ from humanoid_sim.robots.schema import RobotDescription
 
 _POLL_PERIOD = 0.0005  # s between two polls of the channels
 _TRUTH_PERIOD = 0.002  # s between two snapshots of the truth: 500 Hz, the rate of a common IMU
-_MOST_AT_ONCE = 256  # Frames taken from one channel before time goes on: a flood must not stop the motors
-_MOST_ECHOES = 1024  # Frames of motors that are remembered until they are received again
+_MOST_AT_ONCE = 256  # frames taken from one channel before time goes on: a flood must not stop the motors
+_MOST_ECHOES = 1024  # frames of motors that are remembered until they are received again
 _OLDEST = 2.0  # s between a frame's stamp and its reading that are believed
 _MOST_BEHIND = 0.05  # s that the motors may be behind the clock; the rest is left out
 _JOIN = 5.0  # s that closing waits for the thread
@@ -61,7 +61,7 @@ class MockServer:
         self._echoes = tuple(Echoes(address.interface, _MOST_ECHOES) for address in self.addresses)
         self._truth = self._motors.plant.truth(self._begin)
         self.slipped = 0.0  # s for which the motors' world stood still
-        self.failure: Exception | None = None  # Exception that ended the thread; None while it runs
+        self.failure: Exception | None = None  # exception that ended the thread; None while it runs
         self._thread = threading.Thread(target=self._run, name="mock motors", daemon=True)
         self._thread.start()
 

@@ -37,7 +37,7 @@ class SitoMotor:
     def __init__(self, model: MotorModel, can_id: int) -> None:
         self.model, self.can_id = model, can_id
         self.sensed = Sensed()
-        self.is_deaf = False  # True if it ignores gains and commands while it is disabled
+        self.is_deaf = False  # true if it ignores gains and commands while it is disabled
         self.power_on()
 
     def power_on(self) -> tuple[Frame, ...]:

@@ -46,11 +46,11 @@ _FIRST_FEEDBACK = 0.5  # s at most from enabling to the first feedback of both k
 _SETTLE = 0.1  # s in which feedback is checked before anything is commanded
 _STRAY_EFFORT = 0.5  # N·m that a motor without gains or current may report: noise of the current's measurement
 _ROUND = 0.02  # s between two rounds of frames while feedback is awaited
-_RESETS = 3  # Rounds of resets: none is acknowledged
+_RESETS = 3  # rounds of resets: none is acknowledged
 _SILENCE = 1.0  # s at most in which feedback must end after a reset
 _POLL = 0.001  # s
-_LIFETIME = 2.0  # Control periods after which a command that has not left never leaves
-_REPEATS = 2  # Commands after a change of gains with which they are sent again
+_LIFETIME = 2.0  # control periods after which a command that has not left never leaves
+_REPEATS = 2  # commands after a change of gains with which they are sent again
 _UNKNOWN_ROW = (np.nan,) * 5
 
 
@@ -95,7 +95,7 @@ class SitoMotors(MotorLink):
         self._enabled: set[int] = set()
         self._watchdog: Watchdog | None = None
         self._sent = [0] * len(self._channels)
-        self._gains = np.zeros((2, motors.count))  # Shape (2, motors): stiffness and damping as sent last
+        self._gains = np.zeros((2, motors.count))  # shape (2, motors): stiffness and damping as sent last
         self._repeats = np.full(motors.count, _REPEATS)
         self._turn = 0
 

@@ -41,7 +41,7 @@ class Mode(IntEnum):
     """Modes that a motor can be set to."""
 
     POSITION = 0x08
-    MIT = 0x09  # Selecting it enables the motor
+    MIT = 0x09  # selecting it enables the motor
 
 
 LARGEST_INTERVAL = 255  # ms between two frames of one kind of feedback

@@ -20,6 +20,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import can
 import msgspec
@@ -28,14 +29,16 @@ import humanoid_sim
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.frame import Frame, message_of
-from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.realtime import real_time
+
+if TYPE_CHECKING:
+    from humanoid_sim.messages import SafetyStatus
 
 SOURCE = "watchdog"
 TIMEOUT = 0.1  # s without a beat after which the child takes over
 DAMPING_TIME = 3.0  # s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile
 _PERIOD = 0.02  # s between two rounds of frames
-_RESETS = 5  # Rounds in which the reset is sent
+_RESETS = 5  # rounds in which the reset is sent
 _REMINDER = 0.2
 """s between further resets, until a stopped loop has seen TAKEN: one last frame of its own may leave before."""
 _START = 10.0  # s that the child may take to start, on a busy computer
@@ -127,6 +130,8 @@ class Watchdog:
 
     def status(self) -> SafetyStatus | None:
         """Return what is wrong: the child has taken over, has died or hangs."""
+        from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus  # noqa: PLC0415 - the child needs no NumPy
+
         self.poll()
         if self.has_taken_over:
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
@@ -190,9 +195,14 @@ def main(descriptor: int) -> int:
                 loop.send(TAKEN)
             names = ", ".join(motor.name for motor in motors)
             _say(f"{reason}: damping {names} for {damping_time:g} s, then reset")
-            _take_over(loop, motors, buses, damping_time)
+            _brake(motors, buses, damping_time)
+            if reason != _UNCONFIRMED:
+                _remind(loop, motors, buses)
             _say(f"damped and reset: {names}")
     return 0
+
+
+_UNCONFIRMED = "motors did not confirm that they are disabled"
 
 
 def _watch(loop: socket.socket) -> str:
@@ -208,7 +218,7 @@ def _watch(loop: socket.socket) -> str:
         if RELEASED in data:
             return ""
         if ABANDONED in data:
-            return "motors did not confirm that they are disabled"
+            return _UNCONFIRMED
         if not data:
             return "the loop's process has ended" if is_armed else ""
         is_armed = True
@@ -224,21 +234,22 @@ def _received(loop: socket.socket) -> bytes:
         return b""
 
 
-def _take_over(
-    loop: socket.socket, motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC], damping_time: float
-) -> None:
-    """Damp, then reset, until the loop has seen it or is gone."""
+def _brake(motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC], damping_time: float) -> None:
+    """Damp for a time, s, then reset."""
     for _ in range(max(math.ceil(damping_time / _PERIOD), 1)):
         _round(buses, [(motor.channel, motor.damping) for motor in motors], _PERIOD)
-    resets = [(motor.channel, motor.reset) for motor in motors]
     for _ in range(_RESETS):
-        _round(buses, resets, _PERIOD)
+        _round(buses, [(motor.channel, motor.reset) for motor in motors], _PERIOD)
+
+
+def _remind(loop: socket.socket, motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC]) -> None:
+    """Reset again and again, until the loop has seen TAKEN or is gone."""
     while True:
         if select.select([loop], [], [], 0.0)[0]:
             data = _received(loop)
             if not data or any(end in data for end in (RELEASED, ABANDONED, SEEN)):
                 return
-        _round(buses, resets, _REMINDER)
+        _round(buses, [(motor.channel, motor.reset) for motor in motors], _REMINDER)
 
 
 def _round(

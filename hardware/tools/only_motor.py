@@ -39,7 +39,7 @@ from humanoid_sim.hardware.tools.options import SetId, SetZero
 _QUIET = 0.2  # s without an answer after which no other is expected
 _PACE = 0.002  # s between two ids: answers of motors that share an id come apart
 _LISTENING = 0.1  # s of silence in which another host would be received
-_SCANS = 2  # Times that every id is asked: an answer may be lost, and two that collide may both be
+_SCANS = 2  # times that every id is asked: an answer may be lost, and two that collide may both be
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ def _save(motor: _OnlyMotor) -> None:
         raise RobotError(f"motor {motor.motor_id}: unique id {uid.hex()} answers, expected {motor.uid.hex()}")
 
 
-_ATTEMPTS = 3  # Times that the new id is sent: a lost frame leaves the motor at its old one
+_ATTEMPTS = 3  # times that the new id is sent: a lost frame leaves the motor at its old one
 
 
 def set_id(config: SetId) -> int:
