@@ -22,8 +22,7 @@ MODES: Mapping[str, Mode] = MappingProxyType(
 """Mode of each controller."""
 MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
 """Modes that drive the joints: safety and guards end them in DAMPING."""
-RESTING = frozenset({Mode.ZERO_TORQUE, Mode.DAMPING})
-"""Modes in which nothing pushes a joint."""
+RESTING = frozenset({Mode.ZERO_TORQUE, Mode.DAMPING})  # modes in which nothing pushes a joint
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,8 +86,7 @@ class BoundTerm:
 
 
 Width = Callable[["BoundTerm"], int]
-Value = Callable[["BoundTerm", TermInput], Any]
-"""Shape (..., width), before clip and scale."""
+Value = Callable[["BoundTerm", TermInput], Any]  # shape (..., width), before clip and scale
 
 
 # --- values: joints and last action ---
@@ -344,8 +343,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
              names=("height_scanner",), reads=HEIGHT_SCAN, scales=(1.0, 0.2), topic="/height_scan"),
 )  # fmt: skip
 
-TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
-"""Every kind by its name."""
+TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})  # every kind by its name
 TERM_NAMES: Mapping[str, str] = MappingProxyType(
     {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
 )

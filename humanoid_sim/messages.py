@@ -77,8 +77,7 @@ class SafetyStatus:
         return self.level is SafetyLevel.OK
 
 
-OK = SafetyStatus()
-"""Nothing is wrong; of no source in particular."""
+OK = SafetyStatus()  # nothing is wrong; of no source in particular
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,20 +195,13 @@ class EventKind(IntEnum):
     """Kind of an event outside the ticks; the text of an event is for people alone."""
 
     NOTE = 0
-    FRESH_START = 1
-    """The control stack began again, in ZERO_TORQUE, because an operator had the robot activated afresh."""
-    SUPPORT = 2
-    """The support let the base go, or holds it again."""
-    FAILURE = 3
-    """A part beside the control stack failed, or the run ended with an exception."""
-    LOSS = 4
-    """Ticks are missing from the recording."""
-    ENDING = 5
-    """The run is about to end."""
-    FALL = 6
-    """The robot fell, or lost the motion that it follows."""
-    PUSH = 7
-    """An operator pushed the simulated robot, from the tick that follows on."""
+    FRESH_START = 1  # the control stack began again, in ZERO_TORQUE, because an operator had the robot activated afresh
+    SUPPORT = 2  # the support let the base go, or holds it again
+    FAILURE = 3  # a part beside the control stack failed, or the run ended with an exception
+    LOSS = 4  # ticks are missing from the recording
+    ENDING = 5  # the run is about to end
+    FALL = 6  # the robot fell, or lost the motion that it follows
+    PUSH = 7  # an operator pushed the simulated robot, from the tick that follows on
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,18 +71,14 @@ class Extern:
             return np.asarray(np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout)
 
 
-VELOCITY_COMMAND = "velocity_command"
-"""Extern: vx, vy in m/s and yaw rate in rad/s, heading frame."""
+VELOCITY_COMMAND = "velocity_command"  # extern: vx, vy in m/s and yaw rate in rad/s, heading frame
 BASE_LINEAR_VELOCITY = "base_linear_velocity"
 """Extern: m/s, world frame, of the base; ground truth in simulation, an estimator's on a robot."""
-BASE, IMU = "base", "imu"
-"""Points of a robot by what they are; any other point is named by its site."""
-ANCHOR_POSE = "anchor_pose"
-"""Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
+BASE, IMU = "base", "imu"  # points of a robot by what they are; any other point is named by its site
+ANCHOR_POSE = "anchor_pose"  # extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame
 ANCHOR_ORIENTATION = "anchor_orientation"
 """Extern: w, x, y, z of the anchor body, world frame, of a robot that does not know its position."""
-KEY_PRESSED = "key_pressed"
-"""Extern: 1 for each of a piano's keys that is down, else 0, the lowest key first."""
+KEY_PRESSED = "key_pressed"  # extern: 1 for each of a piano's keys that is down, else 0, the lowest key first
 HEIGHT_SCAN = "height_scan"
 """Extern: m, height of a body of the robot above the ground at each point of a grid, as the policy's term has it."""
 

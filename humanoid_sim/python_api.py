@@ -77,8 +77,7 @@ class _Shown:
 class Policy(_Shown):
     """A checkpoint with its contract, shown as `policy show` does."""
 
-    name: str
-    """The file, or the name of a policy that ships, as it was given."""
+    name: str  # the file, or the name of a policy that ships, as it was given
     checkpoint: Checkpoint
 
     @classmethod
@@ -106,20 +105,16 @@ class Policy(_Shown):
         print_checkpoint(console, self.checkpoint)
 
 
-Given: TypeAlias = str | Path | Policy
-"""A policy: the name of one that ships, a file, or one that was loaded."""
+Given: TypeAlias = str | Path | Policy  # a policy: the name of one that ships, a file, or one that was loaded
 
 
 @dataclass(frozen=True, repr=False)
 class Simulation(_Shown):
     """A run that has ended, and its recording, shown as `play` reports it."""
 
-    passed: bool
-    """It ended as asked: no controller failed, the robot did not fall, every file was written."""
-    summary: Mapping[str, Any]
-    """The final table, as `play --summary` writes it, SI units and radians."""
-    problems: tuple[str, ...]
-    """Parts of the run that failed while it went on, a line each."""
+    passed: bool  # it ended as asked: no controller failed, the robot did not fall, every file was written
+    summary: Mapping[str, Any]  # the final table, as `play --summary` writes it, SI units and radians
+    problems: tuple[str, ...]  # parts of the run that failed while it went on, a line each
     recording: Recording
 
     def _print(self, console: Console) -> None:
@@ -203,10 +198,8 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
 class SuiteRun(_Shown):
     """Findings of `regress`, shown as it prints them."""
 
-    passed: bool
-    """No policy is worse than the baseline by more than the suite tolerates."""
-    results: Results
-    """Everything, as `regress --json` writes it."""
+    passed: bool  # no policy is worse than the baseline by more than the suite tolerates
+    results: Results  # everything, as `regress --json` writes it
 
     def frame(self) -> Any:
         """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""

@@ -78,8 +78,7 @@ class MotorFamily:
     damping_doubt: float = 1.0  # likewise of its K_d
 
 
-_HOST_IDS = range(128, 256)
-"""Robstride's frames name their host in the byte where Sito's name the motor."""
+_HOST_IDS = range(128, 256)  # Robstride's frames name their host in the byte where Sito's name the motor
 _FAMILIES = (
     MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
     # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
@@ -95,8 +94,7 @@ _FAMILIES = (
         damping_doubt=1.125 / 0.5,
     ),
 )
-FAMILIES: Mapping[str, MotorFamily] = MappingProxyType({family.name: family for family in _FAMILIES})
-"""By name."""
+FAMILIES: Mapping[str, MotorFamily] = MappingProxyType({family.name: family for family in _FAMILIES})  # by name
 MOTORS: Mapping[str, MotorModel] = MappingProxyType(
     {model.name: replace(model, family=family.name) for family in _FAMILIES for model in family.models}
 )

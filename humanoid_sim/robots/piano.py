@@ -9,12 +9,9 @@ angle presses a key.
 from __future__ import annotations
 
 KEY_COUNT = 88
-FIRST_NOTE = 21
-"""MIDI number of the lowest key, A0."""
-TRIGGER = 0.70
-"""Share of its travel beyond which a key sounds, strictly."""
-_WHITE = frozenset({0, 2, 4, 5, 7, 9, 11})
-"""Pitch classes of the white keys."""
+FIRST_NOTE = 21  # MIDI number of the lowest key, A0
+TRIGGER = 0.70  # share of its travel beyond which a key sounds, strictly
+_WHITE = frozenset({0, 2, 4, 5, 7, 9, 11})  # pitch classes of the white keys
 
 
 def is_white(key: int) -> bool:
