@@ -235,11 +235,11 @@ class HardwareRobot:
             # First those that nothing stops. They report where they are once they are enabled, and not before.
             for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
                 link.enable(self._checks)
+                line.check(self._checks)
                 self._checks.refuse()
             late = [i for link, joints in self._links if not link.knows_positions for i in joints]
             found = check_positions(self._wiring, late, self._readings().position, self._checks)
             turns = np.where(np.isnan(found), turns, found)
-            line.check(self._checks)
             self._checks.refuse()
         except BaseException as error:
             self._give_up(error)

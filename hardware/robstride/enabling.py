@@ -1,14 +1,12 @@
-"""The one way to a motor that executes commands, and back: examine, make ready, enable, stop."""
+"""The one way to motors that execute commands, and back: make ready, enable, stop."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
-from humanoid_sim.hardware.robstride.identification import identify
 from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
 from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.parameters import (
@@ -21,51 +19,21 @@ from humanoid_sim.hardware.robstride.parameters import (
 )
 
 CAN_TIMEOUT = 0.1  # s without a command after which a motor stops by itself, unless another time is wanted
-_LISTENING = 0.05  # s of silence in which another host would be noticed, before anything is sent
 _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
-def examine(
-    link: RobstrideLink,
-    joints: Sequence[int],
-    checks: CheckList,
-    known_uids: Mapping[int, bytes],
-    *,
-    asks_everyone: bool,
-) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Check that nobody else drives these motors, and that they are those that were expected.
-
-    Asks only; nothing is written to any motor, and none is stopped. Raises `RobotError` with everything that is wrong.
-
-    Args:
-        known_uids: unique ids at an earlier activation, by joint.
-        asks_everyone: whether every id is asked, and strangers are mentioned.
-
-    Returns:
-        Unique ids and firmware versions, by joint.
-    """
-    time.sleep(_LISTENING)
-    link.line.check(checks)
-    checks.refuse()
-    found = identify(link, joints, checks, known_uids, asks_everyone=asks_everyone)
-    checks.refuse()
-    return found
-
-
-def make_ready(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
-    """Stop these motors, clear their faults, and configure them; leaves them stopped.
+def make_ready(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
+    """Stop the motors, clear their faults, and configure them; leaves them stopped.
 
     Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not confirm it
-    is not enabled; nor is one that would take another kind of command, or more torque than it was given, or answer its
-    commands to another host. `can_timeout` in s.
+    is not enabled; nor is one that would take another kind of command, or more torque than it was given. `can_timeout`
+    in s.
     """
-    _stop_and_check(link, joints, checks)
-    _write_run_mode(link, joints, checks)
-    _write_timeout(link, joints, can_timeout, checks)
-    torques, currents = link.motors.torque_limit, link.motors.current_limit
-    _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks)
-    _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks)
-    _check_stored_hosts(link, joints, checks)
+    _stop_and_check(link, checks)
+    _write_run_mode(link, checks)
+    _write_timeout(link, can_timeout, checks)
+    _write_limit(link, "limit_torque", link.motors.torque_limit, checks)
+    _write_limit(link, "limit_cur", link.motors.current_limit, checks)
 
 
 # --- stopping
@@ -83,26 +51,26 @@ def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: boo
     return tuple(i for i in commands if i not in confirmed)
 
 
-def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
-    """Stop these motors and clear their faults; what is left of them is a problem.
+def _stop_and_check(link: RobstrideLink, checks: CheckList) -> None:
+    """Stop the motors and clear their faults; what is left of them is a problem.
 
     The fault words are read as well: they show what no status does, overvoltage.
     """
-    names, slots = link.motors.names, link.slots
-    silent = stop_motors(link, joints)
-    words = _fault_words(link, joints)
+    names, slots, everyone = link.motors.names, link.slots, range(link.motors.count)
+    silent = stop_motors(link, everyone)
+    words = _fault_words(link, everyone)
 
     def faults(i: int) -> str:
         sample = slots[i].sample
         status = () if sample is None else flag_names(sample.status.faults)
         return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(words.get(i, 0)))]))
 
-    faulty = [i for i in joints if faults(i)]
+    faulty = [i for i in everyone if faults(i)]
     for i in faulty:
         checks.warn(names[i], f"had faults, cleared: {faults(i)}")
     stop_motors(link, [i for i in faulty if i not in silent], clear_faults=True)
     words.update(_fault_words(link, faulty))
-    for i in joints:
+    for i in everyone:
         if i in silent:
             checks.problem(names[i], f"does not confirm that it is stopped ({slots[i].mode_text})")
         elif left := faults(i):
@@ -120,8 +88,10 @@ def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
 # --- configuring
 
 
-def _write_run_mode(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
-    for joint, found in link.write(_RUN_MODE, dict.fromkeys(joints, float(RunMode.OPERATION))).items():
+def _write_run_mode(link: RobstrideLink, checks: CheckList) -> None:
+    for joint, found in link.write(
+        _RUN_MODE, dict.fromkeys(range(link.motors.count), float(RunMode.OPERATION))
+    ).items():
         motor = link.motors.names[joint]
         if isinstance(found, Unreadable):
             checks.problem(motor, f"run_mode cannot be verified ({found.reason})")
@@ -129,10 +99,10 @@ def _write_run_mode(link: RobstrideLink, joints: Sequence[int], checks: CheckLis
             checks.problem(motor, f"run_mode reads {found:g} after 0 was written")
 
 
-def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+def _write_timeout(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
     """Write the CAN timeout and read it back; some manuals have it as a parameter that cannot be read."""
     ticks = float(CanTimeout.to_ticks(can_timeout))
-    for joint, found in link.write(_TIMEOUT, dict.fromkeys(joints, ticks)).items():
+    for joint, found in link.write(_TIMEOUT, dict.fromkeys(range(link.motors.count), ticks)).items():
         motor = link.motors.names[joint]
         link.slots[joint].hides_timeout = isinstance(found, Unreadable)
         if isinstance(found, Unreadable):
@@ -143,14 +113,14 @@ def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: floa
             checks.passed(motor, f"stops {1000.0 * can_timeout:g} ms after the last command")
 
 
-def _write_limit(link: RobstrideLink, name: str, limits: Mapping[int, float], checks: CheckList) -> None:
+def _write_limit(link: RobstrideLink, name: str, limits: Sequence[float], checks: CheckList) -> None:
     """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own.
 
     `limit_cur` is documented for the velocity and position modes only, so that it need not be readable.
     """
     parameter, is_torque = PARAMETERS[name], name == "limit_torque"
     peaks = [model.peak_torque if is_torque else model.peak_current for model in link.motors.model]
-    values = {i: min(limit, peaks[i]) for i, limit in limits.items() if limit > 0.0}
+    values = {i: min(limit, peaks[i]) for i, limit in enumerate(limits) if limit > 0.0}
     for joint, found in link.write(parameter, values).items():
         motor, wanted = link.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
@@ -169,8 +139,8 @@ _PERIOD = 0.02  # s between two rounds of commands meanwhile, well within the CA
 _POLL = 0.001  # s
 
 
-def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
-    """Enable these motors, without torque; one that does not run afterwards, or has booted meanwhile, is a problem.
+def enable_motors(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
+    """Enable the motors, without torque; one that does not run afterwards, or has booted meanwhile, is a problem.
 
     A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
     nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
@@ -179,7 +149,7 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
     execute its last command for ever. A motor whose timeout cannot be read must show it first, see `_try_timeouts`, and
     gets it once more right before it is enabled. All were made ready with this timeout, s.
     """
-    motors, slots = link.motors, link.slots
+    motors, slots, joints = link.motors, link.slots, range(link.motors.count)
     _try_timeouts(link, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
     if checks.problems:
         return
@@ -214,7 +184,6 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
             checks.problem(name, "its canTimeout cannot be read after it was enabled")
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
-    _note_stored_hosts(link, joints, checks)
 
 
 def _take_timeouts(link: RobstrideLink, joints: Sequence[int], confirmed: dict[int, float]) -> None:
@@ -262,39 +231,6 @@ def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float
             f"canTimeout cannot be read, and it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
             "last command",
         )
-
-
-_ANSWER_TIME = 0.05  # s in which a stopped motor answers operation control, if it does at all
-
-
-def _check_stored_hosts(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
-    """Send these motors, which are stopped, a command without torque; reject those that answer another host.
-
-    The frame of type 1 has no room for a host's id; where the motor takes that from is not documented, and there is one
-    stored in it. A motor that answers a stored host would run, and never be received. One that does not answer while it
-    is stopped is found out when it is enabled.
-    """
-    slots = link.slots
-    before = {i: slots[i].answers for i in joints}
-    for i in joints:
-        slots[i].stored_host = None
-    link.expects_strays = True
-    try:
-        link.send({i: [_limp_command(link, i)] for i in joints})
-        link.line.wait(
-            lambda: all(slots[i].answers > before[i] or slots[i].stored_host is not None for i in joints), _ANSWER_TIME
-        )
-    finally:
-        link.expects_strays = False
-    _note_stored_hosts(link, joints, checks)
-
-
-def _note_stored_hosts(link: RobstrideLink, joints: Iterable[int], checks: CheckList) -> None:
-    for i in joints:
-        host = link.slots[i].stored_host
-        if host is not None:
-            text = f"answers commands to host {host}, which is stored in it, not to {link.host_id}: --host-id {host}"
-            checks.problem(link.motors.names[i], f"{text}, or store {link.host_id} in it (CAN_MASTER)")
 
 
 def _limp_command(link: RobstrideLink, joint: int) -> messages.OperationControl:

@@ -26,13 +26,12 @@ _QUIET = 0.1  # s without an answer that end the scan; motors answer within a fe
 
 def identify(
     link: RobstrideLink,
-    joints: Sequence[int],
     checks: CheckList,
-    known_uids: Mapping[int, bytes],
+    known_uids: Mapping[str, bytes],
     *,
     asks_everyone: bool,
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Ask on all channels who is there, and these motors for their firmware. Asks only; nothing is written.
+    """Ask on all channels who is there, and the motors for their firmware. Asks only; nothing is written.
 
     Args:
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
@@ -42,14 +41,14 @@ def identify(
         Unique ids and firmware versions by joint, of the motors that answered.
     """
     motors, sources = link.motors, link.sources
-    ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted({motors.motor_id[i] for i in joints})
+    ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted(set(motors.motor_id))
     answers: Answers = defaultdict(set)
     for channel, reply in link.scan(ids, _QUIET):
         answers[channel, reply.motor_id].add(reply.uid)
-    _ask_again(link, joints, answers)
+    _ask_again(link, answers)
     uids: dict[int, bytes] = {}
     for channel, source in enumerate(sources):
-        here = [i for i in motors.on_channel(channel) if i in joints]
+        here = motors.on_channel(channel)
         if len(here) > 1 and not any(answered == channel for answered, _ in answers):
             troubles = "; ".join(link.line.troubles(channel))
             text = f"no motor answers: check supply, terminators and that the bus runs at {BITRATE // 1_000_000} Mbit/s"
@@ -59,7 +58,7 @@ def identify(
             if problem := _problem(channel, motors.motor_id[i], answers, sources):
                 checks.problem(motors.names[i], problem)
             uids.update((i, uid) for uid in answers.get((channel, motors.motor_id[i]), ()))
-            if i in uids and known_uids.get(i, uids[i]) != uids[i]:
+            if i in uids and known_uids.get(motors.names[i], uids[i]) != uids[i]:
                 text = f"its motor was exchanged (id {motors.motor_id[i]} on {source}): calibrate it"
                 checks.problem(motors.names[i], text)
     for channel, motor_id in sorted(answers):
@@ -68,12 +67,12 @@ def identify(
     return uids, _check_versions(link, uids, checks)
 
 
-def _ask_again(link: RobstrideLink, joints: Sequence[int], answers: Answers) -> None:
+def _ask_again(link: RobstrideLink, answers: Answers) -> None:
     """Ask those once more whose answer may have been lost."""
     motors = link.motors
     missing = {
         i: [GetDeviceId(motors.motor_id[i], host_id=link.host_id)]
-        for i in joints
+        for i in range(motors.count)
         if (motors.channel[i], motors.motor_id[i]) not in answers
     }
     found = link.ask(missing, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)

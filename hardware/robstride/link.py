@@ -73,8 +73,6 @@ class MotorSlot:
     """Statuses that answer something (type 2)."""
     reports: int = 0
     """Active reports (type 24)."""
-    stored_host: int | None = None
-    """The other host to which it sent its latest status; none: it has sent none."""
     hides_timeout: bool = False
     """True if its CAN timeout cannot be read, which is tried out then."""
 
@@ -129,8 +127,6 @@ class RobstrideLink:
         """Talk to these motors from here on; what was received from others is forgotten."""
         self.motors = motors
         self.slots = tuple(MotorSlot() for _ in range(motors.count))
-        self.expects_strays = False
-        """True if statuses to another host may be answers to this one, and so are no sign of another master."""
         self._answers: deque[tuple[int, Reply]] = deque(maxlen=_MOST_ANSWERS)
         self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
         self._models = tuple(
@@ -191,10 +187,9 @@ class RobstrideLink:
     ) -> None:
         """Take in a frame of one of our motors that says nothing to this host."""
         if parts.type == FrameType.STATUS:
-            slot.stored_host = parts.destination
-            if not self.expects_strays:
-                text = f"motor {parts.low} answers host 0x{parts.destination:02X}, not 0x{self.host_id:02X}"
-                notes.intruder = Note(time, text)
+            # Another host commands it, or its own id is stored in it: commands do not name their host.
+            text = f"motor {parts.low} answers host {parts.destination}, not {self.host_id}: --host-id?"
+            notes.intruder = Note(time, text)
         elif parts.type == FrameType.ACTIVE_REPORT:  # switched on by a host that may be long gone
             notes.add_stranger("report to another host", time)
         elif parts.destination in {self.host_id, BROADCAST_ID}:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 
 from humanoid_sim.hardware.bus.frame import Frame
@@ -9,14 +10,16 @@ from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.enabling import enable_motors, examine, make_ready, stop_motors
+from humanoid_sim.hardware.robstride.enabling import enable_motors, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
+from humanoid_sim.hardware.robstride.identification import identify
 from humanoid_sim.hardware.robstride.link import MotorSlot, RobstrideLink
 from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, SetActiveReport, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
+_LISTENING = 0.05  # s of silence in which another host would be noticed, before anything is sent
 _REPORT_WAIT = 0.3  # s at most in which the first active reports must come
 _SCAN_TIME = 1  # `EPScan_time` of the shortest report interval
 _FRAME_TIME = 145e-6  # s that a frame of 8 bytes takes at 1 Mbit/s: 131 bits without stuff bits, 160 with the most
@@ -48,15 +51,16 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def examine(self, checks: CheckList) -> None:
         """See `MotorLink`."""
-        names, known = self.motors.names, self._terms.known_uids
-        known_uids = {i: known[names[i]] for i in self._all if names[i] in known}
-        is_whole = self._terms.is_whole
-        uids, self._versions = examine(self, self._all, checks, known_uids, asks_everyone=is_whole)
-        self.uids = {names[i]: uid for i, uid in uids.items()}
+        time.sleep(_LISTENING)
+        self.line.check(checks)
+        checks.refuse()
+        terms = self._terms
+        uids, self._versions = identify(self, checks, terms.known_uids, asks_everyone=terms.is_whole)
+        self.uids = {self.motors.names[i]: uid for i, uid in uids.items()}
 
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`."""
-        make_ready(self, self._all, self._terms.can_timeout, checks)
+        make_ready(self, self._terms.can_timeout, checks)
         self._check_turns(checks)
         volts = self.read(dict.fromkeys(self._all, PARAMETERS["VBUS"]))
         for channel, source in enumerate(self.sources):
@@ -77,7 +81,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`."""
         self._start_reports(checks)
-        enable_motors(self, self._all, self._terms.can_timeout, checks)
+        enable_motors(self, self._terms.can_timeout, checks)
 
     def _start_reports(self, checks: CheckList) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""

@@ -32,7 +32,7 @@ class ParameterType(Enum):
 
     @property
     def is_float(self) -> bool:
-        """Return whether values are not whole numbers."""
+        """True if values are not whole numbers."""
         return self is ParameterType.F32
 
 
@@ -94,16 +94,12 @@ class RunMode(IntEnum):
 class CanTimeout:
     """`canTimeout`, in which the manuals count 50 µs ticks."""
 
-    TICK = 50e-6
-    """s"""
-    LONGEST = 100_000
-    """Ticks: the stored one's maximum."""
+    TICK = 50e-6  # s
+    LONGEST = 100_000  # ticks: the stored one's maximum
 
     @classmethod
     def to_ticks(cls, seconds: float) -> int:
-        """Return the nearest number of ticks, at least 1 above 0 s, which is off; a `FieldError` beyond 0 to 5 s."""
-        if not 0.0 <= seconds <= cls.LONGEST * cls.TICK:
-            raise FieldError(f"CanTimeout.seconds: is {seconds}, expected 0 to {cls.LONGEST * cls.TICK:g} s")
+        """Return the nearest number of ticks, at least 1 above 0 s, which is off."""
         return max(round(seconds / cls.TICK), 1 if seconds > 0.0 else 0)
 
     @classmethod
@@ -172,46 +168,39 @@ def default_value(parameter: Parameter, model: str) -> float | None:
     return {**limits, **_OTHER_DEFAULTS.get(model, {})}.get(parameter.name, parameter.default)
 
 
-_BY_MODEL: Mapping[str, Callable[[MotorModel], tuple[float, float]]] = MappingProxyType(
-    {
-        "iq_ref": lambda motor: (-motor.peak_current, motor.peak_current),
-        "spd_ref": lambda motor: (-motor.velocity, motor.velocity),
-        "limit_torque": lambda motor: (0.0, motor.peak_torque),
-        "limit_spd": lambda motor: (0.0, motor.no_load_velocity),
-        # The rs-00's table of parameters has 16 A, its data sheet a peak of 15.5.
-        "limit_cur": lambda motor: (
-            0.0,
-            max(motor.peak_current, _OTHER_DEFAULTS.get(motor.name, {}).get("limit_cur", 0.0)),
-        ),
-    }
-)
+_BY_MODEL: Mapping[str, Callable[[MotorModel], tuple[float, float]]] = {
+    "iq_ref": lambda motor: (-motor.peak_current, motor.peak_current),
+    "spd_ref": lambda motor: (-motor.velocity, motor.velocity),
+    "limit_torque": lambda motor: (0.0, motor.peak_torque),
+    "limit_spd": lambda motor: (0.0, motor.no_load_velocity),
+    "limit_cur": lambda motor: (
+        0.0,
+        max(motor.peak_current, default_value(PARAMETERS["limit_cur"], motor.name) or 0.0),
+    ),
+}
 """By parameter: what the data sheet of a model allows."""
-_MODELS = tuple(motor for motor in MOTORS.values() if motor.family == "robstride")
 
 
 def depends_on_model(parameter: Parameter) -> bool:
-    """Return whether what is accepted is the motor's model's."""
+    """Return whether what is accepted depends on the motor's model."""
     return parameter.name in _BY_MODEL
 
 
 def check_value(parameter: Parameter, value: float, model: MotorModel | None = None) -> None:
-    """Refuse, by `InputError`, a value that the documents do not allow for the model; None: that no model allows."""
+    """Refuse, by `InputError`, a value that the documents do not allow, for the model if that is given."""
     try:
         pack_value(parameter.type, value)
     except FieldError as error:
         raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
-    accepted, whose = parameter.accepted, ""
-    if parameter.name in _BY_MODEL:
-        ranges = [_BY_MODEL[parameter.name](motor) for motor in (_MODELS if model is None else (model,))]
-        accepted = min(low for low, _ in ranges), max(high for _, high in ranges)
-        whose = " for any model" if model is None else f" for an {model.name}"
+    accepted = parameter.accepted
+    if model is not None and parameter.name in _BY_MODEL:
+        accepted = _BY_MODEL[parameter.name](model)
     if isinstance(accepted, frozenset):
         if value not in accepted:
             expected = ", ".join(str(choice) for choice in sorted(accepted))
             raise InputError(f"{parameter.name}: is {value:g}, expected {expected}")
     elif accepted is not None and not accepted[0] <= value <= accepted[1]:
-        unit = f" {parameter.unit}".rstrip() if parameter.type.is_float else ""
-        raise InputError(f"{parameter.name}: is {value:g}, expected {accepted[0]:g} to {accepted[1]:g}{unit}{whose}")
+        raise InputError(f"{parameter.name}: is {value:g}, expected {accepted[0]:g} to {accepted[1]:g}")
 
 
 def find_parameter(name_or_index: str) -> Parameter:
@@ -246,11 +235,6 @@ def function_codes(model: str) -> Mapping[int, Parameter]:
         replace(timeout, index=stored, name="stored canTimeout"),
     ]
     return MappingProxyType({parameter.index: parameter for parameter in known})
-
-
-def is_function_code(index: int) -> bool:
-    """Return whether `function_codes` has this index for some model."""
-    return any(index in function_codes(motor.name) for motor in _MODELS)
 
 
 def report_interval(scan_time: int) -> float:

@@ -119,8 +119,7 @@ def silence(link: RobstrideLink, channel: int, who: str) -> HumanoidSimError:
     source = link.sources[channel]
     if link.channels[channel].down:
         return RobotError(f"{source}: {link.channels[channel].down}")
-    received = [f"received {count} × {what}" for what, count in link.line.notes[channel].strangers.items()]
-    hints = [*link.line.troubles(channel), *received, _advice(link.channels[channel].address)]
+    hints = [*link.line.troubles(channel), _advice(link.channels[channel].address)]
     return SilentMotorError(f"{who} does not answer on {source} ({'; '.join(hints)})")
 
 

@@ -100,7 +100,7 @@ def short_waits(monkeypatch: Any, *, answers: float, listening: float) -> None:
         answers: s that a motor has to answer, each of three times that it is asked.
         listening: s in which another master, or a second motor with an id, would be noticed.
     """
-    monkeypatch.setattr(enabling, "_LISTENING", listening)
+    monkeypatch.setattr(motors, "_LISTENING", listening)
     monkeypatch.setattr(identification, "_QUIET", 2.0 * listening)
     monkeypatch.setattr(link, "_ANSWER_TIMES", (answers,) * 3)
     monkeypatch.setattr(enabling, "_LONGEST", 3.0 * answers)
