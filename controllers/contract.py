@@ -279,8 +279,7 @@ class PolicyContract:
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
     phase: PhaseRule | None = None  # the gait clock of policies that observe one
     anchor_body: str = ""  # the body that the reference's anchor terms compare
-    align_reference: bool = True
-    """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
+    align_reference: bool = True  # align the reference with the robot at activation: in heading and place
     reference_quaternion: QuaternionOrder = "wxyz"  # order in which the motion's source gives quaternions
     tensors: TensorNames = field(default_factory=TensorNames)  # names in the model's graph
     source: Mapping[str, str] = field(default_factory=dict)
@@ -416,11 +415,6 @@ class PolicyContract:
         """Topics of the live inputs that are observed and that other programs may publish, by name."""
         kinds = ((term, self.kind(term)) for term in self.terms)
         return {kind.reads: LiveTopic(term.topic or kind.topic, term.timeout) for term, kind in kinds if kind.topic}
-
-    @property
-    def live_timeouts(self) -> Mapping[str, float]:
-        """Timeouts that terms state, s, by the name of the live input."""
-        return {name: topic.timeout for name, topic in self.live_topics.items() if topic.timeout is not None}
 
 
 def _is_gain(values: FloatArray) -> Any:

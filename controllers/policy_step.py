@@ -89,7 +89,7 @@ class PolicyWiring:
         put("takes_velocity_command", self.contract.takes_velocity_command)
 
     def activate(self, state: MITState, frame: Frame | None = None) -> PolicyMemory:
-        """No last action, and the reference laid onto the robot as it stands.
+        """Start with no last action, and with the reference aligned with the robot.
 
         Without anchor poses there is nothing to align; a pose that is not known makes the first observation NaN.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     )
 
 
-def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+def _report_interruption(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
     from humanoid_sim.errors import was_interrupted  # noqa: PLC0415 - before it nothing is loaded
 
     if not was_interrupted(error):
@@ -32,7 +32,7 @@ def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: 
 
 
 if getattr(sys, "argv", [])[:1] == ["-m"]:  # what Python has there while it looks for `-m humanoid_sim.…`
-    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads
+    sys.excepthook = _report_interruption  # Ctrl-C while everything loads
 
 __version__ = "0.1.0"
 

@@ -106,7 +106,7 @@ def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positi
 
 
 def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any:
-    """Read a program's options; prints the help if asked for, and ends with status 0.
+    """Read a program's options; prints the help and exits with status 0 for --help.
 
     Raises `InputError` with what tyro says about options that are not accepted.
 

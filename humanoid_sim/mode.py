@@ -19,7 +19,7 @@ WORDS: tuple[Intent, ...] = get_args(Intent)
 
 _TIMEOUT = 2.0
 _REACTIVATE_TIMEOUT = 30.0
-"""s; a bus may have many motors, each of which is asked for its identity."""
+"""s; a bus may have many motors, each of which is identified."""
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ Given: TypeAlias = str | Path | Policy  # a policy: the name of one that ships, 
 class Simulation(_Shown):
     """A run that has ended, and its recording, shown as `play` reports it."""
 
-    passed: bool  # it ended as asked: no controller failed, the robot did not fall, every file was written
+    passed: bool  # it ended as planned: no controller failed, the robot did not fall, every file was written
     summary: Mapping[str, Any]  # the final table, as `play --summary` writes it, SI units and radians
     problems: tuple[str, ...]  # parts of the run that failed while it went on, a line each
     recording: Recording
@@ -158,7 +158,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         if outcome.status > 128:
             raise KeyboardInterrupt
         recording = open_recording(path)
-        finalize(recording, stack.pop_all().close)  # whoever reads it may outlive this run
+        finalize(recording, stack.pop_all().close)  # a reader may outlive this run
     return Simulation(outcome.status == 0, outcome.summary, outcome.problems, recording)
 
 

@@ -91,7 +91,12 @@ class Run:
                 clock=plan.clock,
                 velocity=plan.velocity if policy.walks else None,
                 live=plan.taken,
-                timeouts={name: value for one in policy.contracts for name, value in one.live_timeouts.items()},
+                timeouts={
+                    name: topic.timeout
+                    for one in policy.contracts
+                    for name, topic in one.live_topics.items()
+                    if topic.timeout is not None
+                },
                 tell=self._note,
             )
             stack.callback(self.data.close)

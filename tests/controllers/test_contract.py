@@ -151,7 +151,6 @@ def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise(
         "key_pressed": ("/piano/key_state", None),
         "height_scan": ("/elevation", 0.1),
     }
-    assert dict(made.live_timeouts) == {"left-hand 2": np.inf, "height_scan": 0.1}
     twice = (FOOT, Term("toe", width=1, topic="/foot_contact"))
     with pytest.raises(FieldError, match="topics: is /foot_contact"):
         contract(task_type="locomotion", body_names=(), observation=twice)
