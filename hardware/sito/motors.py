@@ -94,6 +94,7 @@ class SitoMotors(MotorLink):
         """Those of these motors."""
         self._enabled: set[int] = set()
         self._watchdog: Watchdog | None = None
+        self._displaced: list[int] = []  # by motor, reports when the watchdog was found to have taken over
         self._sent = [0] * len(self._channels)
         self._gains = np.zeros((2, motors.count))  # shape (2, motors): stiffness and damping as sent last
         self._repeats = np.full(motors.count, _REPEATS)
@@ -189,7 +190,7 @@ class SitoMotors(MotorLink):
             limp, select = limp_frames(device_id, model), SelectMode(device_id, Mode.MIT, (self.interval,) * 2 + (0,))
             self._enabled.add(i)
             self._send(i, [*limp, encode(select, model), *limp])
-        self._gains[:] = 0.0
+        self._gains[:], self._displaced = 0.0, []
         end = self._line.clock() + max(_FIRST_FEEDBACK, 0.005 * self.interval)
         self._stay_limp(lambda: self._line.clock() > end or all(slot.row is not _UNKNOWN_ROW for slot in self.slots))
         end = self._line.clock() + _SETTLE
@@ -252,6 +253,7 @@ class SitoMotors(MotorLink):
         motor stiff. Without stiffness the commanded position is where the motor is, for the same reason.
         """
         if self._watchdog is not None and not self._watchdog.poll():
+            self._displaced = self._displaced or [slot.reports for slot in self.slots]
             return
         batches: dict[int, list[tuple[Hashable, Frame]]] = {}
         self._turn = (self._turn + 1) % max(self.motors.count, 1)
@@ -295,6 +297,8 @@ class SitoMotors(MotorLink):
                 self._release_watchdog(confirmed=False)
         was_down = {i: bool(self._channel(i).down) for i in motors}
         silent = self._silent([i for i in motors if i in self._enabled])
+        if self._displaced:  # those that reported afterwards, and have ended, obeyed the watchdog's resets
+            silent = [i for i in silent if self.slots[i].reports == self._displaced[i]]
         left = set(silent) | set(self._reset(motors))
         for i in motors:
             if i in self._enabled and not (self._channel(i).flush(0.0) and bool(self._channel(i).down) == was_down[i]):
