@@ -7,21 +7,18 @@ from functools import partial
 from typing import Any
 
 import gymnasium
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 from humanoid_sim.envs.registration import register_environments
-from humanoid_sim.envs.resets import count_option
 from humanoid_sim.mit import Float32Array
 
 Observation = dict[str, Float32Array]
-MakeEnv = Callable[..., Mapping[str, Mapping[int, VectorEnv[Any, Any, Any]]]]
 
 
 class EvaluatedEnv(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
-    """A policy's environment as LeRobot 0.4 evaluates and records policies in it.
+    """A policy's environment as LeRobot 0.4 evaluates policies in it, and records them.
 
-    What the policy observes is `agent_pos`, which LeRobot turns into `observation.state`. `info["is_success"]` is true
-    with the last step of an episode in which the robot did not fail: it followed the motion to its end, or stayed up.
+    The observation is `agent_pos`. `info["is_success"]` is true with the last step of an episode without a failure.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], task: str) -> None:
@@ -41,37 +38,25 @@ class EvaluatedEnv(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.Record
     def step(self, action: Float32Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """See `gymnasium.Env.step`."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        told = {"is_success": bool(truncated and not terminated)}
-        if "fault" in info:
-            told["fault"] = info["fault"]
-        return {"agent_pos": observation}, float(reward), terminated, truncated, told
+        shown = {"is_success": bool(truncated and not terminated)} | {k: info[k] for k in ("fault",) if k in info}
+        return {"agent_pos": observation}, float(reward), terminated, truncated, shown
 
 
-def hub_entry(name: str, task: str = "", **options: Any) -> MakeEnv:
-    """Return the `make_env` that LeRobot calls.
+def hub_entry(name: str, task: str = "", **options: Any) -> Callable[..., Mapping[str, Mapping[int, Any]]]:
+    """Return the `make_env` that LeRobot calls, for the environment of that id; `task`: what is to be done, in words.
 
-    Args:
-        name: of a policy's environment, such as `humanoid_sim/LiteTracking-v0`: the name of the suite as well.
-        task: what is to be done, in words, for policies that read it.
-
-    Returns:
-        `make_env(n_envs=1, use_async_envs=False, cfg=None)`, which gives `{name: {0: vector environment}}`.
+    `make_env(n_envs=1, use_async_envs=False, cfg=None)` gives `{name: {0: vector environment}}`.
     """
     make = partial(_evaluated, name, task, options)
 
-    def make_env(
-        n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None
-    ) -> Mapping[str, Mapping[int, VectorEnv[Any, Any, Any]]]:
-        """Episodes start in the step that ends the last ones, as LeRobot expects; `cfg` is not looked at."""
-        del cfg
-        functions = [make] * count_option("n_envs", n_envs)
+    def make_env(n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None) -> Mapping[str, Mapping[int, Any]]:
+        del cfg  # as LeRobot's own environments have it
         kind = AsyncVectorEnv if use_async_envs else SyncVectorEnv
-        envs: VectorEnv[Any, Any, Any] = kind(functions, autoreset_mode=AutoresetMode.SAME_STEP)
-        return {name: {0: envs}}
+        return {name: {0: kind([make] * n_envs, autoreset_mode=AutoresetMode.SAME_STEP)}}
 
     return make_env
 
 
 def _evaluated(name: str, task: str, options: Mapping[str, Any]) -> EvaluatedEnv:
-    register_environments()  # in a worker process nobody has
+    register_environments()  # a worker process has not
     return EvaluatedEnv(gymnasium.make(name, **{"render_mode": "rgb_array", **options}), task)

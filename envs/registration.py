@@ -10,17 +10,11 @@ _POLICY = {
     "entry_point": "humanoid_sim.envs.policy_env:PolicyEnv",
     "vector_entry_point": "humanoid_sim.envs.vector_env:PolicyVectorEnv",
 }
-_TRACKING = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
-_VELOCITY = {"contract": "lite_biped_velocity", "robot": "lite_biped"}
-_PIANO = {"contract": "lite_piano_task", "robot": "lite_piano", "motion": "ode_to_joy"}
-_STACK = {"robot": "lite", "policy": "lite_tracking", "motion": "wave"}
-
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "humanoid_sim/LiteTracking-v0": {**_POLICY, "kwargs": _TRACKING},
-    "humanoid_sim/BipedVelocity-v0": {**_POLICY, "kwargs": _VELOCITY},
-    "humanoid_sim/LitePiano-v0": {**_POLICY, "kwargs": _PIANO},
-    "humanoid_sim/Policy-v0": _POLICY,
-    "humanoid_sim/LiteModes-v0": {"entry_point": "humanoid_sim.envs.modes_env:ModesEnv", "kwargs": _STACK},
+    "humanoid_sim/LiteTracking-v0": {**_POLICY, "kwargs": {"config": "lite_tracking"}},
+    "humanoid_sim/BipedVelocity-v0": {**_POLICY, "kwargs": {"config": "biped_velocity"}},
+    "humanoid_sim/LitePiano-v0": {**_POLICY, "kwargs": {"config": "lite_piano"}},
+    "humanoid_sim/LiteModes-v0": {"entry_point": "humanoid_sim.envs.modes_env:ModesEnv"},
 }
 """Arguments of `gymnasium.register` by id."""
 

@@ -1,13 +1,12 @@
-"""The vector environment as rsl_rl wants it: tensors, and observations in groups."""
+"""The vector environment as rsl_rl (from version 4 on) wants it: tensors, on the CPU, and observations in groups."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv
 
-from humanoid_sim.envs.resets import require_same_step, term_means
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import needing
 from humanoid_sim.mit import Float32Array
 
@@ -18,61 +17,40 @@ with needing("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl"):
 
 
 class RslRlVecEnv(VecEnv):
-    """A policy's vector environment for rsl_rl (from version 4 on).
+    """A vector environment with `autoreset_mode="SameStep"`. Observations are the group `policy`."""
 
-    Observations are the group `policy`. Every number stays on the CPU.
-
-    That library starts an episode in the step that ends the last one, so the environment must as well:
-    `gymnasium.make_vec(..., autoreset_mode="SameStep")`.
-    """
-
-    def __init__(self, envs: VectorEnv[Any, Any, Any], *, seed: int | None = None) -> None:
-        """Take over `envs`, and start an episode in each; closing this closes them.
-
-        Raises `InputError` if they start episodes another way.
-
-        Args:
-            envs: a policy's, from `gymnasium.make_vec`.
-            seed: of environment 0; environment i has `seed + i`.
-        """
-        require_same_step(envs, "rsl_rl")
-        self.envs = envs
-        whole: Any = envs.unwrapped
-        self.num_envs = envs.num_envs
+    def __init__(self, envs: PolicyVectorEnv, *, seed: int | None = None) -> None:
+        """Take over `envs`, and start an episode in each; environment i has `seed + i`."""
+        envs.require_same_step("rsl_rl")
+        self.envs, self.num_envs, self.device = envs, envs.num_envs, "cpu"
         self.num_actions = envs.single_action_space.shape[0]  # type: ignore[index]
-        self.max_episode_length = whole.max_episode_steps
-        self.device = "cpu"
-        self.cfg = {"policy_dt": whole.scenario.contract.policy_dt, "robot": whole.scenario.description.name}
-        self._whole = whole
-        observation, _ = envs.reset(seed=seed)
-        self._observations = self._grouped(observation)
+        self.max_episode_length = envs.max_episode_steps
+        self.cfg = {"policy_dt": envs.scenario.contract.policy_dt, "robot": envs.scenario.description.name}
+        self._observations = self._grouped(envs.reset(seed=seed)[0])
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
-        """Shape (N,), policy steps since each episode began. Setting it lets episodes of a set length end earlier."""
-        return torch.from_numpy(self._whole.episode_steps.copy())
+        """Shape (N,), policy steps since each episode began; setting it lets episodes of a set length end earlier."""
+        return torch.from_numpy(self.envs.episode_steps.copy())
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: torch.Tensor) -> None:
-        self._whole.episode_steps = steps.cpu().numpy()
+        self.envs.episode_steps = steps.cpu().numpy().astype(np.int64)
 
     def get_observations(self) -> TensorDict:
         """Return the latest, shape (N, …) each."""
         return self._observations
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One policy step of every environment; `actions` is shape (N, m).
+        """Step with actions (N, m): observations, rewards (N,), ended episodes (N,), and extras.
 
-        Returns:
-            Observations; rewards, shape (N,); which episodes have ended, shape (N,); and `time_outs`, those whose time
-            was up, with `log`, the mean of each reward term in this step.
+        Extras are `time_outs`, (N,), and `log`, the mean of each reward term.
         """
         observation, reward, terminated, truncated, info = self.envs.step(actions.detach().cpu().numpy())
         self._observations = self._grouped(observation)
-        extras = {
-            "time_outs": torch.from_numpy(truncated & ~terminated),
-            "log": {f"/reward/{name}": value for name, value in term_means(info).items()},
-        }
+        terms = info.get("terms", {})  # of the environments that go on
+        means = {f"/reward/{name}": float(terms[name][terms[f"_{name}"]].mean()) for name in terms if name[0] != "_"}
+        extras = {"time_outs": torch.from_numpy(truncated & ~terminated), "log": means}
         rewards = torch.from_numpy(reward.astype(np.float32))
         return self._observations, rewards, torch.from_numpy(terminated | truncated), extras
 
@@ -81,4 +59,4 @@ class RslRlVecEnv(VecEnv):
         self.envs.close()
 
     def _grouped(self, observation: Float32Array) -> TensorDict:
-        return TensorDict({"policy": torch.from_numpy(observation.copy())}, batch_size=[self.num_envs])
+        return TensorDict({"policy": torch.from_numpy(observation)}, batch_size=[self.num_envs])

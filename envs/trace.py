@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.scenario import Scenario
+from humanoid_sim.envs.config import Scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.traces import STATE_ARRAYS
-from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.batch_sim import BatchSim
 
 
 def record_trace(
@@ -39,16 +39,12 @@ def record_trace(
         steps: at most.
     """
     path = output_file(output, "output", ".npz")
-    actuation = "implicit" if scenario.actuation == "implicit" else "affine"
-    options = scenario.robot_options() | {"actuation": actuation}
-    simulation = BatchSimulation(scenario.description, 1, **options, threads=1)
-    start = scenario.task.start(np.random.default_rng(0).random((1, scenario.task.draws)))
+    simulation = BatchSim(scenario.description, 1, scenario.sim_config, implicit=scenario.config.implicit, threads=1)
+    start = scenario.starts(np.random.default_rng(0).random((1, scenario.starts.draws)))
     fastest = int(np.argmax(np.linalg.norm(start.commands[0], axis=1)))  # not one to stand: a zero shows no scale
     rows: list[dict[str, npt.NDArray[Any]]] = []
     with closing(simulation):
-        simulation.reset(
-            joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
-        )
+        simulation.reset(qpos=start.qpos, qvel=start.qvel)
         loop = ClosedLoop(simulation, scenario.wiring, start.commands[:, fastest], scenario.live)
         for _ in range(min(steps, scenario.task.episode_steps)):
             observation, state = loop.observation.copy(), loop.state

@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from torch import nn
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
+from humanoid_sim.envs.sb3 import Sb3VecEnv
 from humanoid_sim.envs.trace import record_trace
 from humanoid_sim.policy.export import export_policy
 from humanoid_sim.policy_tools.stamp import stamp
@@ -91,10 +91,10 @@ def main(options: Options) -> None:
     """Train, save every minute, and export."""
     torch.set_num_threads(1)  # physics takes all processors
     envs = gymnasium.make_vec(
-        "humanoid_sim/LiteTracking-v0", options.envs, autoreset_mode="SameStep", motion=MOTION, actuation="implicit"
+        "humanoid_sim/LiteTracking-v0", options.envs, autoreset_mode="SameStep", motion=MOTION, implicit=True
     )
     scenario = envs.unwrapped.scenario
-    normalise = VecNormalize(VecMonitor(StableBaselinesVecEnv(envs)), norm_reward=False)
+    normalise = VecNormalize(VecMonitor(Sb3VecEnv(envs)), norm_reward=False)
     model = PPO(
         "MlpPolicy",
         normalise,

@@ -37,14 +37,12 @@ from humanoid_sim.policy_tools.stamp import stamp
 
 ENVIRONMENT: dict[str, Any] = {
     "task": "walking",
-    "actuation": "implicit",  # four times as fast as the plant that agrees with the reference
+    "implicit": True,  # four times as fast as damping that agrees with the reference
     "physics_timestep": 0.005,  # s
-    "weights": {"alive": 3.0, "linear_velocity": 6.0, "yaw_rate": 3.0, "strain": -10.0},  # 1/s
+    "rewards": {"alive": 3.0, "linear_velocity_sharp": 6.0, "yaw_rate_sharp": 3.0, "strain": -10.0},  # 1/s
     "randomisation": {
-        **{"mass": (0.9, 1.1), "friction": (0.6, 1.8), "joint_friction": (0.5, 1.5)},
-        **{"stiffness": (0.93, 1.07), "damping": (0.9, 1.1), "command_delay": (0.0, 0.01), "push": (0.0, 0.3)},
-        **{"joint_position_noise": 0.005, "joint_velocity_noise": 0.08},
-        **{"angular_velocity_noise": 0.03, "orientation_noise": 0.008},
+        **{"mass": (0.9, 1.1), "friction": (0.6, 1.8), "gains": (0.93, 1.07), "armature": (0.9, 1.1)},
+        **{"delay": (0.0, 0.01), "push": (0.0, 0.3), "encoder_offset": 0.01},
     },
 }
 STEPS = 24  # policy steps of each robot in an iteration

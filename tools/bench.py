@@ -49,6 +49,7 @@ from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
+from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor, run_header
@@ -241,7 +242,8 @@ def environment_step(repetitions: int) -> Iterator[Figure]:
         observation, _, terminated, truncated, info = env.step(actions[-1])
         assert not any((terminated, truncated)), "the episode ended before the last of its steps"
         states.append((robot.data.qpos.copy(), robot.data.qvel.copy()))
-    model = copy.copy(robot.model)  # now, while the gains may be in it: a reset takes them out
+    model = copy.copy(robot.model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     data = mujoco.MjData(model)
     mujoco.mj_copyData(data, model, robot.data)
 
@@ -274,13 +276,15 @@ class _BareRollout:
 
     def __init__(
         self,
-        simulation: Any,
+        simulation: BatchSim,
         qpos: FloatArray,
         qvel: FloatArray,
         targets: Sequence[FloatArray],
         reached: FloatArray,
     ) -> None:
         self._models = [simulation.model(i) for i in range(simulation.count)]
+        for each in self._models:
+            each.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         model, steps = self._models[0], simulation.physics_steps
         stiffness = np.array([-each.actuator_biasprm[:, 1] for each in self._models])
         self._controls = [np.repeat((stiffness * target)[:, None], steps, axis=1) for target in targets]
@@ -363,8 +367,8 @@ def implicit_plant(repetitions: int) -> Iterator[Figure]:
     """Environments with implicit damping at its own long step over the affine one at the robot's."""
     for name, limit in (("LiteTracking-v0", 4.0), ("BipedVelocity-v0", 3.0)):
         with (
-            closing(_Stepped(name, 512, actuation="implicit")) as implicit,
-            closing(_Stepped(name, 512, actuation="affine")) as affine,
+            closing(_Stepped(name, 512, implicit=True)) as implicit,
+            closing(_Stepped(name, 512)) as affine,
         ):
             yield Figure(f"implicit over affine, {name}", *implicit.over(affine, repetitions), limit, at_least=True)
 
@@ -376,7 +380,7 @@ def regress_speed(repetitions: int) -> Iterator[Figure]:
     built once per case is left out on both sides.
     """
     suite, folder = load_suite("lite_tracking")
-    drawn = {name: value for name, value in suite.randomisation.items() if name != "command_delay"}
+    drawn = {name: value for name, value in suite.randomisation.items() if name != "delay"}
     prepared = prepare_suite(changed(suite, cases=suite.cases[:1], randomisation=drawn), folder)
     (case,) = prepare_policy(prepared, SAMPLE_POLICY).cases
     case = replace(case, steps=_POLICY_STEPS)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Protocol, TypeVar
+from dataclasses import fields, replace
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,6 @@ from humanoid_sim.controllers.phase import shown_phase
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
 from humanoid_sim.evaluation.step import StepSample
-from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import (
     VELOCITY_COMMAND,
     BoolArray,
@@ -26,59 +25,14 @@ from humanoid_sim.mit import (
     MITCommand,
     MITState,
 )
-from humanoid_sim.simulation.floating_base import BaseState
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-class Robots(Protocol):
-    """Simulated robots of shape (...): `BatchSimulation`, or `OneRobot`."""
-
-    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
-        """Advance by one policy step, as `BatchSimulation.step` does."""
-
-    def state(self) -> MITState:
-        """Return what the robots report now."""
-        ...
-
-
-class TransparentRobots(Robots, Protocol):
-    """Robots that also give their true state, whatever delays do to `state`."""
-
-    @property
-    def effort(self) -> FloatArray:
-        """Shape (..., n), N·m, saturated, of the latest physics step."""
-
-    @property
-    def base(self) -> BaseState | None:
-        """Return the state of a floating base."""
-
-    def truth(self) -> MITState:
-        """Return the true state now."""
-        ...
-
-    def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Positions (..., b, 3), m, and quaternions (..., b, 4) of the observed bodies."""
-        ...
-
-
-@dataclass(slots=True, eq=False)
-class OneRobot:
-    """A simulated robot whose control period is one policy step, shape ()."""
-
-    robot: MujocoRobot
-    safety: SafetyStatus = field(default_factory=SafetyStatus)
-    """Status of the latest state."""
-
-    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
-        """See `Robots.step`."""
-        self.robot.write(command)
-
-    def state(self) -> MITState:
-        """See `Robots.state`."""
-        state, (self.safety,) = self.robot.read()
-        return state
+Robots: TypeAlias = SimRobot | BatchSim
+"""One robot, arrays of shape (…), or N of them, (N, …), whose control period is one policy step."""
 
 
 class ClosedLoop:
@@ -151,7 +105,7 @@ class ClosedLoop:
         """One policy step, and the observation after it. Returns the command, shape (..., n).
 
         The action is raw, shape (..., m); `velocity`, shape (..., 3), has the commands from then on, None: as before.
-        `wrench` and `where` are as of `BatchSimulation.step`.
+        `wrench` and `where` are as of `BatchSim.step`, for a batch only.
         """
         self.previous, self.command, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
@@ -163,7 +117,10 @@ class ClosedLoop:
                 if self.tripped.all():
                     return command
                 where = ~self.tripped if where is None else where & ~self.tripped
-        self.robots.step(command, wrench=wrench, where=where)
+        if isinstance(self.robots, SimRobot):
+            self.robots.write(command)
+        else:
+            self.robots.step(command, wrench=wrench, where=where)
         self.velocity = self.velocity if velocity is None else velocity
         self.state = self._read()
         self.observation, self.memory = self.wiring.observe(memory, self.state)
@@ -176,7 +133,7 @@ class ClosedLoop:
         return self._live.extend(state)
 
 
-def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDArray[np.integer]) -> StepSample:
+def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.integer]) -> StepSample:
     """Return the latest step as it truly was. `step`, shape (...), counts the policy steps since the start."""
     position, quaternion = robots.body_poses(in_base=True)
     contract = loop.wiring.contract

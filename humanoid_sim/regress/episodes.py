@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,8 @@ from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.metrics import REACHED, has_metric, metrics_of
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
-from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.randomisation import Randomisation
 
 Rows = Mapping[str, npt.NDArray[Any]]
 """Values of a policy step by name, shape (N, ...)."""
@@ -62,15 +64,12 @@ class EpisodeBatch:
         self._context = StepContext(
             scenario.description, scenario.contract, scenario.wiring.reference, joint_target=target
         )
-        options = {
-            **scenario.robot_options(),
-            "velocity_at": scenario.contract.velocity_points,
-            "bodies": scenario.bodies if self._feet is None else self._feet.bodies,
-        }
-        self.simulation = BatchSimulation(
+        bodies = scenario.sim_config.bodies if self._feet is None else self._feet.bodies
+        self.simulation = BatchSim(
             scenario.description,
             len(seeds),
-            **options,
+            replace(scenario.sim_config, bodies=bodies),
+            implicit=suite.implicit,
             threads=threads,
             randomisation=Randomisation.of(suite.randomisation),
             seeds=self._keys,
@@ -80,13 +79,14 @@ class EpisodeBatch:
         """All episodes from their start to their end."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
         task, measured = case.scenario.task, []
-        numbers = np.stack([np.random.default_rng(int(key)).random(task.draws) for key in self._keys])
-        start = task.start(numbers)
-        simulation.reset(
-            joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
-        )
+        simulation.reseed(self._keys)
+        starts = case.scenario.starts
+        start = starts(np.stack([generator.random(starts.draws) for generator in simulation.generators]))
+        simulation.reset(qpos=start.qpos, qvel=start.qvel)
+        masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(count)])
         directions = [np.random.default_rng([_PUSH_STREAM, int(key)]) for key in self._keys]
-        loop = ClosedLoop(simulation, case.scenario.wiring, np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1)))
+        commands = np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1))
+        loop = ClosedLoop(simulation, case.scenario.wiring, commands)
         alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
         failures: dict[int, tuple[str, str]] = {}
 
@@ -100,14 +100,14 @@ class EpisodeBatch:
             if not alive.any():
                 break
             held = np.where(alive[:, None], action, loop.memory.last_action)
-            command = loop.act(held, wrench=self._wrench(step, directions), where=alive)
+            command = loop.act(held, wrench=self._wrench(step, masses, directions), where=alive)
             for i in np.flatnonzero(alive & simulation.fault).tolist():
                 failures[i] = "fault", "the simulation diverged: its state is no longer finite"
             alive = alive & ~simulation.fault
             sample = sample_step(loop, simulation, np.full(count, step + 1))
             measured.append(self._step_rows(sample, command))
             steps += alive
-            lost = alive & task.judge(sample).terminated
+            lost = alive & task.failed(sample)
             failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
             alive = alive & ~lost
             if not alive.any():
@@ -159,19 +159,17 @@ class EpisodeBatch:
             metrics={name: known.get(name) for name in metrics_of(self.case.suite.task)},
         )
 
-    def _wrench(self, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
+    def _wrench(self, step: int, masses: FloatArray, directions: Sequence[np.random.Generator]) -> FloatArray | None:
         """Return the push of this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
 
         The momentum for the robot's whole mass, spread over one policy step, in a direction that is drawn.
         """
-        pushes, simulation = self.case.suite.pushes, self.simulation
+        pushes, period = self.case.suite.pushes, self.simulation.control_period
         if pushes is None:
             return None
-        period = simulation.control_period
         interval = max(round(pushes.interval / period), 1)
         if (step + interval // 2) % interval:
             return None
-        masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(simulation.count)])
         force = masses * pushes.speed / period
         angle = np.array([generator.uniform(-np.pi, np.pi) for generator in directions])
         wrench = np.zeros((len(angle), 6))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.envs.scenario import Scenario, make_scenario
+from humanoid_sim.envs.config import PolicyEnvConfig, Scenario, build_scenario
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -106,12 +106,7 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
     conditions: dict[str, Any] = msgspec.to_builtins(suite)
     for name in _NOT_IN_DIGEST:
         del conditions[name]
-    conditions |= dict.fromkeys(("action_limit", "base_height", "physics_timestep"))  # as baselines name them
-    if suite.actuation == "affine":  # what baselines ran that know of no other
-        del conditions["actuation"]
     described = {**msgspec.to_builtins(case), "motion": bool(case.motion), "song": bool(case.song)}
-    if not case.song:  # what baselines ran that know of none
-        del described["song"]
     document = {"conditions": conditions, "case": described, "robot": description.to_json()}
     digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))
     if isinstance(motion, Song):
@@ -158,16 +153,17 @@ def _prepare_case(prepared: PreparedSuite, case: Case, checkpoint: Checkpoint) -
         motion = song_motion(motion, checkpoint.contract.policy_dt, prepared.description)
     elif suite.task == "tracking" and motion is None:
         motion = checkpoint.motion
-    scenario = make_scenario(
-        checkpoint,
-        prepared.description,
-        motion,
+    config = PolicyEnvConfig(
+        policy=checkpoint,
+        robot=prepared.description,
+        motion=motion,
         task="velocity" if suite.task == "velocity" else "auto",
-        actuation=suite.actuation,
-        motion_source=f"case '{case.name}': {case.motion or case.song or 'the motion in the policy'}",
+        implicit=suite.implicit,
         joint_noise=suite.start.joint_position,
         velocity_noise=suite.start.joint_velocity,
     )
+    followed = case.motion or case.song or "the motion in the policy"
+    scenario = build_scenario(config, motion_source=f"case '{case.name}': {followed}")
     steps = scenario.wiring.reference.frame_count - 1
     if case.duration is not None:
         steps = round(case.duration / scenario.contract.policy_dt)

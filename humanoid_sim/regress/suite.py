@@ -17,8 +17,7 @@ from humanoid_sim.files import is_file
 from humanoid_sim.regress import RegressConfig
 from humanoid_sim.regress.metrics import Metric, TaskName, failures_of, has_metric, metrics_of
 from humanoid_sim.robots.schema import NotNegative, Positive
-from humanoid_sim.simulation.batch.randomisation import Randomisation
-from humanoid_sim.simulation.plant import BatchActuation
+from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 FEWEST_SEEDS = 6
@@ -82,12 +81,12 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     start: Start = Start()
     randomisation: Mapping[str, float | tuple[float, float]] = {}
-    """Fields of `humanoid_sim.simulation.batch.Randomisation`."""
+    """Fields of `humanoid_sim.simulation.randomisation.Randomisation`."""
     pushes: Pushes | None = None
     settle: NotNegative = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
-    actuation: BatchActuation = "affine"
-    """Simulation of the motors; see `humanoid_sim.simulation.plant`."""
+    implicit: bool = False
+    """Integrate the motors' damping implicitly, in longer steps: faster, not exact."""
 
     @property
     def seed_numbers(self) -> tuple[int, ...]:

@@ -83,7 +83,7 @@ class BatchSim:
         """Physics steps in one control period."""
         self.threads = min(_usable_processors() if threads is None else threads, count)
         self.randomisation = Randomisation() if randomisation is None else randomisation
-        self._is_varied = self.randomisation != Randomisation(push_interval=self.randomisation.push_interval)
+        self._is_varied = self.randomisation.differs
         timestep = config.timestep(description, implicit=implicit)
         self._timestep, self._command_steps = timestep, config.delay(description, timestep)
         self._model = model = build_model(

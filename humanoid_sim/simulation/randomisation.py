@@ -74,6 +74,11 @@ class Randomisation:
         require_known("field", values or (), [field.name for field in fields(cls)], "randomisation: ")
         return cls(**(values or {}))
 
+    @property
+    def differs(self) -> bool:
+        """Return whether robots differ at all."""
+        return self != Randomisation(push_interval=self.push_interval)
+
     def draw(self, generator: np.random.Generator, model: mujoco.MjModel, joints: int) -> Variation:
         """Return one robot of n `joints`. Takes as many numbers whatever the ranges are."""
 

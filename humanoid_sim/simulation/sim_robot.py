@@ -163,6 +163,11 @@ class SimRobot:
                 self._base.hold(self.data)
         self._sample_first()
 
+    def relaunch(self) -> None:
+        """Activate in a new process: the clock is at 0."""
+        self._step = 0
+        self.activate()
+
     def reset(
         self, qpos: FloatArray | None = None, qvel: FloatArray | None = None, warmstart: FloatArray | None = None
     ) -> None:

@@ -1,246 +1,278 @@
-import shutil
-import subprocess
-import sys
+"""One robot: configuration, seeds, what ends an episode, and the same trajectory as in `play`."""
 
+import json
+from dataclasses import replace
+
+import gymnasium
 import numpy as np
 import pytest
+from alike import BIPED, EVERYTHING, LITE, STILL, hasty
 
+from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY, motion_path
+from humanoid_sim.envs.config import CONFIGS, PolicyEnvConfig
 from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import placeholder_checkpoint
+from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.floating_base import support_in_mode
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
+from humanoid_sim.stack import build_supervisor
 
-# Actions are those of the policy, in its own units: nothing to be normalised.
-pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
-
-ARMS = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
-LEGS = {"contract": "lite_biped_velocity", "robot": "lite_biped"}
-
-
-@pytest.fixture(scope="module")
-def arms():
-    env = PolicyEnv(**ARMS)
-    yield env
-    env.close()
+TRACKING = CONFIGS["lite_tracking"]
 
 
 @pytest.fixture(scope="module")
-def legs():
-    env = PolicyEnv(**LEGS, episode_seconds=1.0)
-    yield env
-    env.close()
+def env():
+    made = PolicyEnv(TRACKING)
+    yield made
+    made.close()
 
 
-def test_the_sample_policy_follows_its_motion_to_the_end(arms):
-    observation, info = arms.reset(seed=1)
-    total, steps, over = 0.0, 0, False
-    while not over:
-        assert arms.observation_space.contains(observation)
-        action = arms.scenario.policy(observation, info["frame"])
-        assert arms.action_space.contains(action)
-        observation, reward, terminated, over, info = arms.step(action)
-        steps += 1
-        assert not terminated
-        assert reward == pytest.approx(sum(info["terms"].values()), abs=1e-15)
-        assert info["frame"] == min(steps, 400)
-        total += reward
-    assert steps == 400  # 401 frames, 20 ms apart
-    assert 1.47 < total / 8.0 < 1.5  # 1.5 per second is perfect
+def zeros(env):
+    return np.zeros(env.action_space.shape, dtype=np.float32)
 
 
-def test_a_seed_decides_the_episode(arms):
-    def rollout(seed):
-        observation, info = arms.reset(seed=seed)
-        seen = [observation.tobytes()]
-        for _ in range(5):
-            observation, reward, *_, info = arms.step(arms.scenario.policy(observation, info["frame"]))
-            seen += [observation.tobytes(), np.float64(reward).tobytes()]
-        return seen
-
-    first, second = rollout(3), rollout(None)
-    assert first != second  # the generator goes on
-    assert rollout(3) == first
-    assert rollout(None) == second
-    assert rollout(4) != first
-
-
-def test_standing_legs_stand_until_the_time_is_up(legs):
-    legs.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
-    for step in range(1, 51):
-        _, reward, terminated, truncated, info = legs.step(np.zeros(14, dtype=np.float32))
-        assert (terminated, truncated) == (False, step == 50)
-    assert info["frame"] == 0
-    assert reward == pytest.approx(2.0 * 0.02, rel=0.05)  # stands still, as it is told
-
-
-def test_folding_legs_fall(legs):
-    legs.reset(seed=0)
-    action = np.zeros(14, dtype=np.float32)
-    action[[0, 7]] = 5.0  # both hips stretch: it falls on its face
-    for _ in range(49):
-        _, _, terminated, _, info = legs.step(action)
-        if terminated:
-            break
-    assert terminated
-    assert "fault" not in info  # a failure at the task, not of the policy
-    base = legs.robot.base_state
-    assert base.tilt > 1.0 or base.height < 0.5
-
-
-@pytest.mark.parametrize(("value", "shown"), [(np.nan, "nan"), (-np.inf, "-inf"), (101.0, "101.0"), (1e300, "inf")])
-def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms, value, shown):
-    observation, _ = arms.reset(seed=0)
-    observation, *_ = arms.step(np.zeros(14))
-    before, count = arms.robot.qpos, arms.fault_count
-    hint = ": --action-limit, or action_limit in a contract.yaml, raises it" if value == 101.0 else ""
-    action = np.zeros(14)
-    action[3] = value
-    after, reward, terminated, truncated, info = arms.step(action)
-    assert (reward, terminated, truncated, arms.fault_count) == (0.0, True, False, count + 1)
-    assert info["fault"] == f"action of left_elbow_pitch is {shown}, expected a magnitude <= 100{hint}"
-    np.testing.assert_array_equal(after, observation)
-    np.testing.assert_array_equal(arms.robot.qpos, before)  # nothing was commanded
-    arms.reset(seed=0)
-    assert not arms.step(np.zeros(14))[2]
-
-
-def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms):
-    arms.reset(seed=0)
-    arms.robot.data.qvel[5] = np.nan
-    observation, reward, terminated, _, info = arms.step(np.zeros(14))
-    assert terminated
-    assert reward == 0.0
-    assert info["fault"].startswith("simulation unstable: ")
-    assert arms.observation_space.contains(observation)
-    assert "fault" not in arms.reset(seed=0)[1]
-    assert "fault" not in arms.step(np.zeros(14))[4]
-
-
-def test_delays_are_between_robot_and_policy_and_not_in_the_reward():
-    prompt, late = PolicyEnv(**ARMS), PolicyEnv(**ARMS, state_delay=0.01)
-    starts = [env.reset(seed=5)[0] for env in (prompt, late)]
-    np.testing.assert_array_equal(*starts)
-    action = np.full(14, 0.5, dtype=np.float32)
-    (seen, reward, *_), (seen_late, reward_late, *_) = prompt.step(action), late.step(action)
-    assert np.abs(seen[36:50] - seen_late[36:50]).max() > 1e-3  # joint positions, half a step apart
-    assert reward == pytest.approx(reward_late, abs=1e-12)
-    behind = PolicyEnv(**ARMS, command_delay=0.005)
-    behind.reset(seed=5)
-    assert behind.step(action)[1] != pytest.approx(reward, abs=1e-9)
-
-
-def test_both_plants_give_the_same_episode():
-    envs = [PolicyEnv(**ARMS, actuation=actuation) for actuation in ("affine", "qfrc_applied")]
-    for env in envs:
-        env.reset(seed=7)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        action = rng.normal(0.0, 0.5, 14)
-        (a, reward_a, *_), (b, reward_b, *_) = (env.step(action) for env in envs)
-        np.testing.assert_allclose(a, b, atol=1e-6)  # float32
-        assert reward_a == pytest.approx(reward_b, abs=1e-9)
-
-
-def test_any_contract_on_any_robot():
-    for robot in ("lite_neck", "lite_biped"):
-        env = PolicyEnv(placeholder_checkpoint(load_robot(robot)).contract, robot, task="balance", episode_seconds=0.1)
-        env.reset(seed=0)
-        steps = [env.step(np.zeros(env.action_space.shape)) for _ in range(5)]
-        assert [step[3] for step in steps] == [False] * 4 + [True]
-        assert all("fault" not in step[4] for step in steps)
-        assert steps[0][1] == pytest.approx(0.02, rel=0.1)
-
-
-@pytest.mark.parametrize("robot", ["arms", "legs"])
-@pytest.mark.parametrize("scale", [1.0, 30.0])
-def test_whatever_is_done_the_values_are_those_of_the_spaces(robot, scale, request):
-    env = request.getfixturevalue(robot)
-    rng, over, ends = np.random.default_rng(0), True, 0
-    for _ in range(150):
-        if over:
-            observation, _ = env.reset(seed=int(rng.integers(1000)))
-            assert env.observation_space.contains(observation)
-        observation, reward, terminated, truncated, info = env.step(rng.normal(0.0, scale, 14))
-        over = terminated or truncated
-        ends += over
-        assert env.observation_space.contains(observation)
-        assert np.isfinite(reward)
-        assert "fault" not in info or terminated
-        assert reward <= 2.0 * 0.02
-    assert ends > 0 or scale == 1.0
+def test_a_configuration_and_keywords_make_the_same_environment():
+    config = replace(TRACKING, motion="circle", joint_noise=0.0)
+    ours = gymnasium.make(LITE, config=config)
+    theirs = gymnasium.make(LITE, motion="circle", joint_noise=0.0)
+    np.testing.assert_array_equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])
+    assert ours.unwrapped.config == theirs.unwrapped.config
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({**ARMS, "robot": "lite_biped"}, "joint_names of the policy do not match the robot's joints"),
-        ({**ARMS, "motion": None}, r"motion: is missing; .*lite_tracking\.onnx is a tracking policy and follows one"),
-        ({**ARMS, "motion": "tango"}, "^motion: unknown motion 'tango'; known: circle, drum"),
-        ({**LEGS, "motion": "wave"}, r"motion: is 'wave', but .*lite_biped_velocity\.onnx follows no motion"),
-        ({**ARMS, "contract": "lite_dance"}, r"^policy: unknown policy 'lite_dance'; known: .* lite_tracking; or a "),
-        ({**ARMS, "contract": "dance.txt"}, r"^policy: is 'dance.txt', expected a checkpoint \(.onnx\) or a contract"),
-        ({**LEGS, "robot": "atlas"}, "unknown robot 'atlas'"),
-        ({**ARMS, "task": "velocity"}, "lite: has a fixed base, expected a floating one"),
-        ({**ARMS, "action_limit": 0.0}, "action_limit: is 0.0, expected a number > 0"),
-        ({**ARMS, "action_limit": np.inf}, r"action_limit: is inf, expected a number > 0 and at most 3\.40282e\+38"),
-        (
-            {**ARMS, "speed": 1.0},
-            "^unknown option 'speed'; known: contract, robot, .* randomisation, .* reference_start, weights, ",
-        ),
-        ({**LEGS, "standing_height": 1.0}, "^unknown option 'standing_height'; known: contract"),
-        ({**ARMS, "randomization": {}}, r"^unknown option 'randomization' \(did you mean 'randomisation'\?\)"),
-        ({**ARMS, "actuaton": "implicit"}, r"^unknown option 'actuaton' \(did you mean 'actuation'\?\)"),
-        ({**ARMS, "reference_strat": 0.5}, r"^unknown option 'reference_strat' \(did you mean 'reference_start'\?\)"),
-        ({**ARMS, "weigths": {}}, r"^unknown option 'weigths' \(did you mean 'weights'\?\)"),
-        ({**ARMS, "episode_seconds": "long"}, "^episode_seconds: is long, expected a finite number >= 0"),
-        ({**ARMS, "width": 0}, "width: is 0, expected a whole number of pixels >= 1"),
-        ({**ARMS, "height": 2.5}, r"height: is 2\.5, expected a whole number of pixels >= 1"),
-        ({**ARMS, "physics_timestep": 0.003}, "physics_timestep: 0.003 s does not divide the control period"),
-        ({**ARMS, "actuation": "magic"}, "actuation: is 'magic', expected qfrc_applied, affine or implicit"),
-        ({**ARMS, "weights": {"speed": 1.0}}, "weights: unknown reward term 'speed'"),
-        ({**ARMS, "render_mode": "ansi"}, "render_mode: is 'ansi', expected human, rgb_array or None"),
+        ({"moton": "wave"}, r"unknown option 'moton' \(did you mean 'motion'\?\)"),
+        ({"config": "lite_trackin"}, "did you mean 'lite_tracking'"),
+        ({"task": "juggling"}, "task: unknown task 'juggling'"),
+        ({"task": "piano"}, "task: piano needs a motion with target_keys"),
+        ({"rewards": {"body_positon": 1.0}}, r"rewards: unknown metric 'body_positon' \(did you mean 'body_position'"),
+        ({"rewards": {"f1": 1.0}}, "f1: needs a song"),
+        ({"rewards": {"alive": float("nan")}}, "weight of alive is nan"),
+        ({"terminations": ("fallen",)}, "fallen: needs a floating base"),
+        ({"max_episode_steps": 0, "config": TRACKING}, "max_episode_steps: is 0, expected a whole number >= 1"),
+        ({"reference_start": 1.5}, "reference_start: is 1.5, expected a finite number from 0 to 1"),
+        ({"reference_start": 0.5}, "reference_start: is > 0, but the policy follows no motion with joints"),
+        ({"joint_noise": -1.0}, "joint_noise: is -1.0"),
+        ({"action_limit": 0.0}, "action_limit: is 0.0"),
+        ({"motion": "polka"}, "polka"),
+        ({"motion": []}, "motion: is 0 of them"),
+        ({"physics_timestep": 0.005}, "unstable above 2"),
+        ({"randomisation": {"colour": (0, 1)}}, "randomisation: unknown field 'colour'"),
+        ({"implicit": True}, "implicit: .*expected a vector environment"),
+        ({"render_mode": "ascii"}, "render_mode: is 'ascii'"),
+        ({"width": 0}, "width: is 0"),
     ],
 )
-def test_what_does_not_fit_is_one_line(options, message):
-    with pytest.raises(InputError, match=message) as refused:
-        PolicyEnv(**options)
-    assert "\n" not in str(refused.value)
+def test_options_that_do_not_fit_are_named(options, message):
+    config = options.pop("config", "lite_tracking")
+    with pytest.raises(InputError, match=message):
+        PolicyEnv(config, **options)
 
 
-def test_pictures_need_opengl(monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "off")
-    env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)
-    env.reset()
-    with pytest.raises(InputError, match=r"^pictures: no OpenGL \(MUJOCO_GL=off\) here; Debian's package libosmesa6"):
-        env.render()
-    env.close()
-    env.close()
-    assert env.metadata["render_fps"] == 50
+def test_seeds_make_starts(env):
+    first, _ = env.reset(seed=7)
+    following, _ = env.reset()
+    again, _ = env.reset(seed=7)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(env.reset()[0], following)
+    assert np.abs(first - following).max() > 1e-3
 
 
-@pytest.mark.soak
-@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
-@pytest.mark.parametrize("name", ["LiteTracking-v0", "LiteModes-v0"])
-def test_windows_open_one_at_a_time_and_gymnasium_s_checker_sees_every_render_mode(name):
-    script = f"""
-import gymnasium, humanoid_sim
-from gymnasium.utils.env_checker import check_env
-from humanoid_sim.errors import InputError
-check_env(gymnasium.make("humanoid_sim/{name}").unwrapped)
-first, second = (gymnasium.make("humanoid_sim/{name}", render_mode="human") for _ in range(2))
-first.reset()
-for _ in range(5):
-    first.step(first.action_space.sample())
-try:
-    second.reset()
-except InputError as error:
-    print(error)
-first.close()
-second.reset()
-second.close()
-print("closed")
-"""
-    command = ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    expected = "render_mode: human is shown by another environment of this process; close that one first\nclosed\n"
-    assert done.stdout == expected, done.stderr
+def test_randomised_robots_differ_and_are_seeded():
+    env = PolicyEnv(TRACKING, randomisation=EVERYTHING, **STILL)
+    seen = []
+    for seed in (3, None, 3, None):
+        env.reset(seed=seed)
+        observation, *_ = env.step(zeros(env))
+        seen.append((env.robot.model.body_mass.sum(), observation.tobytes()))
+    assert seen[:2] == seen[2:]
+    assert seen[0] != seen[1]
+
+
+def test_the_shipped_policy_follows_its_motion_to_the_end(env):
+    observation, info = env.reset(seed=0)
+    earned, over = 0.0, False
+    while not over:
+        observation, reward, terminated, over, info = env.step(env.scenario.policy(observation, info["frame"]))
+        assert not terminated, info
+        earned += reward
+    assert info["frame"] == env.max_episode_steps == 400
+    assert earned == pytest.approx(11.95, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("action", "fault"),
+    [(np.nan, "action of left_shoulder_pitch is nan"), (101.0, "is 101.0, expected a magnitude <= 100"), (1e39, "inf")],
+)
+def test_an_action_that_the_controller_refuses_ends_the_episode(env, action, fault):
+    env.reset(seed=0)
+    before = env.fault_count
+    _, reward, terminated, truncated, info = env.step(np.full(14, action))
+    assert (reward, terminated, truncated, info["terms"]) == (0.0, True, False, {})
+    assert fault in info["fault"]
+    assert env.fault_count == before + 1
+
+
+def test_a_simulation_that_breaks_ends_the_episode(env):
+    env.reset(seed=0, options={"qvel": np.full(env.robot.model.nv, 1e12)})
+    _, _, terminated, _, info = env.step(zeros(env))
+    assert terminated
+    assert info["fault"].startswith("simulation unstable")
+    env.reset(seed=0)
+    assert not env.step(zeros(env))[2]
+
+
+def pressing(env, step):
+    """Actions that lead a wrist into its stop and beyond, within 15 steps: shape (m,)."""
+    contract = env.scenario.contract
+    i = contract.action_joint_names.index("left_wrist_roll")
+    start = contract.default_joint_pos[contract.joint_names.index("left_wrist_roll")]
+    action = zeros(env) if env.action_space.shape == (14,) else np.zeros(14, dtype=np.float32)
+    action[i] = min(step / 15, 1.0) * (0.9 - start) / np.broadcast_to(contract.action_scale, action.shape)[i]
+    return action
+
+
+def test_a_guard_ends_the_episode_of_one_robot_and_of_one_among_many():
+    """The second of three is pressed into its stop; it is watched afresh in its next episode."""
+    one = PolicyEnv(TRACKING, **STILL)
+    one.reset(seed=3)
+    steps, over, info = 0, False, {}
+    while not over:
+        steps += 1
+        _, _, over, _, info = one.step(pressing(one, steps))
+    assert info["fault"].startswith("following guard: left_wrist_roll does not follow")
+    assert 15 <= steps <= 30
+    many = PolicyVectorEnv(3, TRACKING, **STILL, threads=1)
+    many.reset(seed=[1, 3, 5])
+    actions = np.zeros((3, 14), dtype=np.float32)
+    for step in range(1, 2 * steps + 2):
+        actions[1] = pressing(many, step if step <= steps else step - steps - 1)
+        _, _, terminated, _, infos = many.step(actions)
+        ends = step in (steps, 2 * steps + 1)  # in between is the step in which its next episode begins
+        assert terminated.tolist() == [False, ends, False], step
+        assert not ends or infos["fault"][1] == info["fault"]
+    unwatched = PolicyEnv(TRACKING, guards=False, **STILL)
+    unwatched.reset(seed=3)
+    assert not any(unwatched.step(pressing(unwatched, step))[2] for step in range(1, steps + 5))
+
+
+def test_a_command_holds_for_the_episode():
+    env = PolicyEnv("biped_velocity")
+    term = next(term for term in env.scenario.wiring.layout.terms if term.name == "velocity_commands")
+    observation, _ = env.reset(seed=0, options={"command": (0.5, 0.1, -0.2)})
+    for _ in range(3):
+        np.testing.assert_allclose(observation[term.start : term.stop], [0.5, 0.1, -0.2], rtol=1e-6)
+        observation, *_ = env.step(zeros(env))
+    course = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])
+    env.reset(seed=0, options={"command": course})
+    np.testing.assert_array_equal([env.scenario.task.command(course, step) for step in (249, 250)], course)
+    for options in ({"command": (1.0, 2.0)}, {"command": (np.nan, 0.0, 0.0)}, {"speed": 1}):
+        with pytest.raises(InputError, match="reset: "):
+            env.reset(options=options)
+
+
+def test_what_is_no_step_is_refused(env):
+    fresh = PolicyEnv(TRACKING)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        fresh.step(zeros(fresh))
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
+        env.step(np.zeros(3))
+
+
+def tilt(state):
+    """Of the first two joints, in a unit of nobody's."""
+    return np.sin(3.0 * state.joint_position[..., :2])
+
+
+@pytest.fixture
+def declared(tmp_path):
+    """A contract that declares a live input, as somebody would write it by hand; JSON is YAML."""
+    robot = load_robot("lite")
+    fields = {
+        **{"joint_names": list(robot.joint_names), "joint_stiffness": 20.0, "joint_damping": 1.0},
+        **{"default_joint_pos": [0.0] * 14, "action_scale": 0.25, "policy_dt": 0.02},
+        "observation": ["joint_pos", {"name": "tilt", "width": 2}, "actions"],
+    }
+    path = tmp_path / "contract.yaml"
+    path.write_text(json.dumps(fields), encoding="utf-8")
+    return PolicyEnvConfig(policy=path, robot=robot)
+
+
+def test_a_callable_feeds_a_live_input_of_one_robot_and_of_many(declared):
+    one, many = (make(replace(declared, live={"tilt": tilt})) for make in (PolicyEnv, lambda c: PolicyVectorEnv(2, c)))
+    alone, together = one.reset(seed=8)[0], many.reset(seed=7)[0]
+    np.testing.assert_array_equal(together[1], alone)
+    assert np.abs(alone[14:16]).min() > 0.0
+    with pytest.raises(InputError, match="observation term 'tilt' needs the live input 'tilt'"):
+        PolicyEnv(declared)
+    with pytest.raises(InputError, match="did you mean 'tilt'"):
+        PolicyEnv(declared, live={"tlit": tilt})
+
+
+def test_a_live_input_that_is_not_finite_ends_the_episode(declared):
+    env = PolicyEnv(declared, live={"tilt": lambda state: [0.0, np.nan if state.time > 0.01 else 0.0]})
+    env.reset(seed=0)
+    _, reward, terminated, _, info = env.step(zeros(env))
+    assert (reward, terminated) == (0.0, True)
+    assert info["fault"].startswith("observation tilt[1] is nan, expected a finite number")
+
+
+def played(robot, policy, motion, command, steps):
+    """The stack with that policy, to the end of its first policy steps: the start as options of a reset, and ticks."""
+    checkpoint = load_checkpoint(policy)
+    loaded = load_policy(checkpoint.contract, checkpoint.policy, None if motion is None else read_motion(motion))
+    sim = SimRobot(robot, SimConfig(drop=0.05))
+    supervisor = build_supervisor(robot, sim.control_period, loaded)
+    memory, start, found = supervisor.initial(), {}, []
+    intents = [Intent.DAMP, Intent.LOAD_A, *[None] * 60, Intent.START_LOCOMOTION, *[None] * 4 * steps]
+    for intent in intents:
+        state, safety = sim.read()
+        state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(np.array(command), 0.0)})
+        if intent is Intent.START_LOCOMOTION:
+            data = sim.data
+            start = {"qpos": data.qpos, "qvel": data.qvel, "warmstart": data.qacc_warmstart}
+            start = {name: array.copy() for name, array in start.items()} | {"command": command}
+        memory, output = supervisor.step(memory, TickInput(state, safety, () if intent is None else (intent,)))
+        if output.policy_step is not None:
+            assert output.control_mode.mode is Mode.LOCOMOTION
+            found.append((output.policy_step, state))
+        if robot.is_floating:
+            support_in_mode(sim, output.control_mode.mode)
+        sim.write(output.command)
+    return start, found[:steps]
+
+
+@pytest.mark.parametrize(
+    ("config", "name", "policy", "motion", "command"),
+    [
+        ("lite_tracking", "lite", SAMPLE_POLICY, motion_path("wave"), (0.0, 0.0, 0.0)),
+        ("biped_velocity", "lite_biped", WALKING_POLICY, None, (0.3, 0.0, 0.2)),
+    ],
+)
+def test_a_policy_does_the_same_as_in_play_to_the_bit(config, name, policy, motion, command):
+    robot = hasty(name)
+    start, steps = played(robot, policy, motion, command, 25)
+    env = PolicyEnv(config, policy=policy, robot=robot)
+    observation, info = env.reset(options=start)
+    for step, state in steps:
+        assert env.robot.state().joint_position.tobytes() == state.joint_position.tobytes()
+        assert observation.tobytes() == step.observation.tobytes()
+        assert info["frame"] == step.frame
+        observation, _, terminated, _, info = env.step(step.action)
+        assert not terminated, info
+
+
+def test_episodes_end_with_the_motion_or_after_so_many_steps():
+    assert gymnasium.make(BIPED).unwrapped.max_episode_steps == 1000
+    env = PolicyEnv(TRACKING, max_episode_steps=2)
+    env.reset(seed=0)
+    assert [env.step(zeros(env))[3] for _ in range(2)] == [False, True]

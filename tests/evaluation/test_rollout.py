@@ -3,24 +3,22 @@
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.scenario import make_scenario
-from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot, sample_step
-from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.envs.config import CONFIGS, build_scenario
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 STILL = np.zeros((2, 3))
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return make_scenario("lite_tracking", "lite", "wave")
+    return build_scenario(CONFIGS["lite_tracking"])
 
 
 @pytest.fixture
 def simulation(scenario):
-    batch = BatchSimulation(
-        scenario.description, 2, control_period=scenario.contract.policy_dt, bodies=scenario.bodies, threads=1
-    )
+    batch = BatchSim(scenario.description, 2, scenario.sim_config, threads=1)
     yield batch
     batch.close()
 
@@ -30,9 +28,9 @@ def actions(steps):
 
 
 def test_one_robot_goes_through_the_loop_as_a_batch_does(scenario, simulation):
-    robot = MujocoRobot(scenario.description, control_period=scenario.contract.policy_dt, actuation="affine")
-    robot.activate()
-    alone = ClosedLoop(OneRobot(robot), scenario.wiring, np.zeros(3))
+    robot = SimRobot(scenario.description, scenario.sim_config)
+    robot.reset()
+    alone = ClosedLoop(robot, scenario.wiring, np.zeros(3))
     together = ClosedLoop(simulation, scenario.wiring, STILL)
     for action in actions(5):
         command = together.act(action)
@@ -69,5 +67,5 @@ def test_a_sample_is_of_the_step_that_was_taken(scenario, simulation):
     np.testing.assert_array_equal(sample.previous_action, before)
     np.testing.assert_array_equal(sample.command, np.ones((2, 3)))
     assert np.asarray(sample.frame).tolist() == [2, 2]
-    assert sample.body_position.shape == (2, len(scenario.bodies), 3)
+    assert sample.body_position.shape == (2, len(scenario.sim_config.bodies), 3)
     assert sample.base is None

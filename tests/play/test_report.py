@@ -56,7 +56,7 @@ def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys):
     assert "0.01 ms" not in out
     assert "memory locked" in out
     assert "physics aside" not in out
-    assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN for 3 joints (give effort_limit in the contract)" in out
+    assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN for 3 joints" in out
     assert "busy" not in out, "a missed deadline on a robot has no excuse"
 
 

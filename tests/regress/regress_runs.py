@@ -23,7 +23,7 @@ cases:
   - {name: wave, motion: wave, duration: 0.2}
   - {name: drum, motion: drum, duration: 0.1}
 start: {joint_position: 0.05, joint_velocity: 0.1}
-randomisation: {mass: [0.9, 1.1], command_delay: [0.0, 0.004], joint_position_noise: 0.002}
+randomisation: {mass: [0.9, 1.1], delay: [0.0, 0.004]}
 tolerances:
   body_position_error: {relative: 0.05}
   joint_error: {relative: 0.05}

@@ -155,7 +155,7 @@ def test_a_song_is_scored_as_a_run_is(samples):
         cases=(Case(name="five", song="five_fingers", duration=2.0),),
         seeds=6,
         tolerances={"f1": Tolerance()},
-        actuation="implicit",
+        implicit=True,
     )
     case = prepared(songs, PIANO_POLICY)
     (episode,) = run_episodes(case, [0], threads=1)

@@ -15,7 +15,7 @@ from humanoid_sim.regress.run import stored_baseline
 from humanoid_sim.regress.suite import Case, Suite, load_suite
 
 SHIPPED = {
-    "velocity.lite_biped.json": ("velocity", "lite_biped", WALKER, 96, 3),
+    "velocity.lite_biped.json": ("velocity", "lite_biped", WALKER, 96, 10),
     "lite_piano.json": ("lite_piano", None, PIANO_POLICY, 32, 0),
 }
 
