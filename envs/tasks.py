@@ -158,6 +158,8 @@ class Task:
 
     def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
         """Return the command in force after `step` policy steps, shape (..., 3)."""
+        if commands.shape[-2] == 1:
+            return commands[..., 0, :]
         i = np.minimum(np.asarray(step) // self._hold, commands.shape[-2] - 1)
         command: FloatArray = np.take_along_axis(commands, i[..., None, None], axis=-2)[..., 0, :]
         return command

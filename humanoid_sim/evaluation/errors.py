@@ -26,7 +26,7 @@ def length(vectors: FloatArray) -> FloatArray:
 
 def rms(values: FloatArray) -> FloatArray:
     """Return the root mean square over the last axis."""
-    result: FloatArray = np.sqrt((values * values).mean(axis=-1))
+    result: FloatArray = np.sqrt(total(values * values) / values.shape[-1])
     return result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import mujoco
@@ -51,6 +51,8 @@ class StepSample:
     """Alignment of the reference with the robot at the start."""
     phase: FloatArray | None = None
     """Shape (..., k), rad: the gait phase observed at `state`; NaN while the robot stands. None without one."""
+    shared: dict[str, FloatArray] = field(default_factory=dict, init=False)
+    """Intermediate values that several metrics need, by name."""
 
 
 class StepContext:

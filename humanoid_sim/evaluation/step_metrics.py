@@ -83,7 +83,10 @@ def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
 
 def body_distance(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), m, of the tracked bodies from the motion, base frame."""
-    return length(s.body_position[..., : len(c.tracked), :] - c.body_target[0][c.reference.clamp(s.frame)])
+    if "body_distance" not in s.shared:
+        target = c.body_target[0][c.reference.clamp(s.frame)]
+        s.shared["body_distance"] = length(s.body_position[..., : len(c.tracked), :] - target)
+    return s.shared["body_distance"]
 
 
 def body_angle(c: StepContext, s: StepSample) -> FloatArray:
@@ -112,35 +115,20 @@ def joint_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(s.state.joint_position - c.joint_target[np.minimum(s.frame, len(c.joint_target) - 1)])
 
 
+@metric("m", "distance of the anchor from the motion", "motion with an anchor")
+def anchor_position_error(c: StepContext, s: StepSample) -> FloatArray:
+    return anchor_error(c, s).distance
+
+
+@metric("rad", "angle between the anchor and the motion", "motion with an anchor")
+def anchor_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
+    return anchor_error(c, s).angle
+
+
 @metric("1", "1 where a tracked body is > 0.3 m off, or the anchor > 0.35 m in height or > 1.2 rad in tilt", "motion")
 def strayed(c: StepContext, s: StepSample) -> FloatArray:
     is_lost = body_has_strayed(body_distance(c, s)) if c.tracked else has_strayed(anchor_error(c, s))
     return is_lost.astype(np.float64)
-
-
-@metric("1", "exp(-(body_position_error / 0.1 m)²)", "motion", "higher")
-def body_position(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(body_position_error(c, s), 0.1)
-
-
-@metric("1", "exp(-(body_orientation_error / 0.4 rad)²)", "motion", "higher")
-def body_orientation(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(body_orientation_error(c, s), 0.4)
-
-
-@metric("1", "exp(-(joint_error / 0.3 rad)²)", "motion with joints", "higher")
-def joint_position(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(joint_error(c, s), 0.3)
-
-
-@metric("1", "exp(-(distance of the anchor / 0.3 m)²)", "motion with an anchor", "higher")
-def anchor_position(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(anchor_error(c, s).distance, 0.3)
-
-
-@metric("1", "exp(-(angle of the anchor / 0.4 rad)²)", "motion with an anchor", "higher")
-def anchor_orientation(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(anchor_error(c, s).angle, 0.4)
 
 
 # ---- floating bases
@@ -169,28 +157,6 @@ def yaw_rate_error(c: StepContext, s: StepSample) -> FloatArray:
 @metric("rad", "angle between the axis that points up where it stands and the vertical", "floating base")
 def tilt(c: StepContext, s: StepSample) -> FloatArray:
     return _base(s).tilt
-
-
-@metric("1", "exp(-(velocity_error / 0.25 m/s)²)", "floating base", "higher")
-def linear_velocity(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(velocity_error(c, s), 0.25)
-
-
-@metric("1", "exp(-(yaw_rate_error / 0.5 rad/s)²)", "floating base", "higher")
-def yaw_rate(c: StepContext, s: StepSample) -> FloatArray:
-    return _near(yaw_rate_error(c, s), 0.5)
-
-
-@metric("1", "mean of exp(-(velocity_error / scale)²) for 0.15 and 0.5 m/s", "floating base", "higher")
-def linear_velocity_sharp(c: StepContext, s: StepSample) -> FloatArray:
-    error = velocity_error(c, s)
-    return 0.5 * (_near(error, 0.15) + _near(error, 0.5))
-
-
-@metric("1", "mean of exp(-(yaw_rate_error / scale)²) for 0.2 and 0.8 rad/s", "floating base", "higher")
-def yaw_rate_sharp(c: StepContext, s: StepSample) -> FloatArray:
-    error = yaw_rate_error(c, s)
-    return 0.5 * (_near(error, 0.2) + _near(error, 0.8))
 
 
 @metric("1", "squared sine of the angle between the base's z axis and the vertical", "floating base")
@@ -370,6 +336,29 @@ def recall(c: StepContext, s: StepSample) -> FloatArray:
 @metric("share", "harmonic mean of precision and recall", "song", "higher")
 def f1(c: StepContext, s: StepSample) -> FloatArray:
     return step_ratios(*pressed_and_wanted(c, s))[2]
+
+
+def _closeness(name: str, of: str, *scales: float) -> None:
+    """Add the row of that name: the mean over some scales of exp(-(error / scale)²), 1 without an error."""
+    row = METRICS[of]
+    formula = " + ".join(f"exp(-({of} / {scale:g} {row.unit})²)" for scale in scales)
+
+    def values(c: StepContext, s: StepSample) -> FloatArray:
+        error = row.values(c, s)
+        return sum((_near(error, scale) for scale in scales[1:]), start=_near(error, scales[0])) / len(scales)
+
+    METRICS[name] = StepMetric(name, "1", formula, "higher", values, row.needs)
+
+
+_closeness("body_position", "body_position_error", 0.1)
+_closeness("body_orientation", "body_orientation_error", 0.4)
+_closeness("joint_position", "joint_error", 0.3)
+_closeness("anchor_position", "anchor_position_error", 0.3)
+_closeness("anchor_orientation", "anchor_orientation_error", 0.4)
+_closeness("linear_velocity", "velocity_error", 0.25)
+_closeness("yaw_rate", "yaw_rate_error", 0.5)
+_closeness("linear_velocity_sharp", "velocity_error", 0.15, 0.5)
+_closeness("yaw_rate_sharp", "yaw_rate_error", 0.2, 0.8)
 
 
 def describe_failure(c: StepContext, s: StepSample, i: int | tuple[()] = ()) -> str:

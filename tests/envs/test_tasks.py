@@ -148,7 +148,7 @@ SQUAT = PolicyEnvConfig(policy=following(LEGS), robot=LEGS, motion=squat(), refe
 @pytest.mark.parametrize("options", [{}, {"randomisation": {"mass": (0.9, 1.1), "delay": (0.0, 0.02)}}])
 def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options):
     native, sync = both(BIPED, 5, config=SQUAT, motion=[squat(), squat()], **{"reference_start": 0.5, **options})
-    frames = walk_along(native, sync, 12)
+    frames = walk_along(native, sync, 12, seed=1)
     assert not set(frames[0].tolist()) <= {0, 9}
 
 

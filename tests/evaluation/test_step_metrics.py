@@ -53,7 +53,7 @@ def batch(one):
             return replace(value, **{f.name: doubled(getattr(value, f.name)) for f in fields(value) if f.name != "up"})
         return np.array([value, value]) if isinstance(value, int) else value
 
-    return replace(one, **{f.name: doubled(getattr(one, f.name)) for f in fields(one)})
+    return replace(one, **{f.name: doubled(getattr(one, f.name)) for f in fields(one) if f.init})
 
 
 def value(context, step, name):
