@@ -13,14 +13,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment
-from humanoid_sim.controllers.rotation import rotation_angle
-from humanoid_sim.evaluation.errors import length, pose_error
+from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
+from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.kinematics import ForwardKinematics
@@ -31,37 +30,25 @@ _AT_LIMIT = 1.0 - 1e-9
 """Share of an effort limit from which on a torque is at it."""
 
 
+_OF_BODIES = "body_position_error", "body_orientation_error", "hand_position_error", "hand_orientation_error"
+_OF_ANCHOR = "joint_error", "anchor_position_error", "anchor_orientation_error"
+
+
 class MotionErrors:
-    """Errors of a run against its motion: of bodies in the base frame, or of joints and an anchor body in the world."""
+    """Rows of `step_metrics` over a run: of a motion of bodies in the base frame, or of joints and an anchor body."""
 
     def __init__(self, description: RobotDescription, loaded: LoadedPolicy) -> None:
-        """Look up what the motion tells. Raises `InputError` if the robot lacks a body."""
-        contract, terms = loaded.contract, loaded.reference.terms
-        self._reference = loaded.reference
-        self._bodies: tuple[str, ...] = contract.body_names if "motion_body_pos_b" in terms else ()
-        self.peak_speed: float | None = None
-        """m/s, the fastest that the motion moves a hand; None for motions without bodies."""
-        names = [("joints", "rad"), ("anchor position", "m"), ("anchor orientation", "rad")]
-        if self._bodies:
-            self._kinematics = ForwardKinematics(description, self._bodies)
-            frames = np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]])
-            self._position, self._rotation = body_poses(frames, len(self._bodies))
-            hands = [i for i, name in enumerate(self._bodies) if name in description.hands]
-            self._hands = hands or list(range(len(self._bodies)))
-            step = length(np.diff(self._position[:, self._hands], axis=0))
-            self.peak_speed = float(step.max(initial=0.0)) / contract.policy_dt
-            names = [(f"{body} position", "m") for body in self._bodies]
-            names += [(f"{body} orientation", "rad") for body in self._bodies]
-        else:
-            self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
-        self.names = tuple(names)
-        """Name and unit of each error."""
+        """Prepare. Raises `InputError` if the robot lacks a body of the motion."""
+        self._context = StepContext(description, loaded.contract, loaded.reference)
+        bodies = self._context.tracked
+        self._kinematics = ForwardKinematics(description, bodies) if bodies else None
+        self.names = _OF_BODIES if bodies else _OF_ANCHOR
+        """Rows of `step_metrics.METRICS`."""
         self.latest: FloatArray | None = None
         """Shape (k,), of the latest policy step; None before any, and once the motion is over."""
         self.samples = 0
         self._is_last_shown = False
-        self._sum, self._squares, self._largest = np.zeros((3, len(names)))
-        self._aligns = contract.align_reference
+        self._sum, self._squares, self._largest = np.zeros((3, len(self.names)))
         self._alignment: Alignment | None = None
 
     @classmethod
@@ -72,50 +59,41 @@ class MotionErrors:
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that it was shown."""
-        last = self._reference.frame_count - 1
+        last = self._context.reference.frame_count - 1
         was_shown, self._is_last_shown = self._is_last_shown, frame >= last > 0
-        is_over = was_shown and self._is_last_shown
-        self.latest = None if is_over else self._error(frame, state)
-        if self.latest is not None:
+        sample = None if was_shown and self._is_last_shown else self._sample(frame, state)
+        self.latest = None
+        if sample is not None:
+            self.latest = np.array([METRICS[name].values(self._context, sample) for name in self.names])
             self._sum += self.latest
             self._squares += self.latest**2
             np.maximum(self._largest, self.latest, out=self._largest)
             self.samples += 1
 
-    def _error(self, frame: int, state: MITState) -> FloatArray | None:
-        """Shape (k,); None while nobody knows how the motion was laid onto the robot."""
-        if self._bodies:
-            k = int(self._reference.clamp(frame))
+    def _sample(self, frame: int, state: MITState) -> StepSample | None:
+        """Return the step; None while nobody knows how the motion was laid onto the robot."""
+        if self._kinematics is not None:
             position, rotation = self._kinematics(state.joint_position)
-            return np.concatenate([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])])
-        live = state.extern.get(ANCHOR_POSE)
-        if live is None:
+            return StepSample(state, frame, body_position=position, body_quaternion=quaternion_from_matrix(rotation))
+        if ANCHOR_POSE not in state.extern:
             return None
-        if frame == 0 and self._aligns:
-            self._alignment = self._reference.align(live.value)
-        if self._aligns and self._alignment is None:
-            return None
-        joints = self._reference.term("reference_joint_pos", frame)
-        posed = pose_error(live.value, *self._reference.anchor(frame, self._alignment))
-        return np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
+        if self._context.contract.align_reference:
+            if frame == 0:
+                self._alignment = self._context.reference.align(state.extern[ANCHOR_POSE].value)
+            if self._alignment is None:
+                return None
+        return StepSample(state, frame, alignment=self._alignment)
 
     def summary(self) -> dict[str, Any] | None:
-        """Return the errors so far, JSON: by name unit, mean, rms and max; None if nothing was compared."""
+        """Return the errors so far, JSON: by row unit, mean, rms and max; None if nothing was compared."""
         if not self.samples:
             return None
-        mean, rms = self._sum / self.samples, np.sqrt(self._squares / self.samples)
-        columns = zip(self.names, mean, rms, self._largest, strict=True)
-        errors = {name: _figures(unit, *values) for (name, unit), *values in columns}
-        if self._bodies:
-            for row, (name, unit) in enumerate((("hands position", "m"), ("hands orientation", "rad"))):
-                places = [row * len(self._bodies) + i for i in self._hands]
-                together = mean[places].mean(), np.sqrt((rms[places] ** 2).mean()), self._largest[places].max()
-                errors[name] = _figures(unit, *together)
-        return {"samples": self.samples, "peak_speed": self.peak_speed, "errors": errors}
-
-
-def _figures(unit: str, mean: float, rms: float, largest: float) -> dict[str, Any]:
-    return {"unit": unit, "mean": float(mean), "rms": float(rms), "max": float(largest)}
+        columns = {"mean": self._sum / self.samples, "rms": np.sqrt(self._squares / self.samples), "max": self._largest}
+        errors = {
+            name: {"unit": METRICS[name].unit, **{column: float(values[i]) for column, values in columns.items()}}
+            for i, name in enumerate(self.names)
+        }
+        return {"samples": self.samples, "errors": errors}
 
 
 @dataclass(slots=True)

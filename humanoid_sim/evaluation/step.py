@@ -29,21 +29,21 @@ class StepSample:
     """One policy step: an action, and the state that it led to one `policy_dt` later, without delays."""
 
     state: MITState
-    action: Float32Array
-    """Shape (..., m), raw: the one that was in force during the step."""
-    previous_action: Float32Array
-    """Shape (..., m), raw: the one before; zeros in the first step."""
-    torque: FloatArray
-    """Shape (..., n), N·m, saturated, of the last physics step."""
     frame: Frame
     """Shape (...), the reference frame that belongs to `state`: 1 after the first step; the last one is held."""
-    step: int | npt.NDArray[np.integer]
+    action: Float32Array = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    """Shape (..., m), raw: the one that was in force during the step."""
+    previous_action: Float32Array = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    """Shape (..., m), raw: the one before; zeros in the first step."""
+    torque: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Shape (..., n), N·m, saturated, of the last physics step."""
+    step: int | npt.NDArray[np.integer] = 0
     """Shape (...), policy steps since the start, this one included."""
-    body_position: FloatArray
+    body_position: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     """Shape (..., b, 3), m, base frame, of `StepContext.bodies`."""
-    body_quaternion: FloatArray
+    body_quaternion: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     """Shape (..., b, 4), w x y z, body frame in the base frame; of either sign."""
-    command: FloatArray
+    command: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the command during the step."""
     base: BaseState | None = None
     """State of a floating base; None for a fixed one."""
@@ -86,6 +86,9 @@ class StepContext:
         self.joint_target = joint_target
         self.tracked = contract.body_names if "motion_body_pos_b" in terms else ()
         """Bodies that the motion has in the base frame."""
+        hands = [i for i, name in enumerate(self.tracked) if name in description.hands]
+        self.hands = hands or list(range(len(self.tracked)))
+        """Indices of the tracked bodies that are hands; all of them if none is."""
         self.bodies = self.tracked
         """Bodies whose poses a sample has: the tracked ones, then feet or wrists if `require` asked for them."""
         self.moving_sites: tuple[str, ...] = ()

@@ -109,6 +109,16 @@ def body_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(body_angle(c, s)) if c.tracked else anchor_error(c, s).angle
 
 
+@metric("m", "rms distance from the motion of those tracked bodies that are hands", "motion")
+def hand_position_error(c: StepContext, s: StepSample) -> FloatArray:
+    return rms(body_distance(c, s)[..., c.hands])
+
+
+@metric("rad", "rms angle to the motion of those tracked bodies that are hands", "motion")
+def hand_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
+    return rms(body_angle(c, s)[..., c.hands])
+
+
 @metric("rad", "rms(q - q_motion)", "motion with joints")
 def joint_error(c: StepContext, s: StepSample) -> FloatArray:
     assert c.joint_target is not None

@@ -113,8 +113,6 @@ def _modes(summary: dict[str, Any]) -> Table:
 
 def _tracking(tracking: dict[str, Any]) -> Table:
     title = f"Tracking, {tracking['samples']} policy steps while the motion ran"
-    if tracking["peak_speed"] is not None:
-        title += f", hands up to {tracking['peak_speed']:.2f} m/s"
     table = Table("error", "mean", "RMS", "max", title=title, title_justify="left")
     for name, error in tracking["errors"].items():
         factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")

@@ -115,5 +115,5 @@ def test_a_walk_through_the_modes_on_emulated_motors_in_real_time(tmp_path, runt
     pose = LITE.standby_controller_a.pose_segments[-1]
     assert np.abs(standing.input.state.joint_position - pose).max() < 0.1
     assert (
-        run.summary["tracking"]["errors"]["hands position"]["rms"] < 0.05
+        run.summary["tracking"]["errors"]["hand_position_error"]["rms"] < 0.05
     )  # m; the arms follow the sample policy's motion

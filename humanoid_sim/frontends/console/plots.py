@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.evaluation.run_figures import MotionErrors
+from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.frontends.console.state import base_velocity
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
@@ -96,7 +97,8 @@ class Plots:
         self.charts: tuple[Chart, ...] = ()
         self._columns: list[slice] = []
         width = 0
-        errors = () if self._tracking is None else self._tracking.names
+        names = () if self._tracking is None else self._tracking.names
+        errors = [(name, METRICS[name].unit) for name in names]
         for chart, columns in _charts(header, errors, self._channels, has_base=base is not None):
             self.charts += (chart,)
             self._columns.append(slice(width, width + columns))
@@ -147,7 +149,7 @@ class Plots:
     def _errors(self, *, is_driven: bool) -> FloatArray:
         if self._tracking is None:
             return np.empty(0)
-        factors = np.array([_SHOWN_AS[unit][1] for _, unit in self._tracking.names])
+        factors = np.array([_SHOWN_AS[METRICS[name].unit][1] for name in self._tracking.names])
         latest = self._tracking.latest if is_driven else None
         return np.full(len(factors), np.nan) if latest is None else latest * factors
 
