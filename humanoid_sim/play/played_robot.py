@@ -24,10 +24,9 @@ from humanoid_sim.robots.mjcf import bare_model, prefix_line
 from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
-from humanoid_sim.simulation.keys import Touch
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.push import parse_pushes
-from humanoid_sim.simulation.sim_robot import SimRobot
+from humanoid_sim.simulation.sim_robot import SimRobot, Touch
 
 
 class PlayedRobot(Robot, Protocol):

@@ -15,7 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose
-from humanoid_sim.simulation.model import SimConfig, base_body, body_ids, build_model
+from humanoid_sim.simulation.model import UNSOUND, SimConfig, base_body, body_ids, build_model
 from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
 from humanoid_sim.simulation.sensing import Sensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -23,15 +23,6 @@ from humanoid_sim.simulation.stability import DampingStability
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
-_UNSOUND = [
-    int(warning)
-    for warning in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-        mujoco.mjtWarning.mjWARN_BADCTRL,
-    )
-]
 
 
 class BatchSim:
@@ -263,7 +254,7 @@ class BatchSim:
         before = self._batch.state[rows].copy()
         self._send(command, rows)
         self._advance(ids, rows)
-        warned = self._batch.warning[rows][:, _UNSOUND, 1].any(axis=1)
+        warned = self._batch.warning[rows][:, UNSOUND, 1].any(axis=1)
         if warned.any():
             broken = np.flatnonzero(warned) if ids is None else ids[warned]
             self._fault[broken] = True

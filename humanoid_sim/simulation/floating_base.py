@@ -1,9 +1,9 @@
-"""Start pose of a robot; and a base that moves freely: the support that holds it, and how it moves."""
+"""A base that moves freely: where it starts, the support that may hold it, and how it moves."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,20 +11,18 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import gravity_direction, heading, multiply, rotate, rotate_inverse
-from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.stance import CentreOfMass, Floor, clearance, standing_height
+from humanoid_sim.simulation.stance import Floor, clearance
 
 if TYPE_CHECKING:
     from humanoid_sim.simulation.model import JointAddresses
 
-_LIFT_SPEED = 0.1
-"""m/s, of a support that lifts the base."""
-
+_LIFT_SPEED = 0.1  # m/s, of a support that lifts the base
 _SUPPORT = "humanoid_sim_support"
-"""Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
+"""Name of the mocap body and of the weld: unlikely enough to be in any user's MJCF."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,9 +40,9 @@ class BaseState:
     centre_of_mass: FloatArray
     """Shape (..., 3), m, world frame, of the whole robot."""
     floor: FloatArray
-    """Shape (...), m, world frame: how high the floor is under the centre of mass."""
-    up: FloatArray | None = None
-    """Shape (3,), base frame: the axis that points up where the robot stands; None for the z axis."""
+    """Shape (...), m, world frame: level of the floor under the centre of mass."""
+    up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    """Shape (3,), base frame: the axis that points up where the robot stands."""
 
     @property
     def height(self) -> FloatArray:
@@ -66,13 +64,9 @@ class BaseState:
     @property
     def tilt(self) -> FloatArray:
         """Shape (...), rad, between the axis that points up where the robot stands and the vertical, 0 to π."""
-        if self.up is not None:
-            gravity = self.gravity
-            down = sum((gravity[..., i] * self.up[i] for i in range(3)), start=np.zeros(()))
-            turned: FloatArray = np.arccos(np.clip(-down, -1.0, 1.0))
-            return turned
-        x, y = self.quaternion[..., 1], self.quaternion[..., 2]
-        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
+        gravity = self.gravity
+        along = gravity[..., 0] * self.up[0] + gravity[..., 1] * self.up[1] + gravity[..., 2] * self.up[2]
+        tilt: FloatArray = np.arccos(np.clip(-along, -1.0, 1.0))
         return tilt
 
     @property
@@ -82,10 +76,7 @@ class BaseState:
 
     @property
     def planar_velocity(self) -> FloatArray:
-        """Shape (..., 3), what a velocity command asks for: m/s, forward and to the left of the heading; the yaw rate.
-
-        The frame is turned by `yaw` only. The yaw rate is about the vertical, rad/s.
-        """
+        """Shape (..., 3): m/s forward and to the left of the heading, and rad/s about the vertical."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         vx, vy = self.linear_velocity[..., 0], self.linear_velocity[..., 1]
         yaw_rate = rotate(self.quaternion, self.angular_velocity)[..., 2]
@@ -101,14 +92,14 @@ def add_support(spec: mujoco.MjSpec, body: str) -> None:
         objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=_SUPPORT,
         name2=body,
-        # Anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m.
+        # anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m
         data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
         active=False,
     )
 
 
 def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tuple[slice, slice, slice, slice]:
-    """Return where a floating base is in MuJoCo's arrays.
+    """Return the addresses of a floating base in MuJoCo's arrays.
 
     Position and orientation in `qpos`, m and w x y z, world frame; in `qvel` linear velocity, m/s, world frame, and
     angular velocity, rad/s, base frame.
@@ -119,42 +110,45 @@ def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tupl
 
 
 class BaseObserver:
-    """Sees pose and motion of a robot's floating base, its centre of mass and the floor under it. Not thread-safe."""
+    """Observes a robot's floating base, its centre of mass and the floor under it. Not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Look at a robot in a model made by `build_model`."""
+        """Find the base in a model made by `build_model`."""
         self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
-        self._model, self._body = model, description.base.body
+        self._model, self._body = model, model.body(description.base.body).id
         self._floor = Floor(model)
-        up = -gravity_direction(model.qpos0[self._quaternion])
+        up = -gravity_direction(model.qpos0[self._quaternion])  # not every designer's bases stand on their z axes
         axis = int(np.abs(up).argmax())
-        self._up: FloatArray | None = None
-        if axis != 2 or up[2] < 0.0:  # not every designer's bases stand on their z axes
-            self._up = np.where(np.arange(3) == axis, np.sign(up), 0.0)
+        self._up = np.where(np.arange(3) == axis, np.sign(up), 0.0)
 
     @cached_property
-    def _centre_of_mass(self) -> CentreOfMass:
-        return CentreOfMass(self._model, self._body)
+    def _data(self) -> mujoco.MjData:
+        return mujoco.MjData(self._model)
+
+    def _mass(self, qpos: FloatArray) -> FloatArray:
+        """Return the centre of mass of one robot, shape (3,), m, world frame."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        position: FloatArray = self._data.subtree_com[self._body].copy()
+        return position
 
     def at(self, qpos: FloatArray, qvel: FloatArray | None, centre_of_mass: FloatArray | None = None) -> BaseState:
-        """As MuJoCo's generalised position (..., nq) and velocity (..., nv) say, which is None at rest; copies.
+        """Return the base at MuJoCo's generalised position (..., nq) and velocity (..., nv), which is None at rest.
 
         `centre_of_mass`, shape (..., 3), m, world frame, is computed where it is None, for one robot.
         """
         still = np.zeros((*qpos.shape[:-1], 3))
-        linear = still if qvel is None else qvel[..., self._linear].copy()
-        angular = still if qvel is None else qvel[..., self._angular].copy()
         quaternion = qpos[..., self._quaternion]
-        quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-        mass = self._centre_of_mass(qpos) if centre_of_mass is None else centre_of_mass
+        mass = self._mass(qpos) if centre_of_mass is None else centre_of_mass
         return BaseState(
-            qpos[..., self._position].copy(),
-            quaternion,
-            linear,
-            angular,
-            mass,
-            self._floor.level(mass),
-            self._up,
+            position=qpos[..., self._position].copy(),
+            quaternion=quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True)),
+            linear_velocity=still if qvel is None else qvel[..., self._linear].copy(),
+            angular_velocity=still if qvel is None else qvel[..., self._angular].copy(),
+            centre_of_mass=mass,
+            floor=self._floor.level(mass),
+            up=self._up,
         )
 
     def sensed(self, state: MITState, qpos: FloatArray) -> BaseState:
@@ -164,8 +158,9 @@ class BaseObserver:
         return replace(base, linear_velocity=moving, angular_velocity=rotate_inverse(base.quaternion, turning))
 
     def standing_height(self, qpos: FloatArray) -> float:
-        """m, of the centre of mass above the floor if the robot stood in this pose, shape (nq,)."""
-        return standing_height(self._model, self._body, qpos)
+        """Return m from the floor to the centre of mass if the robot stood in this pose, shape (nq,)."""
+        mass = self._mass(qpos)
+        return float(mass[2] - self._floor.level(mass)) - clearance(self._model, qpos)
 
 
 class FloatingBase:
@@ -182,7 +177,7 @@ class FloatingBase:
         height: float | None = None,
         drop: float = 0.0,
     ) -> None:
-        """Choose where the base starts. Raises `InputError` if a value is not finite, or `drop` is negative.
+        """Choose where the base starts.
 
         Args:
             model: with the robot and its support.
@@ -194,46 +189,30 @@ class FloatingBase:
                 part of the robot is as far above the floor as `drop` says.
             drop: m; a support that lifts the base lifts it back to its start, unless this is 0.
         """
-        for name, value in (
-            ("base_position[0]", position[0]),
-            ("base_position[1]", position[1]),
-            ("base_yaw", yaw),
-            ("base_height", 0.0 if height is None else height),
-        ):
-            if not math.isfinite(value):
-                raise InputError(f"{name}: is {value}, expected a finite number")
-        if not (math.isfinite(drop) and drop >= 0.0):
-            raise InputError(f"drop: is {drop}, expected a finite number >= 0")
         self._position, self._quaternion, *_ = base_addresses(model, description)
         self._mocap = int(model.body(_SUPPORT).mocapid[0])
         self._weld = model.equality(_SUPPORT).id
-        self._model = model
-
-        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
-        qpos = np.array(joint_qpos)
-        self._start = np.empty(7)
-        mujoco.mju_mulQuat(self._start[3:], turn, model.qpos0[self._quaternion])
-        self._start[:2] = position
-        self._start[2] = qpos[self._position][2]
-        if height is None:
-            height = description.base.height
-        if height is None:
-            qpos[self._position], qpos[self._quaternion] = self._start[:3], self._start[3:]
-            height = float(self._start[2]) - clearance(model, qpos) + drop
-        self._start[2] = height
         self._lifts = drop > 0.0
+        qpos = np.array(joint_qpos)
+        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+        qpos[self._position][:2] = position
+        qpos[self._quaternion] = multiply(turn, model.qpos0[self._quaternion])
+        own = description.base.height if height is None else height
+        if own is None:
+            own = float(qpos[self._position][2]) - clearance(model, qpos) + drop
+        qpos[self._position][2] = own
+        self._start = qpos[self._position].copy(), qpos[self._quaternion].copy()
 
     def place(self, data: mujoco.MjData) -> None:
         """Put the base of data that are at rest where it starts."""
-        data.qpos[self._position] = self._start[:3]
-        data.qpos[self._quaternion] = self._start[3:]
+        data.qpos[self._position], data.qpos[self._quaternion] = self._start
 
     def is_held(self, data: mujoco.MjData) -> bool:
         """Return whether the support holds the base."""
         return bool(data.eq_active[self._weld])
 
     def hold(self, data: mujoco.MjData) -> None:
-        """Let the support take the base where it now is."""
+        """Let the support hold the base where it now is."""
         data.mocap_pos[self._mocap] = data.qpos[self._position]
         data.mocap_quat[self._mocap] = data.qpos[self._quaternion]
         data.eq_active[self._weld] = 1
@@ -244,16 +223,13 @@ class FloatingBase:
 
     def lift(self, data: mujoco.MjData, time: float) -> None:
         """Let the support raise a base that it holds, for `time` s, at most to the height of its start."""
-        position = data.mocap_pos[self._mocap]
-        if self._lifts and self.is_held(data) and position[2] < self._start[2]:
-            position[2] = min(position[2] + _LIFT_SPEED * time, self._start[2])
+        position, highest = data.mocap_pos[self._mocap], self._start[0][2]
+        if self._lifts and self.is_held(data) and position[2] < highest:
+            position[2] = min(position[2] + _LIFT_SPEED * time, highest)
 
 
 def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
-    """Let the support take a floating base where it now is, or let the base go.
-
-    Raises `RobotError` if the base is fixed.
-    """
+    """Hold a floating base where it now is, or let it go. Raises `RobotError` if the base is fixed."""
     if base is None:
         raise RobotError(f"{robot}: has a fixed base, which needs no support")
     if not held:
@@ -270,14 +246,11 @@ class Supported(Protocol):
         """Return whether the support holds the base."""
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Let the support take the base where it now is, or let the base go.
-
-        If it `lifts`, it then raises the base, slowly, to the height of its start.
-        """
+        """Hold the base where it now is, raising it slowly to its start if it `lifts`, or let it go."""
 
 
 def support_in_mode(robot: Supported, mode: Mode) -> str:
-    """Let the robot go when a policy takes over, hold it again when none balances it; says what it did, if anything.
+    """Release the robot when a policy takes over, hold it when none balances it; returns what changed, if anything.
 
     In STANDBY it is lifted back to where it hung at the start, so that it starts again as it did first.
     """
@@ -295,19 +268,19 @@ class StartPose:
         """Find the description's own start; the model is from `build_model`."""
         data = mujoco.MjData(model)
         data.qpos[joints.qpos] = description.initial_position
-        self._joints = joints
-        self._dof_count = int(model.nv)
-        self._base: tuple[slice, slice, slice, slice] | None = None
-        self._model, self._base_body = model, description.base.body
+        self._model, self._description, self._joints = model, description, joints
+        self._quaternion = slice(0)
         if description.is_floating:
             FloatingBase(model, description, data.qpos).place(data)
-            self._base = base_addresses(model, description)
+            self._quaternion = base_addresses(model, description)[1]
         self._qpos: FloatArray = data.qpos.copy()
 
     @cached_property
     def standing_height(self) -> float:
         """m, of the centre of mass above the floor; 0 for a fixed base."""
-        return 0.0 if self._base is None else standing_height(self._model, self._base_body, self._qpos)
+        if not self._description.is_floating:
+            return 0.0
+        return BaseObserver(self._model, self._description).standing_height(self._qpos)
 
     def arrays(
         self,
@@ -317,40 +290,23 @@ class StartPose:
         joint_position: FloatArray | None = None,
         joint_velocity: FloatArray | None = None,
         base_yaw: FloatArray | None = None,
-        base_pose: FloatArray | None = None,
-        base_velocity: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """MuJoCo's generalised position (..., nq) and velocity (..., nv), new arrays.
+        """Return MuJoCo's generalised position (..., nq) and velocity (..., nv).
 
         Args:
-            batch: what (...) is.
+            batch: (...).
             joint_position: shape (..., n), rad; None for the description's initial position.
             joint_velocity: shape (..., n), rad/s; None for rest.
             base_yaw: shape (...), rad, about the vertical, by which a floating base is turned; None for not at all.
-            base_pose: shape (..., 7), m and w x y z, world frame, of a floating base instead; None, or rows of NaN,
-                where it stands as above.
-            base_velocity: shape (..., 6), m/s, world frame, and rad/s, base frame, where `base_pose` says where it is.
         """
         qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
-        qvel = np.zeros((*batch, self._dof_count))
+        qvel = np.zeros((*batch, self._model.nv))
         if joint_position is not None:
             qpos[..., self._joints.qpos] = joint_position
         if joint_velocity is not None:
             qvel[..., self._joints.dof] = joint_velocity
-        if base_yaw is not None and self._base is not None:
-            quaternion = self._base[1]
+        if base_yaw is not None and self._description.is_floating:
             half, none = 0.5 * np.asarray(base_yaw), np.zeros(batch)
             turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
-            qpos[..., quaternion] = multiply(turn, self._qpos[quaternion])
-        if self._base is not None:
-            place, orientation, linear, angular = self._base
-            if base_pose is not None and base_velocity is not None:
-                is_given = np.isfinite(base_pose).all(axis=-1, keepdims=True)
-                for array, part, given in (
-                    (qpos, place, base_pose[..., :3]),
-                    (qpos, orientation, base_pose[..., 3:]),
-                    (qvel, linear, base_velocity[..., :3]),
-                    (qvel, angular, base_velocity[..., 3:]),
-                ):
-                    array[..., part] = np.where(is_given, given, array[..., part])
+            qpos[..., self._quaternion] = multiply(turn, self._qpos[self._quaternion])
         return qpos, qvel

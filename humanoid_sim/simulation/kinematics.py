@@ -1,6 +1,6 @@
-"""Quantities that follow from joint positions alone, by a separate model: poses of bodies, torques that hold them.
+"""Quantities that follow from joint positions alone: poses of bodies, torques that hold them, and the way back.
 
-And back: joint positions that bring bodies to given poses, by damped least squares (Wampler 1986).
+Inverse kinematics is damped least squares (Wampler 1986). Each object keeps a model and its buffers: one per thread.
 """
 
 from __future__ import annotations
@@ -14,31 +14,27 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses, named_frame
 
-_LENGTH = 0.3
-"""m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
-_LARGEST_STEP = 0.3
-"""rad per iteration and joint, so that a far target does not throw the arm across a singularity."""
+_LENGTH = 0.3  # m per rad, between an orientation and a position error; about a forearm with hand
+_LARGEST_STEP = 0.3  # rad per iteration and joint, so that a far target does not throw the arm across a singularity
 
 
 class _Posed:
-    """A robot without a room, to be put into any pose. Keeps a model and its buffers; one instance per thread."""
+    """A robot without a room, to be put into any pose."""
 
     def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
-        """Build the model, or take one of the robot that nobody else uses; raises as `build_model` does."""
+        """Build the model, or use one that nobody else does."""
         self._model = build_model(description, scene=False) if model is None else model
         self._data = mujoco.MjData(self._model)
         self._addresses = joint_addresses(self._model, description.joint_names)
+        mujoco.mj_kinematics(self._model, self._data)
+        base = base_body(self._model, description)
+        self._base_position = self._data.xpos[base].copy()  # in the world; the joints do not move it
+        self._base_rotation = self._data.xmat[base].reshape(3, 3).copy()
 
     def _pose(self, joint_position: FloatArray) -> None:
         self._data.qpos[self._addresses.qpos] = joint_position
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
-
-    def _base_pose(self, description: RobotDescription) -> tuple[FloatArray, FloatArray]:
-        """Return position (3,), m, and rotation (3, 3) of the base in the world; the joints do not move it."""
-        mujoco.mj_kinematics(self._model, self._data)
-        base = base_body(self._model, description)
-        return self._data.xpos[base].copy(), self._data.xmat[base].reshape(3, 3).copy()
 
 
 class ForwardKinematics(_Posed):
@@ -50,18 +46,14 @@ class ForwardKinematics(_Posed):
         bodies: tuple[str, ...] | None = None,
         model: mujoco.MjModel | None = None,
     ) -> None:
-        """Build the model, or take one, as `_Posed`; `bodies` None stands for the description's hands.
-
-        Raises `InputError` if a body is not in the model; the message lists those that are.
-        """
+        """Find the bodies, None for the description's hands. Raises `InputError` for one that the model lacks."""
         super().__init__(description, model)
         self.bodies = description.hands if bodies is None else tuple(bodies)
         with blaming(description.name, InputError):
             self._ids = list(body_ids(self._model, self.bodies))
-        self._base_position, self._base_rotation = self._base_pose(description)
 
     def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (..., B, 3), m, and rotation matrices (..., B, 3, 3) of the bodies in the base frame; new arrays.
+        """Return positions (..., B, 3), m, and rotation matrices (..., B, 3, 3) of the bodies in the base frame.
 
         `joint_position` is of shape (..., n), rad.
         """
@@ -69,16 +61,14 @@ class ForwardKinematics(_Posed):
         flat = q.reshape(-1, q.shape[-1])
         position = np.empty((len(flat), len(self._ids), 3))
         rotation = np.empty((len(flat), len(self._ids), 9))
-        model, data, qpos_index = self._model, self._data, self._addresses.qpos
         for i, row in enumerate(flat):
-            data.qpos[qpos_index] = row
-            mujoco.mj_kinematics(model, data)
-            position[i] = data.xpos[self._ids]
-            rotation[i] = data.xmat[self._ids]
+            self._data.qpos[self._addresses.qpos] = row
+            mujoco.mj_kinematics(self._model, self._data)
+            position[i] = self._data.xpos[self._ids]
+            rotation[i] = self._data.xmat[self._ids]
         position = np.einsum("ji,tbj->tbi", self._base_rotation, position - self._base_position)
         matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
-        batch = q.shape[:-1]
-        return position.reshape(*batch, -1, 3), matrices.reshape(*batch, -1, 3, 3)
+        return position.reshape(*q.shape[:-1], -1, 3), matrices.reshape(*q.shape[:-1], -1, 3, 3)
 
 
 class GravityTorque(_Posed):
@@ -91,17 +81,14 @@ class GravityTorque(_Posed):
         self._bias = np.empty(self._model.nv)
 
     def __call__(self, joint_position: FloatArray) -> FloatArray:
-        """Shape (n,), rad, joint frame → shape (n,), N·m, joint frame, within the effort limits.
-
-        Friction is not included; it only helps to hold.
-        """
+        """Return the torque, shape (n,), N·m, at positions (n,), rad; without friction, which only helps to hold."""
         self._pose(joint_position)
         mujoco.mj_rne(self._model, self._data, 0, self._bias)  # qvel stays zero: no Coriolis terms
         return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)
 
 
-def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None = None) -> FloatArray:
-    """One step of damped least squares, shape (n,), rad.
+def _damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None) -> FloatArray:
+    """Return one step of damped least squares, shape (n,), rad.
 
     Args:
         jacobian: shape (m, n), of the error.
@@ -112,7 +99,7 @@ def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: F
     normal = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
     step = np.linalg.solve(normal, jacobian.T @ error)
     if pull is not None:
-        # What the damped inverse leaves of the pull lies (almost) in the null space.
+        # what the damped inverse leaves of the pull lies (almost) in the null space
         step += pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull))
     bounded: FloatArray = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
     return bounded
@@ -129,15 +116,11 @@ class InverseKinematics(_Posed):
         damping: float = 0.01,
         model: mujoco.MjModel | None = None,
     ) -> None:
-        """Build the model of the B bodies, or take one, as `_Posed`.
-
-        `damping`, m/rad, is steadier near singular poses and slower if larger.
-        """
+        """Find the B bodies; `damping`, m/rad, is steadier near singular poses and slower if larger."""
         super().__init__(description, model)
         self._ids = [self._model.body(name).id for name in bodies]
         self._lower, self._upper = description.lower, description.upper
         self._damping = damping
-        self._base_position, self._base_rotation = self._base_pose(description)
 
     def solve(
         self,
@@ -148,7 +131,7 @@ class InverseKinematics(_Posed):
         posture: FloatArray | None = None,
         iterations: int = 20,
     ) -> FloatArray:
-        """One pose: shape (n,), rad.
+        """Return the joint positions, shape (n,), rad, for one pose.
 
         Args:
             position: shape (B, 3), m, base frame.
@@ -162,7 +145,7 @@ class InverseKinematics(_Posed):
         q = np.clip(start, self._lower, self._upper)
         for _ in range(iterations):
             error, jacobian = self._linearise(q, world_position, world_rotation)
-            step = damped_step(jacobian, error, self._damping, None if posture is None else 0.2 * (posture - q))
+            step = _damped_step(jacobian, error, self._damping, None if posture is None else 0.2 * (posture - q))
             q = np.clip(q + step, self._lower, self._upper)
             if np.abs(step).max() < 1e-6:
                 break
@@ -179,41 +162,36 @@ class InverseKinematics(_Posed):
         return path
 
     def _linearise(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stacked pose errors (6 B,) and their Jacobian (6 B, n), world frame; rotations scaled to metres."""
-        model, data = self._model, self._data
+        """Return stacked pose errors (6 B,) and their Jacobian (6 B, n), world frame; rotations scaled to metres."""
+        model, data, dof = self._model, self._data, self._addresses.dof
         self._pose(q)
         rows, errors = [], []
         jac_position, jac_rotation = np.empty((3, model.nv)), np.empty((3, model.nv))
         quaternion, turn = np.empty(4), np.empty(3)  # rad, axis times angle
         for i, body in enumerate(self._ids):
             mujoco.mj_jacBody(model, data, jac_position, jac_rotation, body)
-            rows += [jac_position[:, self._addresses.dof], _LENGTH * jac_rotation[:, self._addresses.dof]]
+            rows += [jac_position[:, dof], _LENGTH * jac_rotation[:, dof]]
             mujoco.mju_mat2Quat(quaternion, (rotation[i] @ data.xmat[body].reshape(3, 3).T).ravel())
             mujoco.mju_quat2Vel(turn, quaternion, 1.0)
             errors += [position[i] - data.xpos[body], _LENGTH * turn]
         return np.concatenate(errors), np.concatenate(rows)
 
 
-class AnchorOrientation:
-    """Orientation of a body by the IMU and the joints between them, as a real robot knows it. Not thread-safe."""
+class AnchorOrientation(_Posed):
+    """Orientation of a body by the IMU and the joints between them, as a real robot knows it."""
 
     def __init__(self, description: RobotDescription, body: str) -> None:
-        """Find IMU and body in the robot's model. Raises `InputError` if the body is not in it."""
-        self._model = build_model(description, scene=False)
-        self._data = mujoco.MjData(self._model)
-        self._qpos = joint_addresses(self._model, description.joint_names).qpos
+        """Find IMU and body. Raises `InputError` if the body is not in the robot's model."""
+        super().__init__(description)
         kind, i = named_frame(self._model, description.imu, "imu")
         is_site = kind == mujoco.mjtObj.mjOBJ_SITE
         self._imu_body = int(self._model.site_bodyid[i]) if is_site else i
-        self._imu_site = self._model.site_quat[i] if is_site else None
+        self._imu_in_body = self._model.site_quat[i] if is_site else np.array([1.0, 0.0, 0.0, 0.0])
         with blaming("anchor body", InputError):
             self._body = int(body_ids(self._model, [body])[0])
 
     def read(self, joint_position: FloatArray, imu_quaternion: FloatArray) -> FloatArray:
         """Return the body's quaternion (4,), w x y z, in the world of the IMU's; NaN where a joint between is."""
-        self._data.qpos[self._qpos] = joint_position
-        mujoco.mj_kinematics(self._model, self._data)
-        imu = self._data.xquat[self._imu_body]
-        if self._imu_site is not None:
-            imu = multiply(imu, self._imu_site)
+        self._pose(joint_position)
+        imu = multiply(self._data.xquat[self._imu_body], self._imu_in_body)
         return multiply(imu_quaternion, multiply(conjugate(imu), self._data.xquat[self._body]))

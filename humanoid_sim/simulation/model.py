@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -25,6 +25,16 @@ from humanoid_sim.simulation.scene import add_floor, add_scene
 StateSampling = Literal["now", "on_command"]
 IMPLICIT_TIMESTEP = 0.0025  # s, physics step of implicit damping, unless another is given or the robot's own is longer
 
+UNSOUND = [
+    int(warning)
+    for warning in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+        mujoco.mjtWarning.mjWARN_BADCTRL,
+    )
+]
+"""MuJoCo's warnings of a state that is not finite, or huge."""
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -62,6 +72,15 @@ class SimConfig:
     """MJCF bodies whose poses `body_poses` gives."""
     pushes: tuple[Push, ...] = ()
     """Of one robot's floating base, each at its time."""
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` for a start that is not finite."""
+        starts = {"base_position": self.base_position, "base_yaw": self.base_yaw, "base_height": self.base_height}
+        for name, value in {**starts, "drop": self.drop}.items():
+            if value is not None and not np.isfinite(value).all():
+                raise InputError(f"{name}: is {value}, expected finite")
+        if self.drop < 0.0:
+            raise InputError(f"drop: is {self.drop}, expected >= 0")
 
     def period(self, description: RobotDescription) -> float:
         """Return the control period, s."""
@@ -116,7 +135,6 @@ def build_model(
     implicit: bool = False,
     scene: bool | Literal["floor"] = True,
     sensors: SimConfig | None = None,
-    edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """Return the robot in a room, ready for the MIT law.
 
@@ -132,7 +150,6 @@ def build_model(
             limit; the gains start at 0.
         implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at.
-        edit: changes the model before it is compiled.
         sensors: add the sensors that `sensing.Sensors` reads for these settings.
 
     Raises:
@@ -159,8 +176,6 @@ def build_model(
         from humanoid_sim.simulation.sensing import add_sensors  # noqa: PLC0415 - which finds addresses in models
 
         add_sensors(spec, description, sensors)
-    if edit is not None:
-        edit(spec)
     model = compile_spec(spec, description.mjcf_path)
     _set_joints(model, description)
     return model

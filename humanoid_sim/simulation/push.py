@@ -8,21 +8,18 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-PUSH_DURATION = 0.1
-"""s"""
-_FASTEST = 10.0
-"""m/s"""
+PUSH_DURATION = 0.1  # s
+_FASTEST = 10.0  # m/s
 
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A force that lasts `PUSH_DURATION`, as large as it takes to speed up all that hangs on its body by this."""
+    """A force that lasts `PUSH_DURATION`, as large as it takes to speed up all that its body carries by this."""
 
     vx: float
     """m/s, world frame."""
@@ -30,7 +27,7 @@ class Push:
     time: float
     """s, robot's clock, at which it begins."""
     body: str = ""
-    """Name; empty for the base, on which the whole robot hangs."""
+    """Name; empty for a floating base, which carries the whole robot."""
 
     def acts(self, time: float) -> bool:
         """Return whether it is in force in the control period that begins at `time`, s."""
@@ -55,14 +52,13 @@ def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
     return tuple(pushes)
 
 
-def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
+def push_wrench(velocity: FloatArray, mass: float) -> FloatArray:
     """Return what acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
 
     `velocity`, shape (..., 2), m/s, world frame, is by how much the push speeds the whole robot, of `mass` kg, up.
     """
-    sped = np.asarray(velocity, dtype=np.float64)
-    wrench = np.zeros((*sped.shape[:-1], 6))
-    wrench[..., :2] = mass * sped / PUSH_DURATION
+    wrench = np.zeros((*velocity.shape[:-1], 6))
+    wrench[..., :2] = mass * velocity / PUSH_DURATION
     return wrench
 
 
@@ -90,8 +86,7 @@ class Pushes:
         """Push. Raises `InputError` if there is no such body, it is too fast, or the push before has not ended."""
         if not (abs(push.vx) <= _FASTEST and abs(push.vy) <= _FASTEST):
             raise InputError(f"is {push.vx:g},{push.vy:g} m/s, expected VX,VY within ±{_FASTEST:g} in the world frame")
-        if (push.body or self._base) not in self._bodies:
-            raise InputError(known_names("body", push.body or "base, which is fixed", self.bodies))
+        require_known("body", [push.body or self._base], self.bodies)
         if any(given.acts(push.time) for given in self._given):
             raise InputError(f"the push before has not ended; each takes {PUSH_DURATION:g} s")
         self._given = [*self._given[-1:], push]  # the one before may still have to be taken out of force

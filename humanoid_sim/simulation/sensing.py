@@ -14,12 +14,11 @@ import numpy as np
 
 from humanoid_sim import mit
 from humanoid_sim.errors import require_known
-from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.mit import Extern, FloatArray, IndexArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.piano import KEY_COUNT, key_joint_names
+from humanoid_sim.robots.piano import KEY_COUNT, TRIGGER, key_joint_names
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, base_addresses
-from humanoid_sim.simulation.height_scan import GroundScanner
-from humanoid_sim.simulation.keys import PianoKeys
+from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.model import SimConfig, base_body, joint_addresses
 
 _PREFIX = "humanoid_sim_"
@@ -32,6 +31,8 @@ def add_sensors(spec: mujoco.MjSpec, description: RobotDescription, config: SimC
     bodies = [body.name for body in spec.bodies if body.name]
     require_known("body", [config.anchor_body] if config.anchor_body else [], bodies, "anchor body: ")
     require_known("body", config.bodies, bodies)
+    sites = [site.name for site in spec.sites if site.name]
+    require_known("site", [point for point in config.velocity_at if point != mit.IMU], sites, "velocity of the base: ")
     base = spec.joint(description.joints[0].name).parent
     while base.parent.name != spec.worldbody.name:
         base = base.parent
@@ -51,8 +52,8 @@ def add_sensors(spec: mujoco.MjSpec, description: RobotDescription, config: SimC
         _add_pose(spec, "anchor", _BODY, config.anchor_body)
     if config.height_scan is not None:
         at = config.height_scan.at
-        named = spec.site(at) is not None
-        frame = {mit.BASE: (_BODY, base.name), mit.IMU: (_SITE, imu)}.get(at, (_SITE if named else _BODY, at))
+        kind = _SITE if at in sites else _BODY
+        frame = {mit.BASE: (_BODY, base.name), mit.IMU: (_SITE, imu)}.get(at, (kind, at))
         if frame[0] == _BODY:
             require_known("site or body", [frame[1]], bodies, "height scan: ")
         _add_pose(spec, "scan", *frame)
@@ -143,17 +144,19 @@ class Sensors:
         points = [point_velocity(point) for point in config.velocity_at] if description.is_floating else []
         self._points = {name: self._address(model, name) for name in points}
         self._anchor = self._pose_address(model, "anchor") if config.anchor_body else None
-        self._keys = None if description.piano is None else PianoKeys(model)
-        self._scanner: GroundScanner | None = None
+        self._keys: IndexArray | None = None
+        self._scanner: HeightScanner | None = None
         if config.height_scan is not None:
             self._scan = self._pose_address(model, "scan")
-            self._scanner = GroundScanner(model, base_body(model, description), config.height_scan, count, threads)
+            self._scanner = HeightScanner(model, base_body(model, description), config.height_scan, count, threads)
         many = range(len(config.bodies))
         self._bodies = self._columns(model, [f"body_{i}" for i in many])
         self._bodies_in_base = self._columns(model, [f"body_{i}_in_base" for i in many])
         self.touch = slice(0)
         """Columns of `sensordata` with the force on each key, N, normal to the surfaces; none without a piano."""
-        if self._keys is not None:
+        if description.piano is not None:
+            self._keys = joint_addresses(model, key_joint_names()).qpos
+            self._trigger = TRIGGER * np.array([model.joint(name).range[1] for name in key_joint_names()])
             first = self._address(model, "key_0").start
             self.touch = slice(first, first + KEY_COUNT)
 
@@ -189,7 +192,7 @@ class Sensors:
         if self._anchor is not None:
             live[mit.ANCHOR_POSE] = sensordata[..., self._anchor]
         if self._keys is not None:
-            live[mit.KEY_PRESSED] = self._keys.pressed(qpos)
+            live[mit.KEY_PRESSED] = (qpos[..., self._keys] > self._trigger).astype(np.float64)
         if self._scanner is not None:
             live[mit.HEIGHT_SCAN] = self._scanner.scan(sensordata[..., self._scan])
         position = qpos[..., self.joints.qpos_slice]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -16,8 +16,7 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.simulation.floating_base import BaseState, FloatingBase, StartPose, move_support
-from humanoid_sim.simulation.keys import Touch
-from humanoid_sim.simulation.model import SimConfig, build_model
+from humanoid_sim.simulation.model import UNSOUND, SimConfig, build_model
 from humanoid_sim.simulation.push import Pushes
 from humanoid_sim.simulation.randomisation import RandomPushes, Variation
 from humanoid_sim.simulation.sensing import Sensors
@@ -25,12 +24,19 @@ from humanoid_sim.simulation.stability import DampingStability
 
 _SOURCE = "mujoco"
 _OK = SafetyStatus(source=_SOURCE)
-_WARNINGS = {
-    "position": mujoco.mjtWarning.mjWARN_BADQPOS,
-    "velocity": mujoco.mjtWarning.mjWARN_BADQVEL,
-    "acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
-}
-"""MuJoCo's warnings of a simulation that is no longer sound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """A piano's key that is touched."""
+
+    force: float
+    """N, normal to the surfaces."""
+    key: int
+    """0 is A0, 87 is C8."""
+    time: float
+    """s"""
+
 
 _Sample = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
 """Physics step at which it was taken, `qpos`, `qvel`, `sensordata`, effort."""
@@ -64,7 +70,7 @@ class SimRobot:
         """The compiled MuJoCo model."""
         self.data = mujoco.MjData(self.model)
         """MuJoCo's state, live, with all that it derives from `qpos` and `qvel`."""
-        self._warnings = [(quantity, self.data.warning[int(kind)]) for quantity, kind in _WARNINGS.items()]
+        self._warnings = [self.data.warning[kind] for kind in UNSOUND]
         self._sensors = Sensors(self.model, description, config)
         self.extern = self._sensors.widths
         """Names and widths of the live inputs that the state has."""
@@ -249,10 +255,8 @@ class SimRobot:
             self._advance(self.physics_steps)
         else:
             self._advance_slowly()
-        for quantity, warning in self._warnings:
-            if warning.number:
-                self._fault = f"simulation unstable: {quantity} is not finite, or huge (t = {self.time:.4f} s)"
-                break
+        if any(warning.number for warning in self._warnings):
+            self._fault = f"simulation unstable: its state is not finite, or huge (t = {self.time:.4f} s)"
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support hold a floating base where it now is, or let the base go.

@@ -8,10 +8,10 @@ import pytest
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.height_scan import HeightScanner
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.model import SimConfig, base_body, build_model
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 WALKER = """
 <mujoco>
@@ -49,7 +49,8 @@ def walker(small_robot):
 def scan_of(robot, scan, pose):
     """Around a frame at x, y, z, turned by quaternion w x y z."""
     place = np.array([*pose[:3], *(pose[3:] or (1.0, 0.0, 0.0, 0.0))])
-    return HeightScanner(build_model(robot), robot, scan).read(place).tolist()
+    model = build_model(robot)
+    return HeightScanner(model, base_body(model, robot), scan, 1, 1).scan(place).tolist()
 
 
 def turned(x=0.0, y=0.0, z=0.0):
@@ -135,7 +136,7 @@ FRAMES = [("base", (0.0, 0.0, 0.0)), ("eye", (0.5, 0.25, 0.1)), ("leg", (0.0, 0.
 @pytest.mark.parametrize(("at", "offset"), FRAMES)
 def test_it_lies_around_any_frame_of_the_robot(walker, at, offset):
     scan = HeightScan(at=at, grid=(0.4, 0.2), resolution=0.2)
-    robot = MujocoRobot(walker(STEP), height_scan=scan, support=False, base_height=1.5)
+    robot = SimRobot(walker(STEP), SimConfig(height_scan=scan, support=False, base_height=1.5))
     assert dict(robot.extern) == {"base_linear_velocity": 3, "height_scan": 6}
     live = robot.read()[0].extern["height_scan"]
     x, y = GRID.points.T
@@ -148,34 +149,30 @@ def test_it_lies_around_any_frame_of_the_robot(walker, at, offset):
 
 def test_it_is_as_late_as_the_imu(walker):
     def falling(delay):
-        robot = MujocoRobot(walker(FLOOR), height_scan=GRID, support=False, base_height=3.0, state_delay=delay)
+        robot = SimRobot(walker(FLOOR), SimConfig(height_scan=GRID, support=False, base_height=3.0, state_delay=delay))
         seen = []
         for _ in range(4):
             seen.append(robot.read()[0].extern["height_scan"].value)
             robot.write(MITCommand.zeros(1))
         return seen
 
-    with pytest.raises(InputError, match=r"^height scan: 'head' is neither a site nor a body of the model$"):
-        MujocoRobot(walker(FLOOR), height_scan=HeightScan(at="head"))
+    with pytest.raises(InputError, match=r"^height scan: unknown site or body 'head'"):
+        SimRobot(walker(FLOOR), SimConfig(height_scan=HeightScan(at="head")))
     now, late = falling(0.0), falling(0.005)  # one control period
     assert now[3][0] < now[2][0] < now[1][0]
     assert np.array_equal(late[3], now[2])
 
 
 @pytest.mark.parametrize("at", ["base", "eye", "leg", "imu"])
-def test_a_batch_sees_bit_for_bit_what_one_robot_sees(walker, at):
-    scan = HeightScan(at=at, above=0.5)
-    robot = walker("")
-    batch = BatchSimulation(robot, 5, height_scan=scan, threads=2)
-    one = MujocoRobot(robot, height_scan=scan, support=False, actuation="affine")
+def test_a_batch_scans_bit_for_bit_what_one_robot_scans(walker, at):
+    config, robot = SimConfig(height_scan=HeightScan(at=at, above=0.5)), walker("")
+    batch, one = BatchSim(robot, 5, config, threads=2), SimRobot(robot, config)
     generator = np.random.default_rng(0)
-    qpos, qvel = np.tile(one.data.qpos, (5, 1)), np.tile(one.data.qvel, (5, 1))
+    qpos = np.tile(one.qpos, (5, 1))
     qpos[:, :2] += generator.uniform(-8.0, 8.0, (5, 2))
     qpos[:, 3:7] = generator.normal(size=(5, 4))
-    batch.reset(qpos=qpos, qvel=qvel)
-    assert dict(batch.extern) == dict(one.extern)
+    batch.reset(qpos=qpos, qvel=np.zeros((5, one.model.nv)))
     seen = batch.state().extern["height_scan"].value
     for i in range(5):
-        one.data.qpos[:] = qpos[i]
-        alone = one._sensors.read(one.data).live["height_scan"]  # the robot itself samples after physics steps alone
-        assert np.array_equal(seen[i], alone)
+        one.reset(qpos[i])
+        assert np.array_equal(seen[i], one.state().extern["height_scan"].value)

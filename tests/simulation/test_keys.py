@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.simulation.keys import PianoKeys
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.robots.piano import TRIGGER, key_joint_names
+from humanoid_sim.simulation.batch_sim import BatchSim
+from humanoid_sim.simulation.model import SimConfig, build_model
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 FIGURES = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
 ROBOTS = {"dep20": "lite_piano", "nikomaku": "lite_piano_nikomaku"}
@@ -23,14 +23,22 @@ LEFT, RIGHT = slice(0, 7), slice(7, 14)
 STEPS = [(0.0005, False), (0.0025, True)]
 
 
+KEYS = slice(14, 102)  # in qpos
+
+
+def travel(model):
+    """Shape (88,), rad: the whole travel of each key."""
+    return np.array([model.joint(name).range[1] for name in key_joint_names()])
+
+
 def settled(model, data, torque=None, seconds=1.0):
-    keys = PianoKeys(model)
+    """Shape (88,), share of their travel at which keys rest under a torque, N·m; the arms hang."""
     data.qfrc_applied[model.nv - 88 :] = 0.0 if torque is None else torque
     for _ in range(round(seconds / model.opt.timestep)):
-        data.qpos[:14] = ROBOT.initial_position  # the arms hang
+        data.qpos[:14] = ROBOT.initial_position
         data.qvel[:14] = 0.0
         mujoco.mj_step(model, data)
-    return data.qpos[keys.qpos].copy()
+    return data.qpos[KEYS] / travel(model)
 
 
 @pytest.mark.parametrize("figures", ["dep20", "nikomaku"])
@@ -38,43 +46,44 @@ def settled(model, data, torque=None, seconds=1.0):
 def test_rest_travel_force_and_return_are_the_data_s(figures, timestep, implicit):
     robot, data_of = load_robot(ROBOTS[figures]), FIGURES[figures]["rest_and_force"]
     model = build_model(robot, physics_timestep=timestep, implicit=implicit, scene=False)
-    data, keys = mujoco.MjData(model), PianoKeys(model)
+    data, upper = mujoco.MjData(model), travel(model)
     white = np.array([key["body"].startswith("white") for key in FIGURES[figures]["keys"]])
     rest = settled(model, data)
     for colour, chosen in (("white", white), ("black", ~white)):
-        assert rest[chosen] == pytest.approx(data_of[colour]["rest_angle_rad"], abs=2e-6)
-        assert rest[chosen] / keys.upper[chosen] == pytest.approx(data_of[colour]["rest_fraction_of_travel"], abs=2e-4)
+        assert (rest * upper)[chosen] == pytest.approx(data_of[colour]["rest_angle_rad"], abs=2e-6)
+        assert rest[chosen] == pytest.approx(data_of[colour]["rest_fraction_of_travel"], abs=2e-4)
         lever = data_of[colour]["front_edge_distance_from_hinge_m"]
-        assert np.tan(keys.upper[chosen]) * lever == pytest.approx(data_of[colour]["travel_at_front_edge_m"])
-    assert not keys.pressed(data.qpos).any()
+        assert np.tan(upper[chosen]) * lever == pytest.approx(data_of[colour]["travel_at_front_edge_m"])
 
     # Two hundredths less than the force of the data at the front edge triggers no key, two hundredths more all.
     force, lever = "static_force_to_trigger_at_front_edge_N", "front_edge_distance_from_hinge_m"
     torque = np.where(white, *(data_of[colour][force] * data_of[colour][lever] for colour in ("white", "black")))
-    settled(model, data, 0.98 * torque)
-    assert keys.pressed(data.qpos).sum() == 0
-    settled(model, data, 1.02 * torque)
-    assert keys.pressed(data.qpos).sum() == 88
-    assert settled(model, data) == pytest.approx(rest, abs=2e-6)  # none sticks
+    assert settled(model, data, 0.98 * torque).max() < TRIGGER
+    assert settled(model, data, 1.02 * torque).min() > TRIGGER
+    assert settled(model, data) == pytest.approx(rest, abs=1e-4)  # none sticks
     assert np.abs(data.qvel[14:]).max() < 1e-6
 
 
-def test_a_key_sounds_strictly_beyond_its_trigger():
-    model = build_model(ROBOT, scene=False)
-    keys = PianoKeys(model)
-    qpos = np.zeros((3, model.nq))
-    trigger = 0.7 * keys.upper[40]
-    qpos[:, keys.qpos[40]] = [trigger, np.nextafter(trigger, 1.0), keys.upper[40]]
-    assert keys.pressed(qpos)[:, 40].tolist() == [0.0, 1.0, 1.0]
-    assert keys.pressed(qpos).sum() == 2.0
-    assert keys.qpos.tolist() == list(range(14, 102))
+def test_a_key_sounds_strictly_beyond_its_trigger_alone_and_in_a_batch():
+    robot, batch = SimRobot(ROBOT), BatchSim(ROBOT, 3)
+    assert dict(robot.extern) == dict(batch.extern) == {KEY_PRESSED: 88}
+    qpos, trigger = np.tile(robot.qpos, (3, 1)), TRIGGER * travel(robot.model)[40]
+    qpos[:, 14 + 40] = [trigger, np.nextafter(trigger, 1.0), 1.4 * trigger]
+    batch.reset(qpos=qpos)
+    pressed = batch.state().extern[KEY_PRESSED].value
+    assert pressed[:, 40].tolist() == [0.0, 1.0, 1.0]
+    assert pressed.sum() == 2.0
+    robot.reset(qpos[1])
+    assert np.flatnonzero(robot.state().extern[KEY_PRESSED].value).tolist() == [40]
+    robot.activate()  # releases it
+    assert not robot.state().extern[KEY_PRESSED].value.any()
 
 
 def test_the_hardest_touch_is_kept_with_its_key():
     """A hand that presses the white key below it against its stop: the force is the one that was applied."""
     pose = READY.copy()
     pose[LEFT] = -0.4423, -0.0338, -1.1194, -2.0289, -0.0762, 0.2497, -0.3649  # 1 mm above key 34
-    robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
+    robot = SimRobot(replace(ROBOT, initial_position=tuple(pose)))
     assert robot.hardest_touch is None
     target = pose.copy()
     target[LEFT] += -0.0070, 0.0424, 0.0031, -0.0002, 0.0004, 0.0022, -0.0084  # the arm's weight, and 4 N on the key
@@ -87,14 +96,15 @@ def test_the_hardest_touch_is_kept_with_its_key():
     assert 0.0 < touch.time <= 1.0
 
 
-def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
+def test_a_batch_has_the_hardest_touch_of_every_physics_step():
     """The right hand comes down on E4 from above: one robot and a batch of two agree, and only one of them touches."""
     above, held, low = READY.copy(), READY.copy(), READY.copy()
     above[RIGHT] = -0.5566, 0.4330, 1.1846, -2.0917, 0.1261, 0.4590, 0.4183  # 8 mm above it
     held[RIGHT] = -0.5928, 0.4029, 1.1612, -2.1078, 0.1264, 0.4581, 0.4165  # the command that holds it there
     low[RIGHT] = -0.5245, 0.4851, 1.2053, -2.0317, 0.1270, 0.4748, 0.3810  # 0.9 of its travel down
-    one = MujocoRobot(replace(ROBOT, initial_position=tuple(above)), control_period=0.02, actuation="affine")
-    batch = BatchSimulation(ROBOT, 2, control_period=0.02, threads=1)
+    config = SimConfig(control_period=0.02)
+    one, batch = SimRobot(ROBOT, config), BatchSim(ROBOT, 2, config, threads=1)
+    one.reset(np.concatenate([above, np.zeros(88)]))
     batch.reset(joint_position=np.stack([above, above]))
     assert batch.key_force.tolist() == [0.0, 0.0]
     zeros, forces = np.zeros(14), []
@@ -105,24 +115,11 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
         gains = np.stack([ROBOT.stiffness] * 2), np.stack([ROBOT.damping] * 2)
         batch.step(MITCommand(np.stack([low, held]), both, both, *gains))
         touch = one.hardest_touch
-        forces.append([0.0 if touch is None else touch.force, batch.key_force[0], batch.key_force[1]])
+        forces.append([0.0 if touch is None else touch.force, *batch.key_force])
     found = np.array(forces)
     assert found[:, 0].max() > 2.0
-    np.testing.assert_allclose(found[:, 1], found[:, 0], atol=0.05)
+    np.testing.assert_allclose(found[:, 1], found[:, 0], atol=1e-6)
     assert not found[:, 2].any()
-
-
-def test_one_robot_and_a_batch_report_the_same_keys():
-    robot, batch = MujocoRobot(ROBOT), BatchSimulation(ROBOT, 2)
-    assert dict(robot.extern) == dict(batch.extern) == {"key_pressed": 88}
-    qpos = np.tile(robot.qpos, (2, 1))
-    qpos[1, 14 + 39] = 0.06
-    batch.reset(qpos=qpos)
-    robot.data.qpos[:] = qpos[1]
-    robot.activate()
-    assert np.flatnonzero(batch.state().extern[KEY_PRESSED].value[1]).tolist() == [39]
-    assert not batch.state().extern[KEY_PRESSED].value[0].any()
-    assert not robot.read()[0].extern[KEY_PRESSED].value.any()  # activation releases them
 
 
 FINGER_PATHS = {  # rad: 2 cm above the key, 4 cm below its surface, and by how much the arm sags under its weight
@@ -140,35 +137,28 @@ FINGER_PATHS = {  # rad: 2 cm above the key, 4 cm below its surface, and by how 
 
 
 @pytest.mark.parametrize("key", [30, 31], ids=["white", "black"])
-@pytest.mark.parametrize(("timestep", "implicit"), STEPS)
-def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key, timestep, implicit):
+@pytest.mark.parametrize("implicit", [False, True])
+def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key, implicit):
     """The finger goes down slowly, 4 cm too far, stays for a while, and comes up again."""
     above, below, sag = np.array(FINGER_PATHS[key])
-    robot = MujocoRobot(
-        ROBOT, control_period=0.01, physics_timestep=timestep, actuation="implicit" if implicit else "affine"
-    )
-    keys, zeros = PianoKeys(robot.model), np.zeros(14)
-    robot.data.qpos[LEFT], robot.data.qpos[RIGHT] = above, READY[RIGHT]
+    robot = BatchSim(ROBOT, 1, SimConfig(control_period=0.01), implicit=implicit)
+    zeros, start, upper = np.zeros((1, 14)), READY.copy(), travel(robot.model(0))[key]
+    start[LEFT] = above
+    robot.reset(joint_position=start[None])
 
     def move(share):
         position = READY.copy()
         position[LEFT] = above + share * (below - above) + sag
-        robot.write(MITCommand(position, zeros, zeros, ROBOT.stiffness, ROBOT.damping))
-        distance = robot.data.contact.dist.min(initial=1.0)
-        return keys.force(robot.model, robot.data)[key], robot.data.qpos[keys.qpos[key]] / keys.upper[key], distance
+        robot.step(MITCommand(position[None], zeros, zeros, ROBOT.stiffness[None], ROBOT.damping[None]))
+        return float(robot.key_force[0]), float(robot.qpos[0, 14 + key]) / upper
 
     for i in range(40):
         move(i / 40)
-    held = np.array([move(1.0) for _ in range(60)])
-    settled = held[30:]
-    force, travel, distance = settled.T
+    force, share = np.array([move(1.0) for _ in range(60)])[30:].T
     assert np.abs(np.diff(force)).max() < 0.2  # it does not buzz; friction lets it creep
-    assert np.abs(np.diff(travel)).max() < 0.005
-    assert force.min() > 3.0
-    assert force.max() < 14.0
-    assert 1.0 < travel.max() < 1.4  # the stop yields, as MuJoCo's limits do: the rest of black keys depends on it
-    assert keys.pressed(robot.data.qpos)[key] == 1.0
-    assert distance.min() > -0.0005  # the finger is on the key, not in it
+    assert np.abs(np.diff(share)).max() < 0.005
+    assert 3.0 < force.min() < force.max() < 14.0
+    assert 1.0 < share.max() < 1.4  # the stop yields, as MuJoCo's limits do: the rest of black keys depends on it
     for i in range(40):
         move(1.0 - i / 40)
     released = [move(0.0) for _ in range(30)]

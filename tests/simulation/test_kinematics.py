@@ -10,9 +10,9 @@ from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque, InverseKinematics
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.kinematics import AnchorOrientation, ForwardKinematics, GravityTorque, InverseKinematics
+from humanoid_sim.simulation.model import SimConfig, build_model
+from humanoid_sim.simulation.sim_robot import SimRobot
 
 GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())["samples"]
 
@@ -77,10 +77,10 @@ def test_is_the_bias_of_a_robot_at_rest(name):
 def test_holds_the_arms_still():
     """With a little damping, and nothing that pulls towards a position."""
     description = load_robot("lite")
-    robot = MujocoRobot(description)
+    robot = SimRobot(description)
     gravity = GravityTorque(description)
     start = np.array(description.standby_controller_a.pose_segments[1])
-    robot.data.qpos[:] = start
+    robot.reset(start)
     zeros = np.zeros(14)
     for _ in range(400):
         effort = gravity(robot.qpos)
@@ -115,3 +115,21 @@ def test_hands_alone_leave_the_elbows_to_the_posture():
     reached, turned = kinematics(solution)
     np.testing.assert_allclose(reached, target, atol=1e-3)
     assert rotation_angle(turned, rotation).max() < 5e-3
+
+
+@pytest.mark.parametrize(("name", "body"), [("lite", "left_hand"), ("lite_biped", "left_foot")])
+def test_imu_and_joints_give_the_orientation_that_a_simulation_knows(name, body):
+    """However the base stands."""
+    robot, rng = load_robot(name), np.random.default_rng(3)
+    simulated = SimRobot(robot, SimConfig(anchor_body=body))
+    qpos = simulated.qpos
+    qpos[-robot.joint_count :] = rng.uniform(-0.5, 0.5, robot.joint_count)
+    if robot.is_floating:
+        turn = rng.normal(size=4)
+        qpos[3:7] = turn / np.linalg.norm(turn)
+    simulated.reset(qpos)
+    state = simulated.state()
+    measured = AnchorOrientation(robot, body).read(state.joint_position, state.imu_quaternion)
+    assert abs(measured @ state.extern["anchor_pose"].value[3:]) == pytest.approx(1.0, abs=1e-12)
+    with pytest.raises(InputError, match="anchor body"):
+        AnchorOrientation(robot, "tail")

@@ -73,18 +73,6 @@ def test_affine_actuators_are_in_joint_order(small_robot):
     assert not model.actuator_ctrllimited.any()
 
 
-def test_an_edit_comes_last(small_robot):
-    seen = []
-
-    def edit(spec):
-        seen.extend(actuator.name for actuator in spec.actuators)
-        spec.body("lower").add_site(name="mark")
-
-    model = build_model(small_robot(), affine_actuators=True, scene=False, edit=edit)
-    assert seen == ["shoulder", "elbow"]
-    assert model.site("mark").bodyid[0] == model.body("lower").id
-
-
 @pytest.mark.parametrize(("decision", "hinge"), [("keep", 0.7), ("drop", 0.0)])
 def test_the_joints_own_damping(small_robot, decision, hinge):
     """Of the robot's joints: what else the MJCF damps stays as it is."""

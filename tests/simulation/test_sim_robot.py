@@ -1,0 +1,180 @@
+"""The reference: one robot under the MIT law, its timing, its faults."""
+
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.messages import SafetyLevel
+from humanoid_sim.mit import MITCommand, mit_torque
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
+
+STEPS = 5  # physics steps per control period of the small robot: 1 ms in 5 ms
+
+
+def commands(count, n=2):
+    generator = np.random.default_rng(7)
+    return [
+        MITCommand(
+            generator.uniform(-1, 1, n), np.zeros(n), generator.normal(0, 1, n), np.full(n, 20.0), np.full(n, 0.5)
+        )
+        for _ in range(count)
+    ]
+
+
+def values(state):
+    return state.joint_position.tolist(), state.joint_velocity.tolist(), state.joint_effort.tolist()
+
+
+def test_it_starts_at_rest_in_the_initial_position():
+    description = load_robot("lite")
+    state, (status,) = SimRobot(description).read()
+    assert state.time == 0.0
+    assert state.joint_position.tolist() == list(description.initial_position)
+    assert not state.joint_velocity.any()
+    assert not state.joint_effort.any()
+    assert state.imu_quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert state.imu_linear_acceleration.tolist() == [0.0, 0.0, 9.81]
+    assert (status.source, status.is_ok) == ("mujoco", True)
+
+
+@pytest.mark.parametrize("joints", [("shoulder", "elbow"), ("elbow", "shoulder")])
+def test_the_torque_is_that_of_the_law_whatever_the_joints_order(small_robot, joints):
+    description = small_robot(joints=joints, simulation={"physics_timestep": 0.001, "control_frequency": 1000})
+    robot = SimRobot(description)
+    for command in commands(50):
+        state, _ = robot.read()
+        expected = mit_torque(command, state.joint_position, state.joint_velocity, description.effort_limit)
+        robot.write(command)
+        assert robot.read()[0].joint_effort.tolist() == expected.tolist()
+        dofs = [robot.model.joint(name).dofadr[0] for name in joints]
+        assert robot.data.qfrc_applied[dofs].tolist() == expected.tolist()
+    zeros = np.zeros(2)
+    robot.write(MITCommand(zeros, zeros, np.array([100.0, -100.0]), zeros, zeros))
+    assert robot.read()[0].joint_effort.tolist() == [5.0, -5.0]
+    assert robot.read()[0] is robot.read()[0]
+
+
+def oracle(description, sent, command_steps, state_steps, sampling):
+    """What every read must give, from plain MuJoCo one physics step at a time: the step sampled, and its values."""
+    robot = SimRobot(description)
+    model, data = robot.model, mujoco.MjData(robot.model)
+    arrivals = {k * STEPS + command_steps: command for k, command in enumerate(sent)}
+    history, command, torque = [], MITCommand.zeros(2), np.zeros(2)
+    mujoco.mj_forward(model, data)
+    for step in range(len(sent) * STEPS + 1):
+        history.append((data.qpos.tolist(), data.qvel.tolist(), torque.tolist()))
+        command = arrivals.get(step, command)
+        torque = data.qfrc_applied[:] = mit_torque(command, data.qpos, data.qvel, description.effort_limit)
+        mujoco.mj_step(model, data)
+    expected = []
+    for tick in range(1, len(sent) + 1):
+        now = tick * STEPS
+        candidates = arrivals if sampling == "on_command" else range(now + 1)
+        # A command that arrives exactly at the end of a period is dealt with at the start of the next one.
+        seen = [s for s in candidates if s + state_steps <= now and (sampling == "now" or s < now)]
+        sampled = max(seen, default=0)
+        expected.append((sampled, history[sampled]))
+    return expected
+
+
+@pytest.mark.parametrize("sampling", ["now", "on_command"])
+@pytest.mark.parametrize(("command_steps", "state_steps"), list(product([0, 2, 5, 12], [0, 1, 5, 11])))
+def test_delays_and_sampling_are_exact(small_robot, command_steps, state_steps, sampling):
+    description, sent = small_robot(), commands(12)
+    robot = SimRobot(
+        description,
+        SimConfig(command_delay=command_steps * 1e-3, state_delay=state_steps * 1e-3, state_sampling=sampling),
+    )
+    expected = oracle(description, sent, command_steps, state_steps, sampling)
+    for tick, (command, (sampled, sample)) in enumerate(zip(sent, expected, strict=True), start=1):
+        robot.write(command)
+        state = robot.state()
+        for found, wanted in zip(values(state), sample, strict=True):
+            assert found == pytest.approx(wanted, abs=1e-12)
+        assert state.time == pytest.approx(tick * 0.005, abs=1e-12)
+        assert state.joint_age == pytest.approx(tick * 0.005 - sampled * 0.001, abs=1e-12)
+        assert robot.truth().joint_position.tolist() == robot.data.qpos.tolist()
+
+
+def test_a_second_activation_repeats_the_first_run_at_a_later_time_and_an_episode_at_time_0(small_robot):
+    robot = SimRobot(small_robot(), SimConfig(command_delay=0.007, state_delay=0.003))
+    runs = []
+    for begin in (robot.activate, robot.activate, robot.reset, robot.reset):
+        begin()
+        start, run = robot.time, [values(robot.state())]
+        for command in commands(10):
+            robot.write(command)
+            run.append(values(robot.state()))
+        runs.append((start, run))
+    assert [start for start, _ in runs] == [0.0, 0.05, 0.0, 0.0]
+    assert runs[0][1] == runs[1][1]
+    assert runs[2][1] == runs[3][1]
+
+
+def test_until_the_first_command_of_an_episode_arrives_the_start_is_held(small_robot):
+    late, punctual = (SimRobot(small_robot(), SimConfig(command_delay=delay)) for delay in (0.005, 0.0))
+    command, start = commands(1)[0], np.array([0.1, -0.2])
+    held = MITCommand(start, 0.0 * start, 0.0 * start, command.stiffness, command.damping)
+    for robot in (late, punctual):
+        robot.reset(start)
+    for of_late, of_punctual in ((command, held), (command, command)):
+        late.write(of_late)
+        punctual.write(of_punctual)
+        assert late.qpos.tolist() == punctual.qpos.tolist()
+
+
+@pytest.mark.parametrize(("array", "value"), [("qpos", np.nan), ("qvel", 1e11), ("xfrc_applied", 1e30)])
+def test_an_unstable_simulation_is_critical_until_activation(small_robot, tmp_path, monkeypatch, capfd, array, value):
+    robot = SimRobot(small_robot())
+    monkeypatch.chdir(tmp_path)
+    files = set(tmp_path.iterdir())
+    robot.write(commands(1)[0])
+    getattr(robot.data, array)[-1] = value
+    for k in range(2, 5):
+        robot.write(commands(1)[0])
+        state, (status,) = robot.read()
+        assert (status.level, status.source) == (SafetyLevel.CRITICAL, "mujoco")
+        assert status.message == "simulation unstable: its state is not finite, or huge (t = 0.0100 s)"
+        assert state.time == pytest.approx(k * 0.005, abs=1e-12)  # the clock goes on, physics does not
+    robot.activate()
+    robot.write(commands(1)[0])
+    assert robot.read()[1][0].is_ok
+    assert capfd.readouterr() == ("", "")
+    assert set(tmp_path.iterdir()) == files  # MuJoCo would write MUJOCO_LOG.TXT
+
+
+def test_damping_dissipates_energy(small_robot):
+    robot = SimRobot(small_robot(simulation={"physics_timestep": 0.001, "control_frequency": 1000}))
+    robot.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    robot.reset(np.array([1.0, -0.5]), np.array([2.0, -3.0]))
+    zeros, energy = np.zeros(2), []
+    for _ in range(12000):
+        robot.write(MITCommand(zeros, zeros, zeros, zeros, np.array([0.3, 0.2])))
+        energy.append(float(robot.data.energy.sum()))
+    assert (np.diff(energy) < 1e-6).all()
+    assert energy[-1] < energy[0] - 1.0
+    assert np.abs(robot.data.qvel).max() < 0.01
+
+
+def test_standby_reaches_its_pose_and_sags_little():
+    """The description's own gains hold pose A against gravity."""
+    description = load_robot("lite")
+    robot, standby, zeros = SimRobot(description), description.standby_controller_a, np.zeros(14)
+    start, pose = np.array(description.initial_position), np.array(standby.pose_segments[1])
+    for share in [*np.linspace(0.0, 1.0, 400), *[1.0] * 400]:
+        target = start + share * (pose - start)
+        robot.write(MITCommand(target, zeros, zeros, np.array(standby.target_stiffness), description.damping))
+    state, (status,) = robot.read()
+    assert status.is_ok
+    assert np.abs(state.joint_position - pose).max() < 0.05
+    assert np.abs(state.joint_velocity).max() < 0.01
+
+
+@pytest.mark.parametrize("body", ["anchor_body", "bodies", "velocity_at"])
+def test_a_part_that_the_model_lacks_is_named(body):
+    with pytest.raises(Exception, match=r"unknown (body|site) 'nose'"):
+        SimRobot(load_robot("lite_biped"), SimConfig(**{body: "nose" if body == "anchor_body" else ("nose",)}))
