@@ -89,7 +89,7 @@ class BatchSim:
         self._sensors = Sensors(model, description, config, count=count, threads=self.threads)
         self.extern: Mapping[str, int] = self._sensors.widths
         """Names and widths of the live inputs that the state has."""
-        self.start_pose = StartPose(model, description, self._sensors.joints)
+        self.start_pose = StartPose(model, description)
         """Pose in which a robot starts, for any joint positions."""
         self._push_body = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
         self._random_pushes: RandomPushes | None = None

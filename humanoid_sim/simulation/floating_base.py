@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -15,14 +15,10 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import SUPPORT, SimConfig, joint_addresses
 from humanoid_sim.simulation.stance import Floor, clearance
 
-if TYPE_CHECKING:
-    from humanoid_sim.simulation.model import JointAddresses
-
 _LIFT_SPEED = 0.1  # m/s, of a support that lifts the base
-_SUPPORT = "humanoid_sim_support"
-"""Name of the mocap body and of the weld: unlikely enough to be in any user's MJCF."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,21 +77,6 @@ class BaseState:
         vx, vy = self.linear_velocity[..., 0], self.linear_velocity[..., 1]
         yaw_rate = rotate(self.quaternion, self.angular_velocity)[..., 2]
         return np.stack([cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate], axis=-1)
-
-
-def add_support(spec: mujoco.MjSpec, body: str) -> None:
-    """Add what can hold the base: a weld, at first inactive, to a mocap body that nothing pushes away."""
-    spec.worldbody.add_body(name=_SUPPORT, mocap=True)
-    spec.add_equality(
-        name=_SUPPORT,
-        type=mujoco.mjtEq.mjEQ_WELD,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        name1=_SUPPORT,
-        name2=body,
-        # anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m
-        data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
-        active=False,
-    )
 
 
 def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tuple[slice, slice, slice, slice]:
@@ -171,36 +152,22 @@ class FloatingBase:
         model: mujoco.MjModel,
         description: RobotDescription,
         joint_qpos: FloatArray,
-        *,
-        position: tuple[float, float] = (0.0, 0.0),
-        yaw: float = 0.0,
-        height: float | None = None,
-        drop: float = 0.0,
+        config: SimConfig | None = None,
     ) -> None:
-        """Choose where the base starts.
-
-        Args:
-            model: with the robot and its support.
-            description: the robot, with a floating base.
-            joint_qpos: shape (nq,), MuJoCo's generalised position with the joints in the initial position.
-            position: m, world frame, x and y.
-            yaw: rad, about the vertical, on top of the base's orientation in the MJCF.
-            height: m, of the base's origin; None for the description's, and if that has none, such that the lowest
-                part of the robot is as far above the floor as `drop` says.
-            drop: m; a support that lifts the base lifts it back to its start, unless this is 0.
-        """
+        """Choose where the base starts; `joint_qpos`, shape (nq,), has the joints in the initial position."""
+        config = SimConfig() if config is None else config
         self._position, self._quaternion, *_ = base_addresses(model, description)
-        self._mocap = int(model.body(_SUPPORT).mocapid[0])
-        self._weld = model.equality(_SUPPORT).id
-        self._lifts = drop > 0.0
+        self._mocap = int(model.body(SUPPORT).mocapid[0])
+        self._weld = model.equality(SUPPORT).id
+        self._lifts = config.drop > 0.0
         qpos = np.array(joint_qpos)
-        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
-        qpos[self._position][:2] = position
+        turn = np.array([math.cos(0.5 * config.base_yaw), 0.0, 0.0, math.sin(0.5 * config.base_yaw)])
+        qpos[self._position][:2] = config.base_position
         qpos[self._quaternion] = multiply(turn, model.qpos0[self._quaternion])
-        own = description.base.height if height is None else height
-        if own is None:
-            own = float(qpos[self._position][2]) - clearance(model, qpos) + drop
-        qpos[self._position][2] = own
+        height = description.base.height if config.base_height is None else config.base_height
+        if height is None:
+            height = float(qpos[self._position][2]) - clearance(model, qpos) + config.drop
+        qpos[self._position][2] = height
         self._start = qpos[self._position].copy(), qpos[self._quaternion].copy()
 
     def place(self, data: mujoco.MjData) -> None:
@@ -264,11 +231,12 @@ def support_in_mode(robot: Supported, mode: Mode) -> str:
 class StartPose:
     """A robot that stands on its feet, or hangs on its fixed base, with its joints anywhere, in MuJoCo's arrays."""
 
-    def __init__(self, model: mujoco.MjModel, description: RobotDescription, joints: JointAddresses) -> None:
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         """Find the description's own start; the model is from `build_model`."""
         data = mujoco.MjData(model)
-        data.qpos[joints.qpos] = description.initial_position
-        self._model, self._description, self._joints = model, description, joints
+        self._model, self._description = model, description
+        self._joints = joint_addresses(model, description.joint_names)
+        data.qpos[self._joints.qpos] = description.initial_position
         self._quaternion = slice(0)
         if description.is_floating:
             FloatingBase(model, description, data.qpos).place(data)

@@ -18,7 +18,6 @@ from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.robots.schema import JointDynamics
-from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.push import Push
 from humanoid_sim.simulation.scene import add_floor, add_scene
 
@@ -35,6 +34,8 @@ UNSOUND = [
     )
 ]
 """MuJoCo's warnings of a state that is not finite, or huge."""
+SUPPORT = "humanoid_sim_support"
+"""Name of the mocap body and of the weld that can hold a base: unlikely enough to be in any user's MJCF."""
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -166,7 +167,7 @@ def build_model(
     spec.option.integrator = integrator
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     if description.is_floating:
-        add_support(spec, description.base.body)
+        _add_support(spec, description.base.body)
     if affine_actuators:
         _add_affine_actuators(spec, description)
     if scene:
@@ -270,6 +271,21 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
         require_known("joint", key_joint_names(), joints, f"{path}: piano {robot}: ")
         for i, name in enumerate(description.piano.fingers):
             require_known("site", [name], sites, f"{path}: piano.fingers[{i}] {robot}: ")
+
+
+def _add_support(spec: mujoco.MjSpec, body: str) -> None:
+    """Add what can hold the base: a weld, at first inactive, to a mocap body that nothing pushes away."""
+    spec.worldbody.add_body(name=SUPPORT, mocap=True)
+    spec.add_equality(
+        name=SUPPORT,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=SUPPORT,
+        name2=body,
+        # anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m
+        data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
+        active=False,
+    )
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:

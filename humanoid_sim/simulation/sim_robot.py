@@ -87,15 +87,7 @@ class SimRobot:
         self._base: FloatingBase | None = None
         if description.is_floating:
             self.data.qpos[self._sensors.joints.qpos] = description.initial_position
-            self._base = FloatingBase(
-                self.model,
-                description,
-                self.data.qpos,
-                position=config.base_position,
-                yaw=config.base_yaw,
-                height=config.base_height,
-                drop=config.drop,
-            )
+            self._base = FloatingBase(self.model, description, self.data.qpos, config)
         self._is_lifted = False
         self._step = self._start = 0
         self._prepare_motors()
@@ -156,7 +148,7 @@ class SimRobot:
     @cached_property
     def start_pose(self) -> StartPose:
         """Pose in which a robot without support starts, for any joint positions."""
-        return StartPose(self.model, self.description, self._sensors.joints)
+        return StartPose(self.model, self.description)
 
     def activate(self) -> None:
         """Put the robot to rest at its start, forget commands, clear a fault. Raises `RobotError` if it is closed."""

@@ -179,7 +179,7 @@ def test_live_inputs_are_as_late_as_everything_else(hopper):
 def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper):
     robot = load_robot(hopper)
     model = build_model(robot, scene="floor")
-    pose = StartPose(model, robot, joint_addresses(model, robot.joint_names))
+    pose = StartPose(model, robot)
     turned = SimRobot(robot, SimConfig(base_yaw=0.7))
     assert pose.standing_height == pytest.approx(float(base_of(turned).mass_height), abs=1e-12)
     qpos, qvel = pose.arrays(base_yaw=np.array(0.7))
