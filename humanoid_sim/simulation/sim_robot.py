@@ -342,7 +342,7 @@ class SimRobot:
             if self._pending and self._pending[0][0] <= self._step:
                 self._arrive()
             self._advance(1)
-            if (self._step + self._state_steps) % self.physics_steps == 0:
+            if not self._is_punctual and (self._step + self._state_steps) % self.physics_steps == 0:
                 self._body_samples.append(self._now())
                 if self._is_sampled_now:
                     self._joint_samples.append(self._now())
