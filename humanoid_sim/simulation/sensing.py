@@ -115,13 +115,7 @@ class Sensors:
     """Reads the sensors that `add_sensors` added; arrays are (...), of one robot or of a batch. Not thread-safe."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        description: RobotDescription,
-        config: SimConfig,
-        *,
-        count: int = 1,
-        threads: int = 1,
+        self, model: mujoco.MjModel, description: RobotDescription, config: SimConfig, count: int = 1, threads: int = 1
     ) -> None:
         """Find the addresses; `count` robots are scanned for ground at a time, on `threads`."""
         self.widths = live_inputs(description, config)
@@ -223,11 +217,10 @@ class Sensors:
         poses = sensordata[..., self._bodies_in_base if in_base else self._bodies]
         return poses[..., :3], poses[..., 3:]
 
-    def _columns(self, model: mujoco.MjModel, names: Sequence[str]) -> np.ndarray:
+    def _columns(self, model: mujoco.MjModel, names: Sequence[str]) -> IndexArray:
         """Return the columns of poses, shape (b, 7)."""
-        return np.array([np.arange(7) + self._pose_address(model, name).start for name in names], np.intp).reshape(
-            -1, 7
-        )
+        first = np.array([self._pose_address(model, name).start for name in names], dtype=np.intp)
+        return first[:, None] + np.arange(7)
 
     def _pose_address(self, model: mujoco.MjModel, name: str) -> slice:
         first = self._address(model, f"{name}_position").start
