@@ -1,72 +1,70 @@
-"""Measured dynamics of joints act alike in every plant, in batches and in emulated motors."""
+"""Measured dynamics of joints: in place of the MJCF's, alike in one robot and in a batch."""
 
-import msgspec
 import numpy as np
 import pytest
-from planted_arm import PERIOD, TRUTH, arm, motion, planted
+from msgspec.structs import replace
 
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import JointDynamics, RobotDescription
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.model import SimConfig, build_model
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
 
+MEASURED = (
+    JointDynamics(armature=0.015, friction=0.3, damping=0.1, torque_scale=0.9, delay=0.005),
+    JointDynamics(armature=0.0075, friction=0.2, damping=0.05, torque_scale=1.1, delay=0.005),
+)
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    return arm(tmp_path_factory.mktemp("arm"))
+
+def with_dynamics(robot, *dynamics, **fields):
+    joints = (replace(joint, dynamics=own, **fields) for joint, own in zip(robot.joints, dynamics, strict=True))
+    return replace(robot, joints=tuple(joints))
 
 
-def followed(robot, goals):
-    """Where the joints of a simulated robot are, tick by tick."""
-    simulated, zeros, places = SimRobot(robot, SimConfig(control_period=PERIOD)), np.zeros(2), []
-    for goal in goals:
-        simulated.write(MITCommand(goal, zeros, zeros, robot.stiffness, robot.damping))
-        places.append(simulated.read()[0].joint_position)
+def followed(robot, steps=100):
+    """Where the joints of a simulated robot, and of one in a batch, are, tick by tick."""
+    alone, batch, places = SimRobot(robot), BatchSim(robot, 2), []
+    alone.reset()
+    for step in range(steps):
+        goal = 0.1 * np.sin(0.05 * step + np.arange(2))
+        command = MITCommand(goal, np.zeros(2), np.zeros(2), robot.stiffness, robot.damping)
+        alone.write(command)
+        fields = ("position", "velocity", "effort", "stiffness", "damping")
+        batch.step(MITCommand(*(np.tile(getattr(command, name), (2, 1)) for name in fields)))
+        assert batch.state().joint_position[1] == pytest.approx(alone.state().joint_position, abs=1e-9)
+        places.append(alone.state().joint_position)
     return np.array(places)
 
 
-def test_they_take_the_place_of_the_mjcf_s(robot):
-    dropped = msgspec.structs.replace(
-        planted(robot), simulation=msgspec.structs.replace(robot.simulation, joint_damping="drop")
-    )
-    model = build_model(dropped)
-    for name, own in zip(robot.joint_names, TRUTH, strict=True):
+def test_they_take_the_place_of_the_mjcf_s(small_robot):
+    robot = small_robot()
+    measured = with_dynamics(robot, *MEASURED)
+    model = build_model(replace(measured, simulation=replace(robot.simulation, joint_damping="drop")))
+    for name, own in zip(robot.joint_names, MEASURED, strict=True):
         dof = model.joint(name).dofadr[0]
         found = model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof]
         assert found == (own.armature, own.friction, own.damping)
-    partly = planted(robot, (JointDynamics(torque_scale=0.5), JointDynamics()))
-    assert (build_model(partly).dof_armature == build_model(robot).dof_armature).all(), "what is not measured stays"
+    partly = build_model(with_dynamics(robot, JointDynamics(torque_scale=0.5), JointDynamics()))
+    assert partly.dof_armature.tolist() == build_model(robot).dof_armature.tolist(), "what is not measured stays"
 
 
-def test_one_robot_and_a_batch_agree(robot):
-    prompt = tuple(msgspec.structs.replace(own, delay=0.0) for own in TRUTH)
-    truth, goals = planted(robot, prompt), motion(1.0)
-    reference = followed(truth, goals)
-    batch, zeros, places = BatchSim(truth, 2, SimConfig(control_period=PERIOD)), np.zeros((2, 2)), []
-    gains = [np.tile(gain, (2, 1)) for gain in (truth.stiffness, truth.damping)]
-    for goal in goals:
-        batch.step(MITCommand(np.tile(goal, (2, 1)), zeros, zeros, *gains))
-        places.append(batch.state().joint_position[1])
-    assert np.array(places) == pytest.approx(reference, abs=1e-6)
-    assert np.abs(followed(robot, goals) - reference).max() > 0.01
+def test_they_change_the_motion_alike_alone_and_in_a_batch(small_robot):
+    robot = small_robot()
+    assert np.abs(followed(with_dynamics(robot, *MEASURED)) - followed(robot)).max() > 0.01
 
 
-def test_a_weaker_motor_with_higher_gains_is_the_same(robot):
-    weak = planted(robot, (JointDynamics(torque_scale=0.5), JointDynamics(torque_scale=0.5)))
-    joints = tuple(
-        msgspec.structs.replace(joint, stiffness=2.0 * joint.stiffness, damping=2.0 * joint.damping)
-        for joint in weak.joints
-    )
-    goals = 0.2 * motion(0.5)
-    stronger = msgspec.structs.replace(weak, joints=joints)
-    assert followed(stronger, goals) == pytest.approx(followed(robot, goals), abs=1e-9)
+def test_a_weaker_motor_with_higher_gains_is_the_same(small_robot):
+    robot = small_robot()
+    halved = JointDynamics(torque_scale=0.5)
+    weak = with_dynamics(robot, halved, halved, stiffness=40.0, damping=2.0)
+    assert followed(weak) == pytest.approx(followed(robot), abs=1e-9)
 
 
-def test_a_recording_keeps_them_and_a_file_says_them_by_joint(robot, tmp_path):
-    text = planted(robot).to_json()
-    assert RobotDescription.from_json(text, robot.folder).joints[0].dynamics == TRUTH[0]
+def test_a_recording_keeps_them_and_a_file_says_them_by_joint(small_robot, tmp_path):
+    robot = small_robot()
+    text = with_dynamics(robot, *MEASURED).to_json()
+    assert RobotDescription.from_json(text, robot.folder).joints[0].dynamics == MEASURED[0]
     assert "dynamics" not in robot.to_json(), "where there are none"
     path = tmp_path / "fitted.yaml"
     path.write_text(f"mjcf: {robot.mjcf_path}\njoints:\n  elbow: {{dynamics: {{friction: 0.2, delay: 0.004}}}}\n")
