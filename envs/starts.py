@@ -59,7 +59,7 @@ class EpisodeStarts:
         description, self._reference = context.description, context.reference
         self._context, self._noise, self._commands = context, noise, commands
         self._joints = joint_addresses(model, description.joint_names)
-        self._pose = StartPose(model, description, self._joints)
+        self._pose = StartPose(model, description)
         self.standing_height = self._pose.standing_height
         """m, of the centre of mass above the floor; 0 for a fixed base."""
         self._base = base_addresses(model, description) if description.is_floating else None

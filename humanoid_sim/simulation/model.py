@@ -76,12 +76,12 @@ class SimConfig:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a start that is not finite."""
-        starts = {"base_position": self.base_position, "base_yaw": self.base_yaw, "base_height": self.base_height}
-        for name, value in {**starts, "drop": self.drop}.items():
-            if value is not None and not np.isfinite(value).all():
+        starts = zip(("base_position[0]", "base_position[1]"), self.base_position, strict=True)
+        for name, value in (*starts, ("base_yaw", self.base_yaw), ("base_height", self.base_height or 0.0)):
+            if not math.isfinite(value):
                 raise InputError(f"{name}: is {value}, expected finite")
-        if self.drop < 0.0:
-            raise InputError(f"drop: is {self.drop}, expected >= 0")
+        if not 0.0 <= self.drop < math.inf:
+            raise InputError(f"drop: is {self.drop}, expected finite and >= 0")
 
     def period(self, description: RobotDescription) -> float:
         """Return the control period, s."""

@@ -132,9 +132,8 @@ class DampingStability:
 
     def _damped(self, damping: FloatArray) -> FloatArray:
         """Return (M + ½ dt · K_d)⁻¹ of each pose."""
-        added = 0.5 * self._timestep * np.diag(damping)
-        inverse: FloatArray = np.linalg.inv(np.linalg.inv(self._inverse_mass) + added)
-        return inverse
+        mass: FloatArray = np.linalg.inv(self._inverse_mass).astype(np.float64)
+        return np.linalg.inv(mass + 0.5 * self._timestep * np.diag(damping)).astype(np.float64)
 
 
 def _round_step_below(limit: float) -> float:
