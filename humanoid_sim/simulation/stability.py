@@ -91,10 +91,6 @@ class DampingStability:
         value = math.sqrt(self._timestep * largest) if self._is_implicit else largest
         return DampingMeasure(value, names[int(np.argmax(np.abs(vectors[worst, :, -1])))])
 
-    def suits(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, limit: float) -> bool:
-        """Return whether gains, as `measure` takes them, stay below a limit."""
-        return self.measure(damping, stiffness).eigenvalue <= limit
-
     def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
         """Return a warning about gains as `measure` takes them, or '' if they are stable; `what` has them.
 
