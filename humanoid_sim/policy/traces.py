@@ -95,10 +95,7 @@ class Trace:
 def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
     """Read a trace for a policy; joints that the policy does not have are left out.
 
-    Raises `InputError` with the array that is wrong.
-
-    Args:
-        bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
+    Raises `InputError` with the array that is wrong. `bodies` is of the robot that the trace is of, for `qpos`.
     """
     given = {_NAMES.get(name, name): array for name, array in read_arrays(path).items()}
     with blaming(path):
@@ -115,9 +112,9 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
     missing = [name for name in contract.joint_names if name not in hinges]
     if missing:
         raise FieldError(f"joint_names lacks {', '.join(missing)}, expected every joint of the policy")
-    points = {point_velocity(point): point for point in contract.velocity_points}
-    known = _states(given, steps, hinges, 7 if surplus in (6, 7) else 0, points, bodies)
-    widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, **dict.fromkeys(points, 3)}
+    known = _states(given, steps, hinges, 7 if surplus in (6, 7) else 0, bodies)
+    widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7}
+    widths |= {point_velocity(point): 3 for point in contract.velocity_points}
     if contract.height_scan is not None:
         widths[mit.HEIGHT_SCAN] = contract.height_scan.count
     live = (*widths, mit.KEY_PRESSED)
@@ -154,11 +151,8 @@ def _table(arrays: Arrays, name: str, steps: int | None, width: int | None = Non
         raise FieldError(f"{name} {problem}, expected numbers, a row for each step")
     if values.ndim == 1 and steps is not None and name != "observation":
         values = np.broadcast_to(values, (steps, len(values)))
-    if (
-        values.ndim != 2
-        or len(values) != (steps or max(len(values), 1))
-        or values.shape[1] != (width or values.shape[1])
-    ):
+    is_row = values.ndim == 2 and len(values) > 0 and width in (None, values.shape[1])
+    if not is_row or steps not in (None, len(values)):
         raise FieldError(f"{name} has shape {values.shape}, expected ({steps or 'F'}, {width or 'width'})")
     if not np.isfinite(values).all():
         raise FieldError(f"{name} is not finite in row {int(np.argmax(~np.isfinite(values).all(axis=1)))}")
@@ -174,25 +168,15 @@ def _joint_names(arrays: Arrays) -> tuple[str, ...]:
 
 
 def _states(
-    given: Arrays,
-    steps: int,
-    hinges: tuple[str, ...],
-    free: int,
-    points: Mapping[str, str],
-    bodies: BodyReader | None,
+    given: Arrays, steps: int, hinges: tuple[str, ...], free: int, bodies: BodyReader | None
 ) -> dict[str, FloatArray]:
-    """Return what a run says of the robot: as arrays, or as far as it follows from `qpos` and `qvel`."""
-    joints = len(hinges)
+    """Return what a run says of the robot: as arrays, or as it follows from `qpos` and `qvel` by the robot's model."""
+    joints, speeds = len(hinges), max(free - 1, 0)
     if "qpos" not in given:
         widths = zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False)
         return {name: _table(given, name, steps, width) for name, width in widths}
-    speeds = max(free - 1, 0)
+    if bodies is None:
+        raise FieldError("qpos needs the trainer's robot, whose model says where its IMU is: --robot")
     qpos, qvel = _table(given, "qpos", steps, free + joints), _table(given, "qvel", steps, speeds + joints)
     found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, speeds:]}
-    if bodies is not None:
-        return found | dict(bodies(qpos, qvel, hinges))
-    if not free:
-        upright = np.tile([1.0, 0.0, 0.0, 0.0], (steps, 1))
-        return found | {"imu_quaternion": upright, "imu_angular_velocity": np.zeros((steps, 3))}
-    found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
-    return found | {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]} | {n: qvel[:, :3] for n, p in points.items() if p == mit.IMU}
+    return found | dict(bodies(qpos, qvel, hinges))

@@ -39,11 +39,11 @@ def trace(tmp_path):
 
 
 @pytest.fixture
-def stamped(cli, walker, trace, tmp_path):
+def stamped(cli, walker, trace, robot, tmp_path):
     """`walker` with golden vectors of its trainer's run, in a folder of its own."""
     output = tmp_path / "stamped" / "walker.onnx"
     output.parent.mkdir()
-    status, _, error = cli("stamp", walker, "-o", output, "--trace", trace)
+    status, _, error = cli("stamp", walker, "-o", output, "--trace", trace, "--robot", robot.mjcf_path)
     assert status == 0, error
     return output
 

@@ -13,6 +13,12 @@ from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import load_robot
 
 RUN = trainer.Run()
+STATES = {
+    **{"qpos": None, "qvel": None, "joint_names": np.array(trainer.ROBOT_JOINTS)},
+    **{"joint_position": RUN.qpos[:, 7:], "joint_velocity": RUN.qvel[:, 6:]},
+    **{"imu_quaternion": RUN.qpos[:, 3:7], "imu_angular_velocity": RUN.qvel[:, 3:6]},
+}
+"""Changes that give the states without MuJoCo's."""
 
 
 @pytest.fixture
@@ -22,27 +28,29 @@ def saved(tmp_path):
 
 
 @pytest.fixture
-def samples(walker):
+def read(robot):
+    """Reads a trace of the robot."""
+    return lambda path, contract: read_trace(path, contract, body_reader(robot, "", (), contract.height_scan))
+
+
+@pytest.fixture
+def samples(walker, read):
     """Samples of a trace, every step of which was computed again."""
     checkpoint = load_checkpoint(walker)
-    return lambda path: trainer_samples(checkpoint, read_trace(path, checkpoint.contract))
+    return lambda path: trainer_samples(checkpoint, read(path, checkpoint.contract))
 
 
-def test_states_without_qpos(samples, saved):
-    states = {"joint_position": RUN.qpos[:, 7:], "joint_velocity": RUN.qvel[:, 6:]}
-    imu = {"imu_quaternion": RUN.qpos[:, 3:7], "imu_angular_velocity": RUN.qvel[:, 3:6]}
-    names = np.array(trainer.ROBOT_JOINTS)
-    assert len(samples(saved(qpos=None, qvel=None, joint_names=names, **states, **imu))) == 8
+def test_states_without_qpos(samples, saved, walker):
+    assert len(samples(saved(**STATES))) == 8
+    with pytest.raises(InputError, match="qpos needs the trainer's robot"):
+        read_trace(saved(), load_checkpoint(walker).contract)
 
 
 def test_joints_that_the_policy_lacks_are_left_out(samples, saved):
-    path = saved(
-        qpos=np.insert(RUN.qpos, 9, 0.4, axis=1),
-        qvel=np.insert(RUN.qvel, 8, 0.1, axis=1),
-        target=np.insert(RUN.target, 2, 0.0, axis=1),
-        joint_names=np.array(["root", *trainer.ROBOT_JOINTS[:2], "waist", *trainer.ROBOT_JOINTS[2:]]),
-    )
-    found = samples(path)
+    wider = {name: np.insert(STATES[name], 2, 0.4, axis=1) for name in ("joint_position", "joint_velocity")}
+    names = np.array([*trainer.ROBOT_JOINTS[:2], "waist", *trainer.ROBOT_JOINTS[2:]])
+    target = np.insert(RUN.target, 2, 0.0, axis=1)
+    found = samples(saved(**{**STATES, **wider, "joint_names": names, "target": target}))
     assert found.joint_names == trainer.ROBOT_JOINTS
     assert found.arrays["target"].shape == (8, 4)
 
@@ -77,11 +85,12 @@ def test_a_robots_model_knows_imu_and_anchor(robot, saved):
 def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path, saved):
     scan = HeightScan("pelvis", (0.2, 0.0), 0.2)
     seeing = trainer.contract(observation=[*trainer.terms(), Term("height_scan", scan=scan)])
-    assert read_trace(saved(height_scan=np.ones((30, 2))), seeing).state(3).extern["height_scan"].value.sum() == 2.0
+    given = read_trace(saved(**STATES, height_scan=np.ones((30, 2))), seeing)
+    assert given.state(3).extern["height_scan"].value.sum() == 2.0
     with pytest.raises(InputError, match=r"height_scan has shape \(30, 3\), expected \(30, 2\)"):
-        read_trace(saved(height_scan=np.zeros((30, 3))), seeing)
+        read_trace(saved(**STATES, height_scan=np.zeros((30, 3))), seeing)
     with pytest.raises(InputError, match="height_scan is missing, expected it, as the policy observes height_scan"):
-        read_trace(saved(), seeing)
+        read_trace(saved(**STATES), seeing)
     # The ground rises by 0.5 m per metre of x; the pelvis is turned left: 0.1 m ahead is 0.028 m back along x.
     slope = '<worldbody><geom type="plane" size="0 0 1" euler="0 -0.4636476090008061 0"/>'
     mjcf = tmp_path / "scene.xml"
@@ -112,10 +121,10 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_broken_traces_are_one_line(saved, name):
+def test_broken_traces_are_one_line(saved, read, name):
     changes, expected = BROKEN[name]
     path = saved(**changes)
     with pytest.raises(InputError) as refusal:
-        read_trace(path, trainer.contract())
+        read(path, trainer.contract())
     assert str(refusal.value).startswith(f"{path}: {expected}")
     assert "\n" not in str(refusal.value)
