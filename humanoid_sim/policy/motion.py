@@ -62,8 +62,8 @@ class Motion:
 
     def __post_init__(self) -> None:
         frames = np.array(self.frames, dtype=np.float32)
-        if frames.ndim != 2 or 0 in frames.shape:
-            raise FieldError(f"Motion.frames: shape is {frames.shape}, expected (F, width), both at least 1")
+        is_table = frames.ndim == 2 and frames.size > 0
+        require(is_table, "Motion.frames", f"of shape {frames.shape}", "(F, width), both at least 1")
         if not np.isfinite(frames).all():
             frame, index = np.argwhere(~np.isfinite(frames))[0].tolist()
             raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
@@ -73,9 +73,8 @@ class Motion:
             expected = 2 * joints + 7 * bodies
         else:
             expected = 9 * bodies if bodies and self.task_type == "tracking" else width
-        if width != expected:
-            what = f"layout {self.layout} of {joints} joints and {bodies} bodies"
-            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}: {what}")
+        what = f"{expected}: layout {self.layout} of {joints} joints and {bodies} bodies"
+        require(width == expected, "Motion.frames", f"{width} values per frame", what)
         require(0.0 < self.policy_dt < np.inf, "Motion.policy_dt", self.policy_dt, "seconds > 0")
         frames.setflags(write=False)
         object.__setattr__(self, "frames", frames)
@@ -87,12 +86,7 @@ class Motion:
 
 
 def body_frames(position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Frames (F, 9 B) of the layout `bodies_b`.
-
-    Args:
-        position: shape (F, B, 3), m, base frame.
-        rotation: shape (F, B, 3, 3), base frame.
-    """
+    """Frames (F, 9 B) of the layout `bodies_b`, from (F, B, 3), m, and (F, B, 3, 3), base frame."""
     count = len(position)
     return np.concatenate([position.reshape(count, -1), rotation_6d(rotation).reshape(count, -1)], axis=1)
 
