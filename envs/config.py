@@ -262,4 +262,4 @@ def read_policy(checkpoint: Checkpoint, motion: Motions | None, motion_source: s
         followed = read_motion(motion_path(str(motion)))
     if checkpoint.contract.task_type == "locomotion" and motion is not None:
         raise InputError(f"motion: is '{source}', but {checkpoint.source} follows no motion")
-    return checkpoint.following(followed, source)
+    return checkpoint.with_motion(followed, source)

@@ -53,8 +53,8 @@ def test_a_piano_policy_observes_as_many_keys_as_it_has_goals():
     loaded = load_policy(contract, zero_policy(14), motion(88, body_names=(), task_type="piano"))
     assert dict(loaded.extern) == {**EXTERN_WIDTHS, "key_pressed": 88}
     assert loaded.layout.width == 88 + 2 * 88 + 88 + 1
-    assert dict(loaded.taken({"base_linear_velocity": 3})) == {"key_pressed": 88}
-    assert dict(loaded.taken({"key_pressed": 88})) == {}, "a simulated piano's are known"
+    assert dict(loaded.live_inputs({"base_linear_velocity": 3})) == {"key_pressed": 88}
+    assert dict(loaded.live_inputs({"key_pressed": 88})) == {}, "a simulated piano's are known"
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ class PolicyChoice:
             name: width
             for choice in self.choices
             if choice.loaded
-            for name, width in choice.loaded.taken(reported).items()
+            for name, width in choice.loaded.live_inputs(reported).items()
         }
         return taken, {**taken, **reported, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
 

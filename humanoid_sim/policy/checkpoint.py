@@ -25,7 +25,7 @@ from humanoid_sim.policy.reading import read_checkpoint, required_contract
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"
-"""Source of the stand-in that is taken where no policy can run."""
+"""Source of the stand-in that runs where no policy can run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Checkpoint:
         if self.model is not None:
             self.model.time_limit = seconds
 
-    def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
+    def with_motion(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
         """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
         motion = self.motion if motion is None else motion
         return load_policy(

@@ -23,7 +23,7 @@ from humanoid_sim.robots.actuators import NO_RANGE, own_actuators, own_joint_dam
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
 
-_ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is taken for a slip of the other
+_ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is probably a slip of the other
 _FEW = 4  # joints below which values that are alike show nothing
 _ANGLE = 1e-3  # rad; exporters round poses to three decimals
 _POSE = 0.01  # rad by which the two sides of a pose may differ
@@ -35,7 +35,7 @@ _RATES = (20.0, 200.0)  # Hz, of policies that run on robots
 _DECIMALS = 3  # as mjlab's exporter rounds
 _LOST = (0.005, 0.1)  # relative error by rounding, from which it is a warning, and an error
 _FACTORS = (1e-3, 1e3)  # beyond these a factor of an observation term is not a change of units
-_RULED = 0.7  # share of the joints from which on a formula is taken for the exporter's
+_RULED = 0.7  # share of the joints from which on a formula is probably the exporter's
 
 
 def contract_findings(

@@ -37,7 +37,7 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
     Raises `InputError` with the first step, term and joint at which the checkpoint differs. `motion` is what the run
     followed, where the model does not carry it.
     """
-    loaded = checkpoint.following(motion)
+    loaded = checkpoint.with_motion(motion)
     with blaming(checkpoint.source, (FieldError, ValueError)):
         whole = _with_memory(checkpoint, loaded, trace)
         _verify(checkpoint, whole)
@@ -125,7 +125,7 @@ def _followed(checkpoint: Checkpoint, samples: Trace) -> LoadedPolicy:
         tables[name] = np.zeros((samples.frame_count, rows.shape[1]), dtype=np.float32)
         tables[name][samples.arrays["frame"]] = rows
     if not tables:
-        return checkpoint.following()
+        return checkpoint.with_motion()
     return LoadedPolicy(checkpoint.contract, MotionReference(samples.frame_count, tables), checkpoint.policy)
 
 

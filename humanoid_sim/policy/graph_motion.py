@@ -17,7 +17,7 @@ _BODIES = ("body_pos_w", "body_quat_w")
 _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
 """holosoma gives the anchor body alone; trackers that do not observe its position, without that."""
 _HELD = 50  # equal frames in a row after which the end is looked for: graphs hold their last frame
-_PROBE = 25  # stride, frames, that tells a pause from the end
+_PROBE = 25  # stride, frames, that distinguishes a pause from the end
 _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends
 
 

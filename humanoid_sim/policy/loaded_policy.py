@@ -32,7 +32,7 @@ class LoadedPolicy:
         widths = self.contract.extern_widths
         return widths if keys is None else {**widths, KEY_PRESSED: keys.shape[1]}
 
-    def taken(self, reported: Container[str]) -> Mapping[str, int]:
+    def live_inputs(self, reported: Container[str]) -> Mapping[str, int]:
         """Name and width of the live inputs that a session takes from outside, less those that the robot reports.
 
         A piano's keys also where the policy does not observe them: the score of a run needs them.

@@ -169,6 +169,6 @@ def _controller(
     if motion is None and checkpoint.contract.task_type != "locomotion":
         task = checkpoint.contract.task_type
         raise InputError(f"{checkpoint.source}: is a {task} policy and follows a motion; {recording.path} has none")
-    loaded = checkpoint.following(motion)
+    loaded = checkpoint.with_motion(motion)
     live = {name: value.value.shape[-1] for name, value in first.input.state.extern.items()}
     return policy_controller(description, recording.header.control_period, loaded, live=live)

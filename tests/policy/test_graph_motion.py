@@ -73,7 +73,7 @@ def test_a_motion_is_read_as_the_graph_has_it_and_its_anchor_followed(saved, cla
     read = checkpoint.motion
     assert read.frames.tobytes() == np.concatenate([table.reshape(7, -1) for table in MOTION.values()], 1).tobytes()
     assert (read.joint_names, read.body_names, read.policy_dt) == (models.JOINTS, ("pelvis", "torso"), 0.02)
-    reference = checkpoint.following().reference
+    reference = checkpoint.with_motion().reference
     assert np.array_equal(reference.term("anchor_pos", 3), MOTION["body_pos_w"][3, 1])
     assert np.array_equal(reference.term("anchor_quat", 3), MOTION["body_quat_w"][3, 1])
     assert np.array_equal(reference.term("reference_joint_pos", 99), MOTION["joint_pos"][6])
@@ -90,7 +90,7 @@ def test_a_model_that_gives_the_anchor_alone(saved):
     alone = {name: MOTION[name] for name in ("joint_pos", "joint_vel")}
     alone["ref_quat_xyzw"] = MOTION["body_quat_w"][:, 1, [1, 2, 3, 0]]
     checkpoint = load_checkpoint(saved(alone, contract(body_names=(), reference_quaternion="xyzw")))
-    reference = checkpoint.following().reference
+    reference = checkpoint.with_motion().reference
     assert np.array_equal(reference.term("anchor_quat", 4), MOTION["body_quat_w"][4, 1])
     reading = read_checkpoint(Path("t.onnx"), write_metadata(contract()), ("ref_quat_xyzw",))
     assert reading.source["reference_quaternion"] == "assumed (output ref_quat_xyzw)"

@@ -139,4 +139,4 @@ def test_the_placeholder_holds_the_pose_that_it_starts_from(pose):
     assert contract.default_joint_pos.tolist() == list(standby.pose_segments[-1])
     assert contract.joint_names == contract.action_joint_names == robot.joint_names
     assert contract.joint_stiffness.tolist() == robot.stiffness.tolist()
-    assert checkpoint.following().layout.width == 3 * robot.joint_count
+    assert checkpoint.with_motion().layout.width == 3 * robot.joint_count

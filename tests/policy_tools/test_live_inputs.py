@@ -40,7 +40,7 @@ def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, tmp_p
 
 def test_a_topic_of_the_sessions_own_is_refused(live):
     with pytest.raises(InputError, match="live input 'foot_contact': its topic is /tf, which a session uses itself"):
-        load_checkpoint(live(topic="/tf")).following()
+        load_checkpoint(live(topic="/tf")).with_motion()
 
 
 def test_the_width_may_come_from_a_contract_file(cli, tmp_path, robot):
