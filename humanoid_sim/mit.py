@@ -200,26 +200,6 @@ def mit_torque(
     return torque
 
 
-def affine_law(command: MITCommand) -> tuple[FloatArray, FloatArray]:
-    """Return the MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
-
-    Returns:
-        bias: shape (..., n, 2), what multiplies position and velocity: -K_p, N·m/rad, and -K_d, N·m·s/rad.
-        ctrl: shape (..., n), N·m: `K_p q_cmd + K_d qd_cmd + tau_ff`.
-    """
-    bias = np.empty((*command.stiffness.shape, 2))
-    np.negative(command.stiffness, out=bias[..., 0])
-    np.negative(command.damping, out=bias[..., 1])
-    return bias, command.stiffness * command.position + command.damping * command.velocity + command.effort
-
-
-def affine_torque(
-    bias: FloatArray, ctrl: FloatArray, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray
-) -> FloatArray:
-    """Torque of the affine form, saturated, shape (..., n), N·m: what an actuator makes of `affine_law`'s values."""
-    return np.clip(ctrl + bias[..., 0] * position + bias[..., 1] * velocity, -effort_limit, effort_limit)
-
-
 def bounded_position(
     command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
 ) -> FloatArray:

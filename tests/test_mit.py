@@ -85,17 +85,6 @@ def test_torque_of_a_batch_is_that_of_its_robots_bit_for_bit(data):
     assert np.where(np.isnan(batch), np.nan, batch).tobytes() == np.where(np.isnan(single), np.nan, single).tobytes()
 
 
-def test_the_affine_form_is_the_same_law():
-    generator = np.random.default_rng(0)
-    command = mit.MITCommand(*generator.normal(size=(5, 4, 3)))
-    position, velocity = generator.normal(size=(2, 4, 3))
-    bias, ctrl = mit.affine_law(command)
-    for limit in (np.full(3, np.inf), np.array([0.1, 1.0, 2.0])):
-        torque = mit.affine_torque(bias, ctrl, position, velocity, limit)
-        np.testing.assert_allclose(torque, mit.mit_torque(command, position, velocity, limit), rtol=0, atol=1e-12)
-        assert (np.abs(torque) <= limit).all()
-
-
 def one_joint(position, velocity=0.0, effort=0.0, stiffness=50.0, damping=2.0):
     return mit.MITCommand([position], [velocity], [effort], [stiffness], [damping])
 
