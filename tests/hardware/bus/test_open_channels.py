@@ -3,12 +3,18 @@ import subprocess
 import sys
 import time
 
+import can
 import pytest
+from waiting import until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus import open_channels
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.bus.open_channels import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock, OpenChannels
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.joints import make_wiring
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.robots.description import load_robot
 
 
 @pytest.fixture(autouse=True)
@@ -74,3 +80,23 @@ def test_two_names_of_one_adapter_are_one_lock(tmp_path):
         pytest.raises(RobotError, match="is in use by another session"),
     ):
         ChannelLock(BusAddress("slcan", f"{tmp_path / 'by-id'}@115200"))
+
+
+def test_motors_or_programs_that_speak_another_protocol_are_a_warning(address, peer):
+    """LeRobot's motors speak MIT frames of 11 bits, which say nothing here."""
+    checks = CheckList()
+    line = OpenChannels([address], checks)
+    try:
+        link = RobstrideLink(line, make_wiring(load_robot("lite"), 1), 0xFD)
+        line.listeners.append(link.receive)
+        for motor_id in range(11, 18):
+            data = bytes.fromhex("7fff7ff0000007ff")
+            peer.send(can.Message(arbitration_id=motor_id, is_extended_id=False, data=data))
+        until(lambda: line.channels[0].counters.received == 7)
+        until(lambda: line.notes[0].strangers.total() == 7)
+        line.warn_of_strangers(checks)
+    finally:
+        line.close()
+    assert checks.problems == ()
+    assert "7 × frame with an 11-bit identifier" in checks.warnings[0]
+    assert all(slot.sample is None for slot in link.slots)
