@@ -74,7 +74,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkTerms:
-    """What a robot tells the motors of every family."""
+    """Settings of a robot for the motors of every family."""
 
     host_id: int
     """Our id on the bus, where the family has such a thing."""

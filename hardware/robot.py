@@ -47,7 +47,7 @@ LINKS: Mapping[str, Callable[[OpenChannels, MotorGroup, LinkTerms], MotorLink]] 
     "sito": SitoMotors,
     "robstride": RobstrideMotors,
 }
-"""By family, in the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark."""
+"""By family, in the order in which a frame is offered to them: Robstride's identifiers have no mark."""
 
 _LEAD = 2.0  # control periods: the age of a state and the time that a command is held, see `bounded_position`
 _LONGEST = 3.0  # s that closing may damp, as at the end of a session
@@ -172,7 +172,7 @@ class HardwareRobot:
     # --- activation
 
     def accept(self, about: Iterable[str]) -> None:
-        """Accept what was a question, see `Check.about`; from the next activation on it is not asked."""
+        """Accept what was a question, see `Check.about`; from the next activation on it is a warning."""
         self._accepted.update(about)
 
     def prepare(self) -> None:
@@ -272,7 +272,7 @@ class HardwareRobot:
             joints = list(wiring.of_family(family))
             damping = self._damped.damping[joints]
             terms = LinkTerms(self._host_id, self._can_timeout, self.control_period, damping, self._uids)
-            # A family without motors here has a link as well: it tells its frames from those of the robot's motors.
+            # A family without motors here has a link as well, which takes that family's frames off the others.
             link = make_link(line, wiring.select(joints), terms)
             line.listeners.append(link.receive)
             if joints:

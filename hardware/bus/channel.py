@@ -78,7 +78,7 @@ class ChannelCounters:
 
 
 class Burst:
-    """Tells when `count` events have happened within 0.2 s."""
+    """Detects `count` events within 0.2 s."""
 
     WINDOW = 0.2  # s
 
@@ -134,7 +134,7 @@ class Outbox:
     Frames leave in order of arrival. A frame with a key (a motor's MIT command) replaces an unsent one with that key
     and takes its place: once the bus is free again the newest command leaves at once, and not behind a queue of old
     ones, which is what a DAMP after a jam needs. A frame with a lifetime is dropped once that is over: nobody may have
-    renewed it, because the whole process stood still, and the robot is elsewhere by now.
+    renewed it, because the whole process was stopped, and the robot is elsewhere by now.
     """
 
     CAPACITY = 256  # frames
@@ -190,7 +190,7 @@ class Outbox:
             return None
 
     def sent(self, key: Hashable) -> None:
-        """Note that a frame that was taken has left."""
+        """Note that a frame from `take` has left."""
         if key in self._jammed_since:
             with self._ready:
                 self._jammed_since.pop(key, None)

@@ -191,7 +191,7 @@ class OpenChannels:
         self.opened = clock()
         """s, robot's clock."""
         self.listeners: list[Listener] = []
-        """In the order in which they are asked."""
+        """In the order in which a frame is offered to them."""
         self.sources = tuple(str(address) for address in addresses)
         opened: list[Channel] = []
         for index, address in enumerate(addresses):

@@ -196,7 +196,7 @@ def _decode_command(  # noqa: PLR0911 - one case for each command
 _REPLIES = frozenset({FrameType.STATUS, FrameType.FAULT_REPORT})
 """Types that only motors send."""
 _BOTH = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER, FrameType.ACTIVE_REPORT})
-"""Types of a command and of its reply; the destination tells which."""
+"""Types of a command and of its reply; the destination says which."""
 _DEFINED = frozenset(int(kind) for kind in FrameType)
 _NAMES = {
     FrameType.STATUS: "status",
@@ -210,9 +210,9 @@ _NAMES = {
 def decode_reply(frame: Frame, models: Mapping[int, MotorModel], host_id: int) -> messages.Reply | Ignored | Malformed:
     """Return what a received frame says to a host; never raises.
 
-    Only its request tells a version for certain from a status that begins with the same three bytes: a motor at
-    -12.49 rad that moves at a third of its velocity range. Such a frame is taken for a version, asked for or not: a
-    status missed in that one spot ages a joint by a period, while a version taken for a position is a jump.
+    Only its request distinguishes a version for certain from a status that begins with the same three bytes: a motor at
+    -12.49 rad that moves at a third of its velocity range. Such a frame is read as a version, requested or not: a
+    status missed in that one spot ages a joint by a period, while a version read as a position is a jump.
 
     Args:
         models: the configured motors by id; frames of others are ignored, but for `DeviceId`, which scans want of all.

@@ -1,7 +1,7 @@
 """Differences between firmware, by model and version, and the documents that state them.
 
 A version has four numbers, `0.2.3.6`, of which the second belongs to the model. What no document mentions is not
-guessed: an operator is asked.
+guessed: an operator decides.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
 def model_name(version: FirmwareVersion) -> str | None:
     """Return the model that a version is of; none if it is of no known one.
 
-    The second number is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and rs-06 are taken
+    The second number is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and rs-06 are assumed
     to follow.
     """
     name = f"rs-{version[1]:02d}"

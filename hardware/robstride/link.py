@@ -100,12 +100,12 @@ class Unreadable:
 
 
 _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
-"""s that a motor has to answer each time that it is asked. It takes milliseconds; the first retries are for a lost
+"""s that a motor has to answer each request. It takes milliseconds; the first retries are for a lost
 frame, the last for a busy computer."""
 _POLL = 0.001  # s
 _LIFETIME = 0.06  # s in which what makes a motor move must leave, or it never does; other frames may be late
 _WRITES = 4  # times that a value is written before what is read back counts
-_MOST_ANSWERS = 4096  # that nobody has taken
+_MOST_ANSWERS = 4096  # that wait for `take_answers`
 _UNKNOWN_ROW = (math.nan,) * 5
 Answer = TypeVar("Answer")
 
@@ -117,7 +117,7 @@ class RobstrideLink:
     """
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
-        """Send nothing yet. A robot's host id is above 127, so that no motor can be taken for it."""
+        """Send nothing yet. A robot's host id is above 127, so that it is no motor's."""
         self.line = line
         self.channels, self.sources = line.channels, line.sources
         self.host_id = host_id

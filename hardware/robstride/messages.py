@@ -24,7 +24,7 @@ class FrameType(IntEnum):
     STATUS = 2
     ENABLE = 3
     STOP = 4
-    """Stop, clear faults and read the version, told apart by the data."""
+    """Stop, clear faults and read the version; the data says which."""
     SET_ZERO = 6
     SET_DEVICE_ID = 7
     READ_PARAMETER = 17
@@ -228,7 +228,7 @@ class SaveParameters(HostCommand):
 
 @dataclass(frozen=True, slots=True)
 class SetActiveReport(HostCommand):
-    """Type 24: start or stop reports without being asked; newer firmware only."""
+    """Type 24: start or stop reports without a request; newer firmware only."""
 
     is_on: bool
 

@@ -43,9 +43,9 @@ WALK = {
 
 
 @cache
-def lite(name="lite"):
+def lite():
     """The robot, which begins in its standby pose."""
-    robot = load_robot(name)
+    robot = load_robot("lite")
     standby = robot.standby_controller_a
     pose = standby.pose_segments[-1]
     quick = replace(standby, segment_durations=(0.06,), pose_segments=(pose,))
@@ -53,11 +53,11 @@ def lite(name="lite"):
 
 
 @cache
-def supervisor(name):
+def supervisor():
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     motion = read_motion(asset_path("motions", "circle.mcap"))
     policy = load_policy(checkpoint.contract, checkpoint.policy, motion, checkpoint.observation_width)
-    return build_supervisor(lite(name), PERIOD, policy, remote=True)
+    return build_supervisor(lite(), PERIOD, policy, remote=True)
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,8 @@ class Tick:
 class Rig:
     """A robot that is activated, in ZERO_TORQUE; what its motors do, and the loop."""
 
-    name = "lite"
-
     def __init__(self, channel, clock, open_bus):
-        description = lite(self.name)
+        description = lite()
         self.robot = HardwareRobot(
             description,
             [channel],
@@ -87,8 +85,8 @@ class Rig:
             clock=clock,
             open_bus=open_bus,
         )
-        self._step = supervisor(self.name).step
-        self._memory = supervisor(self.name).initial()
+        self._step = supervisor().step
+        self._memory = supervisor().initial()
         n, pose = description.joint_count, np.array(description.standby_controller_a.pose_segments[-1])
         self._hold = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
 
@@ -190,7 +188,7 @@ class VirtualRig(Rig):
     """In virtual time: nothing waits for a clock, so that no machine is too slow."""
 
     def __init__(self):
-        self.mock = MockMotors(lite(self.name))
+        self.mock = MockMotors(lite())
         self.bus = VirtualBus(self.mock)
         super().__init__("virtual:faults", lambda: self.mock.time, lambda _: self.bus)
 
@@ -228,7 +226,7 @@ class RealRig(Rig):
     def __init__(self, channel="virtual:faults"):
         self._measures = contextlib.ExitStack()
         with punctual_threads(behind=10):
-            self.motors = MockServer(lite(self.name), [channel])
+            self.motors = MockServer(lite(), [channel])
         self._measures.enter_context(real_time())
         super().__init__(channel, time.monotonic, self.motors.open_bus)
         self._deadline = 0.0

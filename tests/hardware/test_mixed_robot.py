@@ -8,10 +8,8 @@ import can
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.frame import frame_of
 from humanoid_sim.hardware.joints import JointTracker, make_wiring, motor_values
-from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.motor_link import Readings
 from humanoid_sim.hardware.robot import HardwareRobot
@@ -73,13 +71,6 @@ def hold(robot, seconds, stiffness=0.0):
         time.sleep(0.02 * SLOWNESS)
 
 
-def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops():
-    with pytest.raises(InputError) as caught:
-        HardwareRobot(ROBOT, ["virtual:a"], calibration=ZEROS)
-    assert "left_wrist_roll, left_wrist_pitch, right_wrist_roll, right_wrist_pitch" in str(caught.value)
-    assert "--allow-no-timeout" in str(caught.value)
-
-
 def test_from_limp_to_holding_to_disabled():
     with rig() as (robot, motors, told):
         robot.prepare()
@@ -127,32 +118,6 @@ def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame
         later = [message for message in sent[enabling + 4 :] if isinstance(message, Gains)]
         assert later
         assert all(message == limp[0] for message in later), "until the loop commands"
-
-
-@pytest.mark.soak
-def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch):
-    """A motor on which gains have no effect, as far as its feedback tells."""
-    monkeypatch.setattr(sito_motors, "_STRAY_EFFORT", -1.0)
-    with rig() as (robot, _, told):
-        with pytest.raises(RobotError, match=r"left_wrist_roll: reports 0\.00 N·m with zero gains"):
-            robot.activate()
-        assert len([text for text in told if text.endswith(": disabled")]) == 4
-
-
-@pytest.mark.soak
-def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled():
-    with rig() as (robot, motors, _):
-        robot.activate()
-        motors.inject(Fault("silent", ("right_wrist_pitch",)))
-        hold(robot, 0.3)
-        _, statuses = robot.read()
-        assert [(status.flags, status.message) for status in statuses] == [
-            (SafetyFlag.RX_TIMEOUT, "silent: right_wrist_pitch; fix that, then press e (or: mode reactivate)")
-        ]
-        with pytest.raises(
-            RobotError, match=r"not confirmed to be disabled: right_wrist_pitch \(no feedback\)\. Not all"
-        ):
-            robot.close()
 
 
 def test_torque_is_bounded_for_the_strongest_reading_of_the_gains():
