@@ -105,33 +105,6 @@ def _receive_own_group_only(bus: can.BusABC) -> None:
                 break
 
 
-class PassingBus(can.BusABC):
-    """Passes everything on to another bus, which is shut down with it; subclasses refuse some of it."""
-
-    def __init__(self, bus: can.BusABC, channel: str) -> None:
-        """Take over an open bus; `channel` is its name."""
-        self._bus = bus
-        super().__init__(channel)
-        self._can_protocol = bus.protocol
-        self.channel_info = bus.channel_info
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send on the other bus."""
-        self._bus.send(msg, timeout)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return self._bus._recv_internal(timeout)
-
-    def fileno(self) -> int:
-        """Return the file descriptor of the other bus."""
-        return self._bus.fileno()
-
-    def shutdown(self) -> None:
-        """Shut both down."""
-        super().shutdown()
-        self._bus.shutdown()
-
-
 def queue_warning(address: BusAddress) -> str:
     """Return what to do where the kernel's outgoing queue is too short for a control period; empty: nothing."""
     if address.interface != "socketcan":

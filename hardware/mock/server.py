@@ -11,7 +11,7 @@ from typing import Self
 
 import can
 
-from humanoid_sim.hardware.bus.address import BusAddress, PassingBus, open_bus, parse_address
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.frame import Echoes, frame_of, message_of
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors, MockSettings
@@ -180,12 +180,14 @@ def _open(address: BusAddress, opened: contextlib.ExitStack) -> can.BusABC:
     return bus
 
 
-class _FaultyBus(PassingBus):
+class _FaultyBus(can.BusABC):
     """A bus whose sending fails as SocketCAN's does: ENOBUFS where the queue is full, ENETDOWN after bus-off."""
 
     def __init__(self, bus: can.BusABC, channel: str, fault: Callable[[], str]) -> None:
-        self._fault = fault
-        super().__init__(bus, channel)
+        self._bus, self._fault = bus, fault
+        super().__init__(channel)
+        self._can_protocol = bus.protocol
+        self.channel_info = bus.channel_info
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send, or raise `can.CanOperationError` with the error number of the fault."""
@@ -194,4 +196,12 @@ class _FaultyBus(PassingBus):
                 raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
             case "bus_off":
                 raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
-        super().send(msg, timeout)
+        self._bus.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return self._bus._recv_internal(timeout)
+
+    def shutdown(self) -> None:
+        """Shut both down."""
+        super().shutdown()
+        self._bus.shutdown()

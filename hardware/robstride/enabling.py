@@ -144,10 +144,10 @@ def enable_motors(link: RobstrideLink, can_timeout: float, checks: CheckList) ->
 
     A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
     nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
-    run already, or their CAN timeout would stop them while others are still being enabled. The timeout is read back once more
-    from each motor that runs: one whose supply failed for a moment since it was configured has lost it, and would
-    execute its last command for ever. A motor whose timeout cannot be read must show it first, see `_try_timeouts`, and
-    gets it once more right before it is enabled. All were made ready with this timeout, s.
+    run already, or their CAN timeout would stop them meanwhile. The timeout is read back once more from each motor that
+    runs: one whose supply failed for a moment since it was configured has lost it, and would execute its last command
+    for ever. A motor whose timeout cannot be read must show it first, see `_try_timeouts`, and gets it once more right
+    before it is enabled. All were made ready with this timeout, s.
     """
     motors, slots, joints = link.motors, link.slots, range(link.motors.count)
     _try_timeouts(link, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
