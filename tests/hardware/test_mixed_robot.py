@@ -54,6 +54,7 @@ def rig(before=lambda _: None, control_period=None):
             control_period=control_period,
             open_bus=motors.open_bus,
             allow_no_timeout=True,
+            can_timeout=1.0,  # a busy machine may not send for a while
             clock=slow_clock,
         )
         try:
