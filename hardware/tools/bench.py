@@ -114,13 +114,13 @@ def require_up(link: RobstrideLink) -> None:
             raise RobotError(f"{source}: {channel.down}")
 
 
-def silence(link: RobstrideLink, channel: int, who: str) -> HumanoidSimError:
-    """Return the error for a motor, or all motors of a channel, that do not answer, with what may explain it."""
+def silence(link: RobstrideLink, channel: int, text: str) -> HumanoidSimError:
+    """Return the error for a channel on which `no motor answers`, or one does not, with what may explain it."""
     source = link.sources[channel]
     if link.channels[channel].down:
         return RobotError(f"{source}: {link.channels[channel].down}")
     hints = [*link.line.troubles(channel), _advice(link.channels[channel].address)]
-    return SilentMotorError(f"{who} does not answer on {source} ({'; '.join(hints)})")
+    return SilentMotorError(f"{text} on {source} ({'; '.join(hints)})")
 
 
 def _advice(address: BusAddress) -> str:
@@ -170,7 +170,7 @@ def _known(link: RobstrideLink, motor: int, found: float | Unreadable) -> float 
 
 
 def _silent(link: RobstrideLink, motor: int) -> HumanoidSimError:
-    return silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]}")
+    return silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
 
 
 def shown(parameter: Parameter, value: float | None) -> str:

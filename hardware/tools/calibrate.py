@@ -220,7 +220,7 @@ def _require_all(link: RobstrideLink, wiring: Wiring, tracks: Mapping[int, Joint
     """Raise `SilentMotorError` if a motor has never been received."""
     for i, track in tracks.items():
         if track.received == -math.inf:
-            raise silence(link, wiring.channel[i], f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
+            raise silence(link, wiring.channel[i], f"{wiring.names[i]} (motor {wiring.motor_id[i]}) does not answer")
 
 
 _COLOURS = {

@@ -61,13 +61,13 @@ def discover(config: Discover) -> int:
         require_up(link)
         found = dict(sorted(found.items()))
         answered = {channel for channel, _ in (*found, *sito.frames)}
-        silent = [silence(link, i, "a motor") for i in range(len(addresses)) if i not in answered]
+        silent = [silence(link, i, "no motor answers") for i in range(len(addresses)) if i not in answered]
         firmware = _firmware(link, found) if config.firmware else {}
     _print(link.sources, found, firmware, wiring)
     for channel, device_id in sito.frames:
         print(f"Sito motor {device_id} on {link.sources[channel]} sends feedback: it is enabled")
     for error in silent:
-        complain(str(error).replace("a motor does not answer", "no motor answers"))
+        complain(str(error))
     missing = [] if wiring is None else _missing(wiring, link.sources, {*found, *sito.frames})
     if missing:
         complain(f"missing: {', '.join(missing)}")

@@ -73,9 +73,9 @@ def identify(config: Identify) -> int:
         with _enabled(config, wiring, joint, link) as motor:
             start, after = _move(config, wiring, joint, motor, before)
         before.setdefault(joint, start)
-    if not _has_moved(config, wiring, joint, before, after):
-        return ExitStatus.FAILED
-    return _store(config, wiring, joint, dict(entries))
+    has_moved, is_alone = _report(config, wiring, joint, before, after)
+    status = _store(config, wiring, joint, dict(entries)) if has_moved else ExitStatus.FAILED
+    return status if is_alone else ExitStatus.FAILED
 
 
 def _positions(link: RobstrideLink) -> dict[int, float]:
@@ -119,7 +119,9 @@ class _Motor:
             now = clock()
             if now - begin > _PATIENCE:
                 motors = self.bench.motors
-                raise silence(self.bench, motors.channel[self._joint], f"motor {motors.motor_id[self._joint]}")
+                raise silence(
+                    self.bench, motors.channel[self._joint], f"motor {motors.motor_id[self._joint]} does not answer"
+                )
             if now - sent >= _PERIOD:
                 self._link.command(values)
                 sent = now
@@ -196,10 +198,10 @@ def _move(
     return start, there
 
 
-def _has_moved(
+def _report(
     config: Identify, wiring: Wiring, joint: int, before: Mapping[int, float], after: Mapping[int, float]
-) -> bool:
-    """Print what moved; True if it was the joint, and no other."""
+) -> tuple[bool, bool]:
+    """Print what moved; returns whether the joint did, and whether no other did: a limp one may swing along."""
     moved = {i: after[i] - before[i] for i in after if i in before}
     own = moved.pop(joint, math.nan)
     others = {i: angle for i, angle in moved.items() if abs(angle) >= _MOVED * config.angle}
@@ -213,7 +215,7 @@ def _has_moved(
     has_moved = direction * own >= _MOVED * config.angle
     if not has_moved:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
-    return has_moved and not others
+    return has_moved, not others
 
 
 def _store(config: Identify, wiring: Wiring, joint: int, entries: dict[str, CalibrationEntry]) -> int:
@@ -222,9 +224,7 @@ def _store(config: Identify, wiring: Wiring, joint: int, entries: dict[str, Cali
     if not sys.stdin.isatty():
         print(f"{name}: its direction is not stored: nobody confirms it where standard input is not a terminal")
         return 0
-    is_confirmed = (
-        answer(f"Did {name}, and no other joint, go the way of a rising angle in the robot's model?") == "yes"
-    )
+    is_confirmed = answer(f"Did {name} go the way of a rising angle in the robot's model?") == "yes"
     old = entries.get(name)
     is_same = old is not None and (old.id, old.direction) == (motor_id, direction)
     offset = old.homing_offset if old is not None and is_same else None

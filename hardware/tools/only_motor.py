@@ -77,7 +77,7 @@ def _only_motor(channel: str, host_id: int) -> Iterator[_OnlyMotor]:
                 uids.setdefault(motor_id, set()).update(same)
         require_up(link)
         if not uids:
-            raise silence(link, 0, "a motor")
+            raise silence(link, 0, "no motor answers")
         count = sum(len(same) for same in uids.values())
         if count > 1:
             raise RobotError(f"{source}: {count} motors answer, expected one alone on the bus: {_named(uids)}")
