@@ -136,6 +136,7 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
     plain = run("--robot", quick, "--hardware", "can7", "--yes", "--calibration", "none", *without)
     assert "no calibration: the motors' zeros are taken for the joints'" in plain.out
     assert "calibration calibration.yaml" in result.out
+    assert "no person has confirmed the direction (hardware identify) of left_shoulder_pitch, " in result.out
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
 
 
