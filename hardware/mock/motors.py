@@ -101,7 +101,7 @@ class MockMotors:
         self._arrivals: list[tuple[float, int, Arrival]] = []
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         """Events to come, and among them drives of motors that react late."""
-        self._told = [(False, "")] * len(self.motors)
+        self._reported = [(False, "")] * len(self.motors)
         self._jump, self._shaft = np.zeros((2, len(self.motors)))
         self._drive = np.zeros((7, len(self.motors)))  # rows as `Drive`, by motor: the commands in force
         rows = dict(zip(COMMAND_FIELDS, self._drive, strict=False))
@@ -166,13 +166,13 @@ class MockMotors:
             return
         self._scheduled.remove(fault)
         self._faults.append(fault)
-        self._tell(f"fault: {fault}")
+        self._report(f"fault: {fault}")
         self._switch(fault, True)
 
     def _end(self, fault: Fault) -> None:
         if fault in self._faults:
             self._faults.remove(fault)
-            self._tell(f"fault over: {fault}")
+            self._report(f"fault over: {fault}")
             self._switch(fault, False)
 
     def _motors(self, fault: Fault) -> list[int]:
@@ -226,7 +226,7 @@ class MockMotors:
         self.has_power[i] = is_on
         self._sense(i)
         frames = self.motors[i].power_on()
-        self._tell(f"{self.names[i]}: power {'on' if is_on else 'off'}")
+        self._report(f"{self.names[i]}: power {'on' if is_on else 'off'}")
         if is_on:
             self._send(i, frames, self.time)
 
@@ -276,7 +276,7 @@ class MockMotors:
         sensed.velocity, sensed.torque = float(plant.velocity[i]), float(plant.torque[i])
 
     def _changed(self, i: int) -> None:
-        """Put a motor's command in force, late if it reacts late, and tell changes of its mode and faults."""
+        """Put a motor's command in force, late if it reacts late, and report changes of its mode and faults."""
         motor, delay = self.motors[i], float(self.plant.delay[i])
         drive = motor.drive()
         if delay:
@@ -284,15 +284,15 @@ class MockMotors:
         else:
             self._drive[:, i] = drive
         self._check_at = min(self._check_at, motor.next_time())
-        was_running, had = self._told[i]
+        was_running, had = self._reported[i]
         faults = motor.faults()
-        self._told[i] = motor.is_running, faults
+        self._reported[i] = motor.is_running, faults
         if motor.is_running is not was_running:
-            self._tell(f"{self.names[i]}: {'enabled' if motor.is_running else 'disabled'}")
+            self._report(f"{self.names[i]}: {'enabled' if motor.is_running else 'disabled'}")
         if faults != had:
-            self._tell(f"{self.names[i]}: {faults or 'faults cleared'}")
+            self._report(f"{self.names[i]}: {faults or 'faults cleared'}")
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         if self._log is not None:
             self._log(self.time, text)
 

@@ -101,7 +101,7 @@ class RobstrideMotor:
             report = messages.FaultReport(self.can_id, self.host_id, self.fault_bits, self.warnings)
             frames.append(self._frame(report))
         if self.is_running and time >= self._timeout_at():
-            self.reset()  # the mode bits tell, no fault bit
+            self.reset()  # the mode bits show it, no fault bit
         if time >= self.next_report:
             frames.append(self._frame(self._status(is_report=not self.firmware.reports_as_status)))
             interval = self._report_interval()

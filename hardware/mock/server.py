@@ -20,7 +20,7 @@ from humanoid_sim.robots.schema import RobotDescription
 
 _POLL_PERIOD = 0.0005  # s between two polls of the channels
 _TRUTH_PERIOD = 0.002  # s between two snapshots of the truth: 500 Hz, the rate of a common IMU
-_MOST_AT_ONCE = 256  # frames taken from one channel before time goes on: a flood must not stop the motors
+_MOST_AT_ONCE = 256  # frames read from one channel before time goes on: a flood must not stop the motors
 _MOST_ECHOES = 1024  # frames of motors that are remembered until they are received again
 _OLDEST = 2.0  # s between a frame's stamp and its reading that are believed
 _MOST_BEHIND = 0.05  # s that the motors may be behind the clock; the rest is left out
@@ -159,7 +159,7 @@ class MockServer:
                 message = bus.recv(0.0)
                 if message is None:
                     break
-                # `is_rx` does not tell: on SocketCAN frames of other processes of this machine come without it
+                # `is_rx` says nothing: on SocketCAN frames of other processes of this machine come without it
                 if message.is_error_frame or message.is_fd:
                     continue
                 frame, age = frame_of(message), wall - message.timestamp

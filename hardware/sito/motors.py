@@ -275,7 +275,7 @@ class SitoMotors(MotorLink):
         self._beat()
 
     def _beat(self) -> None:
-        """Tell the watchdog of a command, unless frames have stopped leaving on one of the channels."""
+        """Send the watchdog a beat, unless frames have stopped leaving on one of the channels."""
         sent = [channel.counters.sent for channel in self._channels]
         if self._watchdog is not None and all(now != old for now, old in zip(sent, self._sent, strict=True)):
             self._watchdog.beat()
@@ -319,7 +319,7 @@ class SitoMotors(MotorLink):
         return self._line.channels[self.motors.channel[motor]]
 
     def _silent(self, motors: list[int]) -> list[int]:
-        """Return the motors of which no feedback comes."""
+        """Return the motors that send no feedback."""
         before = {i: self.slots[i].reports for i in motors}
         end = self._line.clock() + max(_LISTENING, 0.003 * self.interval)
         while (left := [i for i in motors if self.slots[i].reports == before[i]]) and self._line.clock() < end:

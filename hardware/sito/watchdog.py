@@ -42,7 +42,7 @@ _RESETS = 5  # rounds in which the reset is sent
 _REMINDER = 0.2
 """s between further resets, until a stopped loop has seen TAKEN: one last frame of its own may leave before."""
 _START = 10.0  # s that the child may take to start, on a busy computer
-_DEAF = 0.5  # s without an answer to a beat after which the child counts as hung
+_HUNG = 0.5  # s without an answer to a beat after which the child counts as hung
 _END = 1.0  # s that the child may take to end, beyond what it has to send
 ENABLED, BEAT, RELEASED, ABANDONED, SEEN, TAKEN = b"e", b"b", b"r", b"a", b"s", b"t"
 
@@ -136,7 +136,7 @@ class Watchdog:
         if self.has_taken_over:
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
             return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
-        if self._has_died or self._beaten - self._answered > _DEAF:
+        if self._has_died or self._beaten - self._answered > _HUNG:
             what = "has died" if self._has_died else "hangs"
             text = f"the watchdog {what}: nothing would stop {self._names}; reactivate"
             return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)

@@ -159,9 +159,9 @@ def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink)
 
 
 def _move(
-    config: Identify, wiring: Wiring, joint: int, motor: _Motor, asked: Collection[int]
+    config: Identify, wiring: Wiring, joint: int, motor: _Motor, others: Collection[int]
 ) -> tuple[float, dict[int, float]]:
-    """Move there and back; returns where the motor began, and the asked motors' positions when it was there."""
+    """Move there and back; returns where the motor began, and other motors' positions when it was there."""
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
     damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
@@ -171,7 +171,7 @@ def _move(
         raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of commands, ±{largest:.2f}")
     there: dict[int, float] = {}
 
-    def follow(first: float, last: float, duration: float, missing: Collection[int] = ()) -> None:
+    def ramp(first: float, last: float, duration: float, missing: Collection[int] = ()) -> None:
         """Command for a time, s; meanwhile ask for these motors' positions."""
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < duration:
@@ -187,13 +187,13 @@ def _move(
                     break
             time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
 
-    follow(0.0, 1.0, _RAMP)
-    follow(1.0, 1.0, _HOLD)
+    ramp(0.0, 1.0, _RAMP)
+    ramp(1.0, 1.0, _HOLD)
     motor.bench.take_answers()  # late ones to earlier questions
-    follow(1.0, 1.0, _ANSWER_TIME, asked)
+    ramp(1.0, 1.0, _ANSWER_TIME, others)
     if joint in wiring.unasked:
         there[joint] = motor.position
-    follow(1.0, 0.0, _RAMP)
+    ramp(1.0, 0.0, _RAMP)
     motor.command(start, stiffness, damping)  # where the program was slow, the ramp's last command is short of it
     return start, there
 
@@ -222,7 +222,7 @@ def _store(config: Identify, wiring: Wiring, joint: int, entries: dict[str, Cali
     """Ask which way it went, and store a confirmed direction; returns the exit status."""
     name, motor_id, direction = config.joint, wiring.motor_id[joint], int(wiring.direction[joint])
     if not sys.stdin.isatty():
-        print(f"{name}: its direction is not stored: nobody confirms it where standard input is not a terminal")
+        print(f"{name}: its direction is not stored: no person confirms it where standard input is not a terminal")
         return 0
     is_confirmed = answer(f"Did {name} go the way of a rising angle in the robot's model?") == "yes"
     old = entries.get(name)

@@ -50,7 +50,7 @@ class _OnlyMotor:
     motor_id: int
     uid: bytes
     model: str | None
-    """Such as rs-02; None if its firmware does not tell."""
+    """Such as rs-02; None if its firmware does not say."""
 
 
 def _uids(link: RobstrideLink, ids: list[int], pace: float = 0.0) -> dict[int, set[bytes]]:
