@@ -6,7 +6,7 @@ import contextlib
 import errno
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Self
 
 import can
@@ -92,10 +92,6 @@ class MockServer:
     def clear_faults(self) -> None:
         """End the faults in force. What motors have latched stays."""
         self.call(lambda motors: motors.clear_faults())
-
-    def move_by_hand(self, positions: Mapping[str, float] | None) -> None:
-        """Lead joints by hand, see `MotorPlant.lead`."""
-        self.call(lambda motors: motors.plant.lead(positions))
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Support a floating base or let it go, see `MotorPlant.set_support`."""

@@ -40,13 +40,13 @@ def _hand(motors):
             while not given_up.wait(0.005):
                 for name, at in target.items():
                     target[name] = at + max(-0.025, min(stop[name] + beyond - at, 0.025))  # 5 rad/s
-                motors.move_by_hand(target)
+                motors.call(lambda mock: mock.plant.lead(target))
                 truth = motors.truth.joint_position
                 if all(abs(truth[_LITE.joint_names.index(name)] - stop[name]) < 0.04 for name in stop):
                     break
             given_up.wait(0.05)  # long enough to be read there
         done.set()
-        motors.move_by_hand(None)
+        motors.call(lambda mock: mock.plant.lead(None))
 
     thread = threading.Thread(target=lead)
     thread.start()
@@ -191,11 +191,15 @@ def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, path):
         assert (status, log) == (2, []), "not without a confirmation"
         assert "--yes: is needed" in complained
         joint = load_robot("lite_sito").joints[5]
-        lead = threading.Timer(1.0, lambda: motors.move_by_hand({joint.name: joint.lower - 0.05}))
-        motors.move_by_hand({joint.name: joint.upper + 0.05})
-        lead.start()
+
+        def lead(position):
+            motors.call(lambda mock: mock.plant.lead({joint.name: position}))
+
+        timer = threading.Timer(1.0, lead, (joint.lower - 0.05,))
+        lead(joint.upper + 0.05)
+        timer.start()
         status, printed, complained = run(*words, "--duration", "2.5", "--yes")
-        lead.join()
+        timer.join()
     assert status == 0, printed + complained
     assert abs(load_calibration(path, load_robot("lite_sito")).entries["left_wrist_roll"].homing_offset) < 0.1
     assert log == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
