@@ -3,6 +3,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from waiting import until
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
 from humanoid_sim.hardware.mock.faults import Fault
@@ -183,23 +184,28 @@ def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
 
 
-def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, path):
-    log, channel = [], "virtual:bench-limp"
+def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, path, monkeypatch):
+    log, channel, done = [], "virtual:bench-limp", threading.Event()
     words = ("calibrate", channel, "--robot", "lite_sito", "--output", str(path), "--joints", "left_wrist_roll")
+    joint = load_robot("lite_sito").joints[5]
+
+    def lead():
+        until(lambda: "left_wrist_roll: enabled" in log)
+        for stop, beyond in ((joint.upper, 0.05), (joint.lower, -0.05)):
+            motors.call(lambda mock, target=stop + beyond: mock.plant.lead({joint.name: target}))
+            until(lambda stop=stop: abs(motors.truth.joint_position[5] - stop) < 0.04)
+            time.sleep(0.1)  # long enough to be read there
+        done.set()
+
     with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)) as motors:
         status, _, complained = run(*words, "--duration", "1")
         assert (status, log) == (2, []), "not without a confirmation"
         assert "--yes: is needed" in complained
-        joint = load_robot("lite_sito").joints[5]
-
-        def lead(position):
-            motors.call(lambda mock: mock.plant.lead({joint.name: position}))
-
-        timer = threading.Timer(1.0, lead, (joint.lower - 0.05,))
-        lead(joint.upper + 0.05)
-        timer.start()
-        status, printed, complained = run(*words, "--duration", "2.5", "--yes")
-        timer.join()
+        monkeypatch.setattr(tool, "_is_over", lambda _, elapsed: done.is_set() or elapsed > 20.0)
+        hand = threading.Thread(target=lead)
+        hand.start()
+        status, printed, complained = run(*words, "--duration", "20", "--yes")
+        hand.join()
     assert status == 0, printed + complained
     assert abs(load_calibration(path, load_robot("lite_sito")).entries["left_wrist_roll"].homing_offset) < 0.1
     assert log == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
