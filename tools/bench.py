@@ -267,7 +267,8 @@ class _BareRollout:
     """The same models, states, controls and threads as a batch simulation's, and nothing around them.
 
     Args:
-        simulation: a `BatchSim` that has taken a command already, so that the gains are in its models.
+        simulation: of N robots.
+        models: N of them, with the gains in force.
         qpos: shape (N, nq), where it starts.
         qvel: shape (N, nv).
         targets: shape (N, n) each, rad, the positions that are commanded one control period after the other.
@@ -277,12 +278,13 @@ class _BareRollout:
     def __init__(
         self,
         simulation: BatchSim,
+        models: Sequence[mujoco.MjModel],
         qpos: FloatArray,
         qvel: FloatArray,
         targets: Sequence[FloatArray],
         reached: FloatArray,
     ) -> None:
-        self._models = [simulation.model(i) for i in range(simulation.count)]
+        self._models = list(models)
         for each in self._models:
             each.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         model, steps = self._models[0], simulation.physics_steps
@@ -350,9 +352,10 @@ def vector_step(repetitions: int) -> Iterator[Figure]:
         simulation, wiring = envs.envs.unwrapped.simulation, envs.envs.unwrapped.scenario.wiring
         envs.step()
         reached = simulation.qpos.copy()
+        models = [simulation.model(0)] * simulation.count  # now, while the gains are in it; all robots are alike
         envs.begin()
         targets = [action_command(wiring.action_map, action).position for action in envs.actions]
-        with closing(_BareRollout(simulation, simulation.qpos, simulation.qvel, targets, reached)) as physics:
+        with closing(_BareRollout(simulation, models, simulation.qpos, simulation.qvel, targets, reached)) as physics:
             comparison = compare(physics.run, envs.step, repetitions, envs.items, envs.begin)
         yield Figure("vector, 1024 environments, over bare rollout", *comparison, 0.85, at_least=True)
     # How many Gymnasium's own steps one by one makes no difference to the ratio.
@@ -399,7 +402,9 @@ def regress_speed(repetitions: int) -> Iterator[Figure]:
     raw = np.array(actions).reshape(_POLICY_STEPS, _EPISODES, -1)
     targets = [action_command(scenario.wiring.action_map, action).position for action in raw]
     reached = batch.simulation.qpos.copy()
-    with closing(batch.simulation), closing(_BareRollout(batch.simulation, *starts[0], targets, reached)) as physics:
+    models = [batch.simulation.model(i) for i in range(_EPISODES)]
+    bare = _BareRollout(batch.simulation, models, *starts[0], targets, reached)
+    with closing(batch.simulation), closing(bare) as physics:
         comparison = compare(physics.run, batch.run, repetitions, _EPISODES * _POLICY_STEPS)
     yield Figure(f"regress, {_EPISODES} episodes, over bare rollout", *comparison, 0.70, at_least=True)
 
