@@ -85,7 +85,7 @@ def test_python_gives_the_same_verdict_and_a_frame(suite, base):
     assert found.passed
     assert "PASS lite_tracking" in str(found)
     assert list(found.frame()["policy"]) == ["lite_tracking"] * 12
-    assert found.document()["candidates"][0]["comparisons"][0]["verdict"] == "no difference seen"
+    assert found.results.candidates[0].comparisons[0].verdict == "no difference seen"
 
 
 def complaint(capsys, *arguments):
