@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 
-from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.envs.vector_env import require_same_step
 from humanoid_sim.errors import needing
 from humanoid_sim.mit import Float32Array
 
@@ -19,23 +20,23 @@ with needing("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl"):
 class RslRlVecEnv(VecEnv):
     """A vector environment with `autoreset_mode="SameStep"`. Observations are the group `policy`."""
 
-    def __init__(self, envs: PolicyVectorEnv, *, seed: int | None = None) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any], *, seed: int | None = None) -> None:
         """Take over `envs`, and start an episode in each; environment i has `seed + i`."""
-        envs.require_same_step("rsl_rl")
+        self._whole = whole = require_same_step(envs, "rsl_rl")
         self.envs, self.num_envs, self.device = envs, envs.num_envs, "cpu"
         self.num_actions = envs.single_action_space.shape[0]  # type: ignore[index]
-        self.max_episode_length = envs.max_episode_steps
-        self.cfg = {"policy_dt": envs.scenario.contract.policy_dt, "robot": envs.scenario.description.name}
+        self.max_episode_length = whole.max_episode_steps
+        self.cfg = {"policy_dt": whole.scenario.contract.policy_dt, "robot": whole.scenario.description.name}
         self._observations = self._grouped(envs.reset(seed=seed)[0])
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
         """Shape (N,), policy steps since each episode began; setting it lets episodes of a set length end earlier."""
-        return torch.from_numpy(self.envs.episode_steps.copy())
+        return torch.from_numpy(self._whole.episode_steps.copy())
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: torch.Tensor) -> None:
-        self.envs.episode_steps = steps.cpu().numpy().astype(np.int64)
+        self._whole.episode_steps = steps.cpu().numpy().astype(np.int64)
 
     def get_observations(self) -> TensorDict:
         """Return the latest, shape (N, …) each."""

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 
-from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.envs.vector_env import require_same_step
 from humanoid_sim.errors import needing
 from humanoid_sim.mit import BoolArray, Float32Array
 
@@ -18,9 +19,9 @@ with needing("stable-baselines3", "rl", "humanoid_sim.envs.sb3"):
 class Sb3VecEnv(VecEnv):
     """A vector environment with `autoreset_mode="SameStep"`. Its environments are one, so attributes are shared."""
 
-    def __init__(self, envs: PolicyVectorEnv) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
         """Take over `envs`; closing this closes them."""
-        envs.require_same_step("stable-baselines3")
+        self._whole = require_same_step(envs, "stable-baselines3")
         self.envs, self._actions = envs, np.zeros(0, dtype=np.float32)
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
@@ -56,15 +57,15 @@ class Sb3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the vector environment, once for each of these environments."""
-        return [getattr(self.envs, attr_name)] * len(list(self._get_indices(indices)))
+        return [getattr(self._whole, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of the vector environment."""
-        setattr(self.envs, attr_name, value)
+        setattr(self._whole, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Call a method of the vector environment once; its result stands for each of these environments."""
-        return [getattr(self.envs, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
+        return [getattr(self._whole, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Return False for each: there are no single environments to wrap."""

@@ -221,16 +221,22 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             return None
         return tuple(self._pictures.draw(qpos) for qpos in self.simulation.qpos)
 
-    def require_same_step(self, library: str) -> None:
-        """Raise `InputError` unless an episode starts in the step that ends the last one, as a library expects."""
-        if self.autoreset_mode != AutoresetMode.SAME_STEP:
-            mode = self.autoreset_mode.value
-            raise InputError(f"autoreset_mode: is '{mode}', expected 'SameStep' for {library}")
-
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the threads, close the rendering context."""
         self._pictures.close()
         self.simulation.close()
+
+
+def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> PolicyVectorEnv:
+    """Return the environment inside of wrappers.
+
+    Raises `InputError` unless an episode starts in the step that ends the last one, as a library expects.
+    """
+    whole = envs.unwrapped
+    assert isinstance(whole, PolicyVectorEnv)
+    if whole.autoreset_mode != AutoresetMode.SAME_STEP:
+        raise InputError(f"autoreset_mode: is '{whole.autoreset_mode.value}', expected 'SameStep' for {library}")
+    return whole
 
 
 def _step_info(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from alike import LITE
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario
@@ -82,7 +83,7 @@ def test_rsl_rl_gets_tensors():
     torch = pytest.importorskip("torch")
     pytest.importorskip("rsl_rl")
     module = importlib.import_module("humanoid_sim.envs.rsl_rl")
-    envs = module.RslRlVecEnv(vector(max_episode_steps=3), seed=3)
+    envs = module.RslRlVecEnv(RecordEpisodeStatistics(vector(max_episode_steps=3)), seed=3)
     np.testing.assert_array_equal(envs.get_observations()["policy"].numpy(), vector().reset(seed=3)[0])
     assert (envs.num_envs, envs.num_actions, envs.max_episode_length) == (2, 14, 3)
     envs.episode_length_buf = torch.tensor([1, 0])
