@@ -30,7 +30,7 @@ class Sb3VecEnv(VecEnv):
         observation, _ = self.envs.reset(seed=self._seeds, options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
-        return observation
+        return np.asarray(observation)
 
     def step_async(self, actions: Float32Array) -> None:
         """Keep the actions of the next step."""
