@@ -65,8 +65,8 @@ def emulate(config: Emulate) -> int:
             if motors.slipped:
                 print(f"the motors stood still for {motors.slipped:.2f} s: this computer is too slow for them")
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for number, handler in handlers.items():  # later ones of a burst would kill the ending process
+            signal.signal(number, signal.SIG_IGN if ending.is_set else handler)
     return 0
 
 
