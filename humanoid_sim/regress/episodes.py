@@ -83,7 +83,9 @@ class EpisodeBatch:
         starts = case.scenario.starts
         start = starts(np.stack([generator.random(starts.draws) for generator in simulation.generators]))
         simulation.reset(qpos=start.qpos, qvel=start.qvel)
-        masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(count)])
+        masses = np.zeros(count)
+        if case.suite.pushes is not None:  # a model of each is made for this
+            masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(count)])
         directions = [np.random.default_rng([_PUSH_STREAM, int(key)]) for key in self._keys]
         commands = np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1))
         loop = ClosedLoop(simulation, case.scenario.wiring, commands)
