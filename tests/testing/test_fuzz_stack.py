@@ -164,9 +164,18 @@ def machine(build):
         (IgnoresDampWithQuit, survey, "DAMP was requested"),
         (ChangesTheRunningPolicy, survey, "LOCOMOTION's stiffness"),
         (DependsOnTheInstance, survey, "the same inputs gave"),
-        (RemembersOutsideItsMemory, run_as_test, "the same inputs gave|captured at activation"),
-        (SleepingGuards, run_as_test, "although a guard has tripped"),
-        (NegativeGainInRemote, run_as_test, "expected no negative gain"),
+        pytest.param(
+            RemembersOutsideItsMemory,
+            run_as_test,
+            "the same inputs gave|captured at activation",
+            marks=pytest.mark.soak,
+        ),  # a random search
+        pytest.param(
+            SleepingGuards, run_as_test, "although a guard has tripped", marks=pytest.mark.soak
+        ),  # a random search
+        pytest.param(
+            NegativeGainInRemote, run_as_test, "expected no negative gain", marks=pytest.mark.soak
+        ),  # a random search
     ],
 )
 def test_a_planted_defect_is_found(build, attack, message):
@@ -207,6 +216,7 @@ def test_every_shipped_robot_withstands_anything(name):
     testing.fuzz_stack(testing.robot_stack(name), settings(testing.DEFAULT_SETTINGS, max_examples=60))
 
 
+@pytest.mark.soak
 def test_a_property_of_ones_own_is_checked_in_the_search():
     class Gentle(testing.StackMachine):
         build = staticmethod(rig.supervisor)
