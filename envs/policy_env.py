@@ -64,8 +64,6 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self.robot = SimRobot(description, scenario.sim_config)
         self.max_episode_steps = scenario.task.episode_steps
         """Steps after which every episode is truncated, if it is not over before."""
-        self.fault_count = 0
-        """Episodes that a fault has ended so far."""
         self._randomisation = Randomisation.of(config.randomisation)
         self._loop: ClosedLoop | None = None
         self._observation: Array = np.zeros(scenario.wiring.layout.width, dtype=np.float32)
@@ -132,7 +130,6 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         return loop.observation.copy(), float(judgement.reward), *ends, info
 
     def _fault(self, fault: str, frame: Any) -> Step:
-        self.fault_count += 1
         return self._observation.copy(), 0.0, True, False, {"frame": frame, "terms": {}, "fault": fault}
 
     def render(self) -> npt.NDArray[np.uint8] | None:

@@ -90,8 +90,6 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         }
         self.max_episode_steps = scenario.task.episode_steps
         """Steps after which every episode is truncated, if it is not over before."""
-        self.fault_count = 0
-        """Episodes that a fault has ended so far."""
         self.wrench: FloatArray | None = None
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSim.step` takes it."""
         self.episode_steps: IntArray = np.zeros(num_envs, dtype=np.int64)
@@ -192,7 +190,6 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         faults |= {i: loop.alarms[i] for i in np.flatnonzero(tripped).tolist()}
         faults |= dict.fromkeys(np.flatnonzero(broken).tolist(), "simulation unstable")
         faults |= {i: loop.wiring.observation_problem(loop.observation[i]) for i in np.flatnonzero(blind).tolist()}
-        self.fault_count += len(faults)
 
         judgement = task.judge(sample_step(loop, simulation, np.maximum(self.episode_steps, 1)))
         reward = np.where(sound, judgement.reward, 0.0)

@@ -264,7 +264,7 @@ def _histories(case: _Case) -> Changes:
         terms = [replace(term, history_order=order) for term in case.contract.terms]
         yield f"histories are {order.replace('_', ' ')}", {"observation": terms}
     for layout in ("per_term", "per_step"):
-        yield f"the history is laid out {layout.replace('_', ' ')}", {"history_layout": layout}
+        yield f"the history is ordered {layout.replace('_', ' ')}", {"history_layout": layout}
 
 
 # --- actions, pose, gains, rate ---

@@ -73,14 +73,14 @@ class Samples:
         live = {name: Extern(array, 0.0) for name, array in trace.under(EXTERN).items()}
         rows = {name: arrays[name] for name in STATE_ARRAYS}
         state = MITState(time=0.0, **rows, joint_effort=zeros, joint_age=zeros, extern=live)
-        laid = wiring.activate(trace.state(0)).alignment
+        alignment = wiring.activate(trace.state(0)).alignment
         if "alignment" in arrays:
-            laid = Alignment(yaw=arrays["alignment"][:, 3:], offset=arrays["alignment"][:, :3])
+            alignment = Alignment(yaw=arrays["alignment"][:, 3:], offset=arrays["alignment"][:, :3])
         memory = PolicyMemory(
             frame=_frames(trace, wiring.reference.frame_count),
             last_action=arrays.get("last_action", np.vstack([np.zeros_like(actions[:1]), actions[:-1]])),
             walked=arrays.get("walked", _walked(contract, arrays.get(EXTERN + VELOCITY_COMMAND), steps)),
-            alignment=laid,
+            alignment=alignment,
         )
         observation, after = wiring.observe(memory, state)
         if after.history is None:

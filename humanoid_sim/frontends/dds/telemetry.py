@@ -55,7 +55,7 @@ class Telemetry:
             news: what to say in `/control_mode` beside the session's own status message; empty for nothing.
         """
         self._attachment, self._participant, self._news = attachment, participant, news
-        self._fixed, self._has_live = dict(topics), live
+        self._fixed = dict(topics)
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
         taken = {one.topic for one in wanted_inputs(attachment).values()}
