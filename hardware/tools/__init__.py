@@ -7,7 +7,6 @@ it must be.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,31 +14,57 @@ from humanoid_sim.cli import ExitStatus, complain
 
 __all__ = ["main"]
 
-_FUNCTIONS = {
-    "Discover": "discover.discover",
-    "Ping": "param.ping",
-    "Param": "param.param",
-    "Identify": "identify.identify",
-    "Calibrate": "calibrate.calibrate",
-    "SetId": "only_motor.set_id",
-    "SetZero": "only_motor.set_zero",
-    "Emulate": "emulate.emulate",
-}
-"""Module and function of each class of options, imported when it is used: `--help` must be quick."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
-    from humanoid_sim.cli import parse  # noqa: PLC0415
-    from humanoid_sim.hardware.tools.options import TOOLS  # noqa: PLC0415
+    from humanoid_sim.cli import parse
+    from humanoid_sim.hardware.tools.options import TOOLS
 
-    options: Any = parse(TOOLS, "hardware", arguments)
-    module, _, name = _FUNCTIONS[type(options).__name__].partition(".")
-    from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
+    chosen = parse(TOOLS, "hardware", arguments)
+    from humanoid_sim.hardware.tools.bench import SilentMotorError
 
     try:
-        status: int = getattr(importlib.import_module(f"{__name__}.{module}"), name)(options)
+        return _run(chosen)
     except SilentMotorError as error:
         complain(f"error: {error}")
         return ExitStatus.NO_ANSWER
-    return status
+
+
+def _run(chosen: Any) -> int:
+    """Run the tool of these options, which is imported now: `--help` must be quick."""
+    from humanoid_sim.hardware.tools import options
+
+    match chosen:
+        case options.Discover():
+            from humanoid_sim.hardware.tools.discover import discover
+
+            return discover(chosen)
+        case options.Ping():
+            from humanoid_sim.hardware.tools.param import ping
+
+            return ping(chosen)
+        case options.Param():
+            from humanoid_sim.hardware.tools.param import param
+
+            return param(chosen)
+        case options.Identify():
+            from humanoid_sim.hardware.tools.identify import identify
+
+            return identify(chosen)
+        case options.Calibrate():
+            from humanoid_sim.hardware.tools.calibrate import calibrate
+
+            return calibrate(chosen)
+        case options.SetId():
+            from humanoid_sim.hardware.tools.only_motor import set_id
+
+            return set_id(chosen)
+        case options.SetZero():
+            from humanoid_sim.hardware.tools.only_motor import set_zero
+
+            return set_zero(chosen)
+        case options.Emulate():
+            from humanoid_sim.hardware.tools.emulate import emulate
+
+            return emulate(chosen)
+    raise AssertionError(chosen)
