@@ -13,23 +13,22 @@ import numpy as np
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
-from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.errors import length, pose_error, rms
+from humanoid_sim.evaluation.errors import pose_error, rms
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
-from humanoid_sim.evaluation.rollout import ClosedLoop
-from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, IndexArray
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step_metrics import METRICS
+from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, Extern, FloatArray, MITCommand
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import Motion, body_poses, read_motion
+from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription, with_contract, with_joint_limits
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -47,17 +46,16 @@ the shortest."""
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
-    "tilt": 0.1,  # rad, root mean square
     "height": 0.02,  # m, standard deviation
-    "joints": 0.1,  # rad, mean
-    "position": 0.3,  # m, mean
-    "angle": 0.2,  # rad, mean
-    "hand position": 0.1,  # m, root mean square
-    "hand angle": 0.3,  # rad, root mean square
     "shaking": 5.0,  # rad/s, root mean square of the commanded positions' change
-    "torque": 15.0,  # N·m, root mean square
+    # of the table of step metrics, root mean square
+    **{"effort": 15.0, "tilt": 0.1, "joint_error": 0.1, "hand_position_error": 0.1, "hand_orientation_error": 0.3},
+    **{"anchor_position_error": 0.3, "anchor_orientation_error": 0.2},
 }
 """Errors at which an onlooker begins to notice."""
+_OF_WALKING = ("effort", "tilt")
+_OF_MOTIONS = ("effort", "joint_error", "hand_position_error", "hand_orientation_error")
+_OF_ANCHORS = ("anchor_position_error", "anchor_orientation_error")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,12 +152,12 @@ class Simulations:
         self._robots: dict[tuple[object, ...], BatchSim] = {}
         self._stability: dict[tuple[bool, float], DampingStability] = {}
 
-    def robots(self, contract: PolicyContract, count: int) -> BatchSim:
+    def robots(self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = ()) -> BatchSim:
         """Return robots in the contract's default pose, whose gains come with every command."""
         plant = is_implicit, timestep = self._plant(contract)
         order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
-            *(count, plant, contract.policy_dt, contract.anchor_body, contract.velocity_points),
+            *(count, bodies, plant, contract.policy_dt, contract.anchor_body, contract.velocity_points),
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
         )
@@ -170,6 +168,7 @@ class Simulations:
                 anchor_body=contract.anchor_body,
                 velocity_at=contract.velocity_points,
                 height_scan=contract.height_scan,
+                bodies=bodies,
             )
             self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=is_implicit, threads=1)
         return self._robots[key]
@@ -209,7 +208,9 @@ class Simulations:
             commands: velocity commands, for equal shares of the time.
         """
         try:
-            loaded, robot = self._subject.load(contract), self.robots(contract, 1)
+            loaded = self._subject.load(contract)
+            bodies = contract.body_names if "motion_body_pos_b" in loaded.reference.terms else ()
+            robot = self.robots(contract, 1, bodies)
             robot.reset(base_yaw=np.array([_YAW]))
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
@@ -228,7 +229,7 @@ class Simulations:
                 return Outcome(step * contract.policy_dt, seconds, score.errors(), lost)
             is_settled = step * contract.policy_dt % (seconds / len(commands)) >= _SETTLED
             sent = loop.act(inferred.action[None], velocity=np.array([command]))
-            score.add(frame, sent.position[0], command if is_settled else (np.nan,) * 3)
+            score.add(sample_step(loop, robot, step + 1), sent, command if is_settled else (np.nan,) * 3)
         return Outcome(seconds, seconds, score.errors())
 
 
@@ -237,15 +238,22 @@ class _Score:
 
     def __init__(self, loaded: LoadedPolicy, robot: BatchSim, base: MotionReference | None) -> None:
         """Begin; `base` has the base's poses in the motion, if it does."""
-        self._loaded, self._robot, self._base_motion = loaded, robot, base
+        self._loaded, self._robot, self._base = loaded, robot, base
         self._alignment = None if base is None else base.align(self._pose())
+        contract, description = loaded.contract, robot.description
+        context = StepContext(description, contract, loaded.reference)
+        names = _OF_WALKING if contract.task_type == "locomotion" else _OF_MOTIONS
+        self._metrics = {name: context for name in names if context.has(METRICS[name].needs)}
+        if base is not None:
+            context = StepContext(description, replace(contract, anchor_body=description.base.body), base)
+            self._metrics |= dict.fromkeys(_OF_ANCHORS, context)
         self._rows: list[dict[str, Any]] = []
 
     def _pose(self) -> FloatArray:
-        """Return the base's pose now, shape (7,), m and w x y z, world frame."""
+        """Return the base's pose now, shape (1, 7), m and w x y z, world frame."""
         base = self._robot.base
         assert base is not None
-        return np.concatenate([base.position[0], base.quaternion[0]])
+        return np.hstack([base.position, base.quaternion])
 
     def loss(self, frame: int) -> str:
         """Return how the robot was lost by now, at a frame of the reference; or ''."""
@@ -254,20 +262,22 @@ class _Score:
             return "the simulation diverged"
         if base is None:
             return ""
-        if self._base_motion is not None:
-            error = pose_error(self._pose(), *self._base_motion.anchor(frame, self._alignment))
-            return describe_stray(error) if has_strayed(error) else ""
+        if self._base is not None:
+            error = pose_error(self._pose(), *self._base.anchor(frame, self._alignment))
+            return describe_stray(error, 0) if has_strayed(error)[0] else ""
         standing = self._robot.start_pose.standing_height
         return describe_fall(base, standing, 0) if has_fallen(base, standing)[0] else ""
 
-    def add(self, frame: int, sent: FloatArray, command: Sequence[float]) -> None:
-        """Take in a policy step: the reference's frame, the positions (n,) sent, the command; NaN: not settled yet."""
-        robot, base = self._robot, self._robot.base
-        row: dict[str, Any] = {"frame": frame, "sent": sent, "command": command, "effort": robot.effort[0].copy()}
-        row["position"] = robot.state().joint_position[0]
-        if base is not None:
-            row |= {"pose": self._pose(), "velocity": base.planar_velocity[0], "tilt": base.tilt[0]}
-            row["height"] = base.height[0]
+    def add(self, sample: StepSample, sent: MITCommand, command: Sequence[float]) -> None:
+        """Take in a policy step, and the velocity command; NaN: not settled yet."""
+        row: dict[str, Any] = {"sent": sent.position[0], "command": command}
+        if sample.base is not None:
+            row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0]}
+        if self._base is not None:
+            pose = {ANCHOR_POSE: Extern(self._pose(), 0.0)}
+            sample = replace(sample, state=replace(sample.state, extern=pose), alignment=self._alignment)
+        for name, context in self._metrics.items():
+            row[name] = METRICS[name].values(context, sample)[0]
         self._rows.append(row)
 
     def errors(self) -> dict[str, float]:
@@ -275,34 +285,16 @@ class _Score:
         if not self._rows:
             return {}
         rows = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-        contract, reference = self._loaded.contract, self._loaded.reference
-        frames, position = np.minimum(rows["frame"] + 1, reference.frame_count - 1), rows["position"]
-        found: dict[str, Any] = {"torque": rms(rows["effort"].ravel())}
-        found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt if len(frames) > 1 else 0.0
-        if "reference_joint_pos" in reference.terms:
-            order = joint_indices(contract.joint_names, self._robot.joints, "joint_names of the policy")
-            found["joints"] = np.abs(position[:, order] - reference.term("reference_joint_pos", frames)).mean()
-        if self._base_motion is not None:
-            error = pose_error(rows["pose"], *self._base_motion.anchor(frames, self._alignment))
-            found |= {"position": error.distance.mean(), "angle": error.angle.mean()}
-        if "motion_body_pos_b" in reference.terms:
-            found |= self._hand_errors(frames, position)
-        if contract.task_type == "locomotion" and "tilt" in rows:
-            found["tilt"], settled = rms(rows["tilt"]), np.isfinite(rows["command"][:, 0])
+        contract = self._loaded.contract
+        found: dict[str, Any] = {name: rms(rows[name]) for name in self._metrics}
+        found["shaking"] = (
+            rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt if len(self._rows) > 1 else 0.0
+        )
+        settled = np.isfinite(rows["command"][:, 0])
+        if contract.task_type == "locomotion" and "velocity" in rows and settled.any():
             commands = np.unique(rows["command"][settled], axis=0)
             off = [rows["velocity"][(rows["command"] == each).all(axis=1)].mean(axis=0) - each for each in commands]
-            if off:
-                found["height"] = rows["height"][settled].std()
-                found["velocity"] = np.mean([np.hypot(x, y) for x, y, _ in off])
-                found["turning"] = np.mean([abs(turning) for _, _, turning in off])
+            found["height"] = rows["height"][settled].std()
+            found["velocity"] = np.mean([np.hypot(x, y) for x, y, _ in off])
+            found["turning"] = np.mean([abs(turning) for _, _, turning in off])
         return {name: float(value) / _NOTICED[name] for name, value in found.items()}
-
-    def _hand_errors(self, frames: IndexArray, position: FloatArray) -> dict[str, Any]:
-        """Return the errors of the hands, of a motion without them of all bodies, in the base frame."""
-        terms, names = self._loaded.reference.terms, self._loaded.contract.body_names
-        wanted, turned = body_poses(np.hstack([terms["motion_body_pos_b"], terms["motion_body_ori_b"]]), len(names))
-        places, rotations = ForwardKinematics(self._robot.description, names)(position)
-        hands = [i for i, name in enumerate(names) if name in self._robot.description.hands] or list(range(len(names)))
-        distance = length(places - wanted[frames])[:, hands]
-        angle = rotation_angle(rotations, turned[frames])[:, hands]
-        return {"hand position": rms(distance.ravel()), "hand angle": rms(angle.ravel())}
