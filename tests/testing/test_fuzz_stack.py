@@ -1,7 +1,6 @@
 """A stack with one planted defect for each safety property: `fuzz_stack` finds it; sound stacks pass."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,13 @@ from humanoid_sim import testing
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers import supervisor as supervisor_module
 from humanoid_sim.controllers.fsm import Decision, transition
-from humanoid_sim.messages import OK, Intent, Mode
+from humanoid_sim.messages import OK, Intent, Mode, RemoteCommand
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing.fuzz import survey
+from humanoid_sim.testing.machine import PERIOD
 
 SEARCH = settings(testing.DEFAULT_SETTINGS, max_examples=200, derandomize=True, database=None, phases=[Phase.generate])
 SOUND = testing.robot_stack("lite")
-run_as_test = partial(run_state_machine_as_test, settings=SEARCH)
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,16 @@ def machine(build):
     return type("Machine", (testing.StackMachine,), {"build": staticmethod(build)})
 
 
+def strong_commands_to_blocked_joints(kind):
+    run = kind()
+    run.go(Intent.LOAD_A, Intent.START_REMOTE)
+    position, zeros, strong = run.joints + 0.3, np.zeros(run.joint_count), np.full(run.joint_count, 60.0)
+    for _ in range(100):
+        run.time += PERIOD
+        command = RemoteCommand(MITCommand(position, zeros, zeros, strong, strong), run.time)
+        run.feed(run.healthy(remote=command), is_blocked=True)
+
+
 @pytest.mark.parametrize(
     ("build", "attack", "message"),
     [
@@ -164,18 +174,9 @@ def machine(build):
         (IgnoresDampWithQuit, survey, "DAMP was requested"),
         (ChangesTheRunningPolicy, survey, "LOCOMOTION's stiffness"),
         (DependsOnTheInstance, survey, "the same inputs gave"),
-        pytest.param(
-            RemembersOutsideItsMemory,
-            run_as_test,
-            "the same inputs gave|captured at activation",
-            marks=pytest.mark.soak,
-        ),  # a random search
-        pytest.param(
-            SleepingGuards, run_as_test, "although a guard has tripped", marks=pytest.mark.soak
-        ),  # a random search
-        pytest.param(
-            NegativeGainInRemote, run_as_test, "expected no negative gain", marks=pytest.mark.soak
-        ),  # a random search
+        (RemembersOutsideItsMemory, survey, "captured at activation"),
+        (SleepingGuards, strong_commands_to_blocked_joints, "although a guard has tripped"),
+        (NegativeGainInRemote, strong_commands_to_blocked_joints, "expected no negative gain"),
     ],
 )
 def test_a_planted_defect_is_found(build, attack, message):
