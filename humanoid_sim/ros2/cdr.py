@@ -14,12 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-ENCAPSULATION = b"\x00\x01\x00\x00"
-"""The header of a plain little-endian CDR body."""
-
+ENCAPSULATION = b"\x00\x01\x00\x00"  # header of a plain little-endian CDR body
 _SIZES = {"?": 1, "B": 1, "b": 1, "H": 2, "h": 2, "I": 4, "i": 4, "f": 4, "Q": 8, "q": 8, "d": 8}
-
-_UINT32 = struct.Struct("<I")
 
 
 class CdrError(ValueError):
@@ -28,22 +24,15 @@ class CdrError(ValueError):
 
 @cache
 def layout(codes: str, start: int = 0) -> struct.Struct:
-    """Return a `struct.Struct` of primitives with CDR's padding between them; made once.
+    """Return a struct of primitives with CDR's padding before each, for a body offset of `start` modulo 8.
 
-    Args:
-        codes: one `struct` letter per primitive (`?BbHhIifQqd`), in order.
-        start: body offset of the first one, modulo 8.
-
-    Returns:
-        A struct that covers the padding before the first primitive too. It does not depend on the machine.
+    `codes` has one `struct` letter per primitive (`?BbHhIifQqd`).
     """
-    parts = ["<"]
-    offset = start
+    parts, offset = ["<"], start
     for code in codes:
-        size = _SIZES[code]
-        padding = -offset % size
-        parts.append(f"{padding}x{code}" if padding else code)
-        offset += padding + size
+        padding = -offset % _SIZES[code]
+        parts.append(f"{padding}x{code}")
+        offset += padding + _SIZES[code]
     return struct.Struct("".join(parts))
 
 
@@ -60,16 +49,14 @@ class CdrWriter:
         self._skip = skip
 
     def pack(self, codes: str, *values: Any) -> None:
-        """Append primitives; `codes` holds one `struct` letter for each."""
+        """Append primitives; `codes` has one `struct` letter for each."""
         self._body += layout(codes, len(self._body) & 7).pack(*values)
 
     def string(self, text: str) -> None:
         """Append a string. Lone surrogates are kept, although no other reader will like them."""
         data = text.encode("utf-8", "surrogatepass")
-        self._body += b"\x00" * (-len(self._body) % 4)
-        self._body += _UINT32.pack(len(data) + 1)
-        self._body += data
-        self._body.append(0)
+        self.pack("I", len(data) + 1)
+        self._body += data + b"\x00"
 
     def strings(self, texts: tuple[str, ...] | list[str]) -> None:
         """Append a sequence of strings."""
@@ -81,16 +68,15 @@ class CdrWriter:
         """Append a sequence of numbers of the array's own type, flattened row by row."""
         self.pack("I", values.size)
         if values.size:
-            self._body += b"\x00" * (-len(self._body) % values.itemsize)
-            self._body += values.tobytes()
+            self.fixed_array(values)
 
     def fixed_array(self, values: npt.NDArray[Any]) -> None:
-        """Append an array whose length is part of the message definition: no count."""
+        """Append an array whose length is part of the definition: no count."""
         self._body += b"\x00" * (-len(self._body) % values.itemsize)
         self._body += values.tobytes()
 
     def append(self, stretch: bytes) -> None:
-        """Append fields that were encoded elsewhere; the body must be at an offset that they were encoded for."""
+        """Append fields that were encoded elsewhere for this offset."""
         self._body += stretch
 
     def body(self) -> bytes:
@@ -119,7 +105,7 @@ class CdrReader:
         return len(self._data) - self._offset
 
     def unpack(self, codes: str) -> tuple[Any, ...]:
-        """Read primitives; `codes` holds one `struct` letter for each."""
+        """Read primitives; `codes` has one `struct` letter for each."""
         fields = layout(codes, self._offset & 7)
         try:
             values = fields.unpack_from(self._data, self._offset)
@@ -129,7 +115,7 @@ class CdrReader:
         return values
 
     def count(self, smallest: int = 1) -> int:
-        """Read a sequence's count and check that so many elements of at least `smallest` bytes can follow."""
+        """Read a sequence's count, of elements of at least `smallest` bytes."""
         (count,) = self.unpack("I")
         if count * smallest > self.remaining:
             raise CdrError(f"a sequence of {count} elements in {self.remaining} bytes")
@@ -140,11 +126,10 @@ class CdrReader:
         (length,) = self.unpack("I")
         if not 0 < length <= self.remaining:
             raise CdrError(f"a string of {length} bytes in {self.remaining} bytes")
-        end = self._offset + length
-        data = bytes(self._data[self._offset : end])
+        data = bytes(self._data[self._offset : self._offset + length])
+        self._offset += length
         if data[-1] != 0:
             raise CdrError("a string without its final NUL")
-        self._offset = end
         try:
             return data[:-1].decode("utf-8", "surrogatepass")
         except UnicodeDecodeError as error:
@@ -156,12 +141,11 @@ class CdrReader:
 
     def array(self, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Read a sequence of numbers. Shape (count,), a read-only view of the message."""
-        size = np.dtype(dtype).itemsize
-        count = self.count(size)
+        count = self.count(np.dtype(dtype).itemsize)
         return self.fixed_array(dtype, count) if count else np.zeros(0, dtype)
 
     def fixed_array(self, dtype: npt.DTypeLike, count: int) -> npt.NDArray[Any]:
-        """Read an array whose length is part of the message definition. Shape (count,), a view of the message."""
+        """Read an array whose length is part of the definition. Shape (count,), a view of the message."""
         kind = np.dtype(dtype)
         start = self._offset + -self._offset % kind.itemsize
         end = start + count * kind.itemsize
@@ -172,6 +156,6 @@ class CdrReader:
         return array
 
     def finish(self) -> None:
-        """Check that nothing is left; up to three bytes of trailing padding are allowed, as some writers add them."""
+        """Check that nothing is left but up to three bytes of padding, which some writers add."""
         if self.remaining > 3:
             raise CdrError(f"{self.remaining} bytes left after the last field")

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
 LINKED = ("controllers", "envs", "hardware", "assets")
-SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".mid"}
+SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".mid", ".msg"}
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The DDS domain: which one, on which network interface, and who can be heard there.
+"""The DDS domain: which one, and on which network interface.
 
 The configuration is given to Cyclone DDS here, not by the environment, so that nothing leaves the machine unless an
 interface is named. But Cyclone DDS receives on all addresses of the machine, whatever the configuration says: its
@@ -16,8 +16,7 @@ from humanoid_sim.client import network_on
 from humanoid_sim.errors import InputError, blaming, needing, require_known
 
 LOOPBACK = "lo"
-_LARGEST_DOMAIN = 232
-"""Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
+_LARGEST_DOMAIN = 232  # beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)
 
 _CONFIGURATION = """\
 <CycloneDDS><Domain id="any">
@@ -41,13 +40,11 @@ def domain_id() -> int:
 
 
 def _check_interface(name: str) -> None:
-    """Refuse a network interface that this machine does not have."""
-    known = [label for _, label in socket.if_nameindex()]
-    require_known("network interface", (name,), known)
+    require_known("network interface", (name,), [label for _, label in socket.if_nameindex()])
 
 
 def check_network_interface(option: str, name: str) -> None:
-    """Refuse one that leads to no other machine."""
+    """Refuse an interface that this machine lacks, or that leads to no other machine."""
     with blaming(option, InputError):
         _check_interface(name)
     if name == LOOPBACK:
@@ -60,27 +57,22 @@ def is_wireless(interface: str) -> bool:
 
 
 def configuration(interface: str = LOOPBACK) -> str:
-    """Cyclone DDS's configuration for one network interface; by default nothing leaves the machine."""
+    """Return Cyclone DDS's configuration for one network interface; by default nothing leaves the machine."""
     is_local = interface == LOOPBACK
-    return _CONFIGURATION.format(
-        interface=interface, loopback=str(is_local).lower(), peers=_LOCAL_PEERS if is_local else ""
-    )
+    peers = _LOCAL_PEERS if is_local else ""
+    return _CONFIGURATION.format(interface=interface, loopback=str(is_local).lower(), peers=peers)
 
 
 class Participant:
     """This process in a domain, on one network interface. A context manager; a process has one in each domain."""
 
     def __init__(self, domain: int | None = None, interface: str = LOOPBACK) -> None:
-        """Join.
+        """Join; raises `InputError` if the domain or the interface cannot be used.
 
         Args:
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: the only network interface that is used. One other than the loopback interface leads to other
                 machines alone: programs on this one would otherwise meet a robot twice that is on both.
-
-        Raises:
-            InputError: the domain or the interface cannot be used.
-            MissingPackageError: Cyclone DDS is not installed.
         """
         with needing("cyclonedds", "dds", "DDS"):
             from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
@@ -92,8 +84,7 @@ class Participant:
         try:
             with network_on(interface, from_here=interface == LOOPBACK):
                 self._domain = Domain(self.domain, configuration(interface))
-                self.entity: Any = DomainParticipant(self.domain)
-                """Cyclone DDS's."""
+                self.entity: Any = DomainParticipant(self.domain)  # Cyclone DDS's
         except (DDSException, OSError) as error:
             self.close()
             why = error.msg if isinstance(error, DDSException) else error.strerror

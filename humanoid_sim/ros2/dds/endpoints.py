@@ -6,7 +6,6 @@ layer below it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,13 +15,12 @@ from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields, schema_text
 from humanoid_sim.ros2.topics import Topic
 
-_DEPTH = 64
-"""Messages of a `Subscription` that wait for the next look."""
+_DEPTH = 64  # messages of a `Subscription` that wait for the next `take`
 
 
 def dds_topic(topic: str) -> str:
     """Return the DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
-    return f"rt{topic}"  # rq and rr are of services
+    return f"rt{topic}"
 
 
 def dds_type(schema: str) -> str:
@@ -50,64 +48,53 @@ def idl_type(schema: str) -> Any:
 class Received(NamedTuple):
     """A sample that came."""
 
-    data: bytes
-    """The whole message, with its encapsulation header."""
-    source_ns: int
-    """ns, when it was written, by the writer's clock."""
-    writer: int
-    """Tells writers apart; `Reader.name_of` says more of one."""
+    data: bytes  # the whole message, with its encapsulation header
+    source_ns: int  # ns, when it was written, by the writer's clock
+    writer: int  # handle of its writer; see `Reader.name_of`
 
 
-def _qos(kind: Topic, *, depth: int | None = None, any_writer: bool = False) -> Any:
+def _topic(participant: Participant, topic: str, kind: Topic) -> Any:
+    from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415 - an extra
+
+    return DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
+
+
+def _qos(kind: Topic, depth: int, *, any_writer: bool = False) -> Any:
     from cyclonedds.qos import Policy, Qos  # noqa: PLC0415 - an extra
 
     is_latched = kind.latched and not any_writer
-    durability = Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile
-    # No write ever waits for a reader that has stopped reading.
-    reliable = Policy.Reliability.Reliable(max_blocking_time=0)
+    reliable = Policy.Reliability.Reliable(max_blocking_time=0)  # no write waits for a reader that stopped reading
     return Qos(
         Policy.Reliability.BestEffort if any_writer else reliable,
-        Policy.History.KeepLast(depth or kind.depth),
-        durability,
+        Policy.History.KeepLast(depth),
+        Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
 
 
-def _count(matched: Callable[[], list[int]]) -> int:
-    """Count who is matched. Where somebody joins meanwhile, the library reads beyond the end of its list."""
-    while True:
-        try:
-            return len(matched())
-        except IndexError:
-            continue
-
-
 class Writer:
-    """Publishes on a topic."""
+    """Publishes on a topic, given by its ROS 2 name."""
 
     def __init__(self, participant: Participant, topic: str, kind: Topic) -> None:
-        """Announce the topic; `topic` is its ROS 2 name."""
         from cyclonedds._clayer import ddspy_write  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
-        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-        self._writer = DataWriter(participant.entity, described, _qos(kind))
+        self._writer = DataWriter(participant.entity, _topic(participant, topic, kind), _qos(kind, kind.depth))
         self._put = ddspy_write
-        self.left_out = 0
-        """Messages that were not sent, because readers took too few of those before."""
 
     def write(self, message: bytes) -> bool:
-        """Send a message, as `humanoid_sim.ros2.messages` encodes it; whether it left. Never waits."""
-        padded = message if len(message) % 4 == 0 else message.ljust(-(-len(message) // 4) * 4, b"\0")
-        is_sent: bool = self._put(self._writer._ref, padded) >= 0
-        self.left_out += not is_sent
+        """Send a message, as `humanoid_sim.ros2.messages` encodes it; True if sent. Never waits."""
+        is_sent: bool = self._put(self._writer._ref, message + bytes(-len(message) % 4)) >= 0
         return is_sent
 
     @property
     def readers(self) -> int:
         """Return how many subscribe."""
-        return _count(self._writer.get_matched_subscriptions)
+        while True:
+            try:
+                return len(self._writer.get_matched_subscriptions())
+            except IndexError:  # a reader joined meanwhile, and the library reads beyond the end of its list
+                continue
 
 
 class Reader:
@@ -116,7 +103,7 @@ class Reader:
     def __init__(
         self, participant: Participant, topic: str, kind: Topic, *, depth: int | None = None, any_writer: bool = False
     ) -> None:
-        """Announce that the topic is wanted.
+        """Subscribe.
 
         Args:
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
@@ -125,18 +112,17 @@ class Reader:
         from cyclonedds._clayer import ddspy_take  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
-        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-        self._topic, self._depth = topic, depth or kind.depth
-        self._reader = DataReader(participant.entity, described, _qos(kind, depth=self._depth, any_writer=any_writer))
+        self._name, self._depth = topic, depth or kind.depth
+        described, qos = _topic(participant, topic, kind), _qos(kind, self._depth, any_writer=any_writer)
+        self._reader = DataReader(participant.entity, described, qos)
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)
         self._set.attach(self._condition)
         self._get = ddspy_take
 
     def wait(self, timeout: float) -> bool:
-        """Wait until something is there, at most `timeout` s; whether it is. Raises `InputError` as `take`."""
+        """Wait at most `timeout` s for a message; True if there is one. Raises `InputError` as `take`."""
         from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
 
         try:
@@ -145,32 +131,23 @@ class Reader:
             raise self._broken(error.code) from None
 
     def take(self) -> list[Received]:
-        """Return what has come since the last call, oldest first.
+        """Return the messages since the last call, oldest first.
 
         Raises `InputError` if the subscription does not work any more, which is not silence.
         """
-        taken = self._get(self._reader._ref, self._condition.mask, self._depth)
-        if isinstance(taken, int):
-            raise self._broken(taken)
-        return [
-            Received(data, info.source_timestamp, info.publication_handle) for data, info in taken if info.valid_data
-        ]
+        samples = self._get(self._reader._ref, self._condition.mask, self._depth)
+        if isinstance(samples, int):
+            raise self._broken(samples)
+        valid = ((data, info) for data, info in samples if info.valid_data)
+        return [Received(data, info.source_timestamp, info.publication_handle) for data, info in valid]
 
     def _broken(self, code: int) -> InputError:
-        return InputError(f"{self._topic}: the subscription is broken (DDS error {code}), nothing more is received")
+        return InputError(f"{self._name}: the subscription is broken (DDS error {code}), nothing more is received")
 
     def name_of(self, writer: int) -> str:
         """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""
         found = self._reader.get_matched_publication_data(writer)
-        if found is None:
-            return f"{writer:016x}"
-        key = found.key.hex
-        return f"{key[:24]}.{key[24:]}"
-
-    @property
-    def writers(self) -> int:
-        """Return how many publish."""
-        return _count(self._reader.get_matched_publications)
+        return f"{writer:016x}" if found is None else f"{found.key.hex[:24]}.{found.key.hex[24:]}"
 
 
 class Subscription:
@@ -179,12 +156,11 @@ class Subscription:
     def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
         self.reader = Reader(participant, name, kind, depth=_DEPTH)
         self.latest: dict[str, Any] | None = None
-        self.problem = ""
-        """Reason why a message was not understood, the latest one; empty for none."""
+        self.problem = ""  # reason why a message was not understood, the latest one; empty for none
         self._name, self._decoder = name, Decoder(schema_text(kind.schema))
 
     def take(self) -> list[dict[str, Any]]:
-        """Return what has come, oldest first, without what is not such a message."""
+        """Return the messages since the last call, oldest first, without what is not such a message."""
         found = []
         for sample in self.reader.take():
             try:
@@ -195,8 +171,7 @@ class Subscription:
 
     def look(self) -> dict[str, Any] | None:
         """Return the newest message, whenever it came; None while there is none."""
-        taken = self.take()
-        self.latest = taken[-1] if taken else self.latest
+        self.latest = next(iter(self.take()[-1:]), self.latest)
         return self.latest
 
     def refuse(self, problem: str) -> None:
