@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,22 +27,15 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription, with_contract, with_joint_limits
-from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.model import SimConfig, build_model
-from humanoid_sim.simulation.stability import DampingStability
+from humanoid_sim.simulation.model import SimConfig
 
 Command = tuple[float, float, float]
 """vx, vy in m/s and yaw rate in rad/s."""
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_PLANTS = (
-    *((False, 0.005), (False, 0.0025), (False, 0.002), (True, 0.0025), (True, 0.002)),
-    *((False, 0.001), (False, 0.0005)),
-)
-"""Implicit damping, and the physics step, s; fastest first: where damping is stable the longest gives the figures of
-the shortest."""
+_TIMESTEP = 0.005  # s, of physics at most: damping is integrated implicitly, so any gains are stable
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
@@ -150,50 +143,26 @@ class Simulations:
     def __init__(self, subject: Subject) -> None:
         self._subject = subject
         self._robots: dict[tuple[object, ...], BatchSim] = {}
-        self._stability: dict[tuple[bool, float], DampingStability] = {}
 
     def robots(self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = ()) -> BatchSim:
         """Return robots in the contract's default pose, whose gains come with every command."""
-        plant = is_implicit, timestep = self._plant(contract)
         order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
-            *(count, bodies, plant, contract.policy_dt, contract.anchor_body, contract.velocity_points),
+            *(count, bodies, contract.policy_dt, contract.anchor_body, contract.velocity_points),
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
         )
         if key not in self._robots:
             config = SimConfig(
                 control_period=contract.policy_dt,
-                physics_timestep=timestep,
+                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / _TIMESTEP - 1e-6),
                 anchor_body=contract.anchor_body,
                 velocity_at=contract.velocity_points,
                 height_scan=contract.height_scan,
                 bodies=bodies,
             )
-            self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=is_implicit, threads=1)
+            self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=True, threads=1)
         return self._robots[key]
-
-    def _plant(self, contract: PolicyContract) -> tuple[bool, float]:
-        """Return the fastest plant that is stable with the contract's gains, else the last that is nearly so."""
-        close: tuple[bool, float] | None = None
-        own = [contract.joint_names.index(name) for name in self._subject.description.joint_names]
-        for plant in _PLANTS:
-            is_implicit, timestep = plant
-            with suppress(InputError):  # the step does not divide the policy's, or the gains are unstable
-                steps_per_period(contract.policy_dt, timestep)
-                if plant not in self._stability:
-                    limp = self._limp(contract)
-                    model = build_model(
-                        limp, physics_timestep=timestep, affine_actuators=True, implicit=is_implicit, scene=False
-                    )
-                    self._stability[plant] = DampingStability(model, limp)
-                stability = self._stability[plant]
-                if not stability.check(contract.joint_damping[own], "gains", contract.joint_stiffness[own]):
-                    return plant
-                close = plant
-        if close is None:
-            raise InputError("its damping is unstable in simulation")
-        return close
 
     def _limp(self, contract: PolicyContract) -> RobotDescription:
         """Return the robot in the contract's default pose, without gains."""

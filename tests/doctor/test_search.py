@@ -73,7 +73,7 @@ def test_an_episode_can_be_repeated_to_the_bit(walker):
 
 
 def test_a_contract_that_cannot_run_is_lost_at_once(walker):
-    wrong = replace(walker.contract, policy_dt=0.0333)  # no physics step divides it
+    wrong = term("projected_gravity", history=2)(walker.contract)  # wider than the network's input
     outcome = Simulations(walker).run(wrong, 1.0, [(0.3, 0.0, 0.0)])
     assert outcome.time_up == 0.0
     assert outcome.lost
