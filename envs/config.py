@@ -67,8 +67,6 @@ class PolicyEnvConfig:
     """rad/s by which each joint may start off rest."""
     physics_timestep: float | None = None
     """s; None: the robot's."""
-    command_delay: float = 0.0
-    """s from a command to its effect, in whole physics steps."""
     implicit: bool = False
     """Integrate the motors' damping implicitly, in longer physics steps: for training, not exact."""
     randomisation: Randomisation | Mapping[str, Any] | None = None
@@ -161,7 +159,6 @@ class Scenario:
             observed,
             control_period=self.contract.policy_dt,
             physics_timestep=self.config.physics_timestep,
-            command_delay=self.config.command_delay,
             velocity_at=tuple(dict.fromkeys((*observed.velocity_at, *context.moving_sites))),
             bodies=context.bodies,
             support=False,

@@ -77,7 +77,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         super().reset(seed=seed)
         given, scenario = dict(options or {}), self.scenario
         if self._randomisation.differs:
-            self.robot.vary(self._randomisation.draw(self.np_random, self.robot.model, len(self.robot.joints)))
+            self.robot.vary(self._randomisation, self.np_random)
         start = scenario.starts(self.np_random.random(scenario.starts.draws))
         memory: PolicyMemory | None = given.pop("memory", None)
         self._commands = velocity_option(given.pop("command")) if "command" in given else start.commands

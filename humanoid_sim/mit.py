@@ -7,7 +7,7 @@ batch of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Self
@@ -169,14 +169,7 @@ class MITCommand:
 
 
 def mit_torque(
-    command: MITCommand,
-    position: FloatArray,
-    velocity: FloatArray,
-    effort_limit: npt.ArrayLike,
-    *,
-    out: FloatArray | None = None,
-    scratch: FloatArray | None = None,
-    lower: FloatArray | None = None,
+    command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: npt.ArrayLike
 ) -> FloatArray:
     """Torque (..., n), N·m, of the MIT law: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
 
@@ -186,18 +179,41 @@ def mit_torque(
         position: shape (..., n), rad, joint frame, where the joints are; the command is broadcast against it.
         velocity: shape (..., n), rad/s.
         effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
-        out, scratch: shape (..., n), overwritten, the first with the result; with both, nothing is allocated.
-        lower: shape (n,), `-effort_limit`, of a caller that keeps it.
     """
-    torque = np.subtract(command.position, position, out=out)
-    np.multiply(command.stiffness, torque, out=torque)
-    term = np.subtract(command.velocity, velocity, out=scratch)
-    np.multiply(command.damping, term, out=term)
-    np.add(torque, term, out=torque)
-    np.add(torque, command.effort, out=torque)
-    np.minimum(torque, effort_limit, out=torque)
-    np.maximum(torque, np.negative(effort_limit, out=term) if lower is None else lower, out=torque)
-    return torque
+    torque = command.stiffness * (command.position - position) + command.damping * (command.velocity - velocity)
+    torque += command.effort
+    return np.maximum(np.minimum(torque, effort_limit), np.negative(effort_limit))
+
+
+def bind_torque(
+    command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, out: FloatArray
+) -> Callable[[], None]:
+    """Return a function that writes `mit_torque` of what `position` and `velocity` then hold into `out`: all (n,).
+
+    For many physics steps under one command: nothing is allocated, and where the command asks for no velocity or no
+    effort these are left out, which changes no bit.
+    """
+    goal, speed, effort, stiffness, damping = (getattr(command, name) for name in COMMAND_FIELDS)
+    moves, pushes = bool(speed.any()), bool(effort.any())
+    lowest, term = -effort_limit, np.empty_like(out)
+    subtract, multiply, add, minimum, maximum = np.subtract, np.multiply, np.add, np.minimum, np.maximum
+
+    def update() -> None:
+        subtract(goal, position, out)
+        multiply(stiffness, out, out)
+        if moves:
+            subtract(speed, velocity, term)
+            multiply(damping, term, term)
+            add(out, term, out)
+        else:
+            multiply(damping, velocity, term)
+            subtract(out, term, out)
+        if pushes:
+            add(out, effort, out)
+        minimum(out, effort_limit, out=out)
+        maximum(out, lowest, out=out)
+
+    return update
 
 
 def bounded_position(

@@ -50,7 +50,7 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
     ("options", "line"),
     [
         ({"polcy_seconds": 1}, r"simulate: unknown option 'polcy_seconds' \(did you mean 'policy_seconds'\?\)"),
-        ({"state_sampling": "later"}, "simulate: state_sampling: Invalid enum value 'later'"),
+        ({"pace": "later"}, "simulate: pace: Invalid enum value 'later'"),
         ({"duration": "long"}, "simulate: duration: Expected `float"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
         ({"record": "none"}, r"--record: .*/none"),

@@ -60,7 +60,7 @@ class MotorPlant:
         self._base: FloatingBase | None = None
         self._is_lifted = False
         if description.is_floating:
-            self._base = FloatingBase(self._model, description, self._data.qpos, config)
+            self._base = FloatingBase(self._model, description, self._data.qpos, config.drop)
             self._base.place(self._data)
             self._base.hold(self._data)
         mujoco.mj_forward(self._model, self._data)

@@ -141,7 +141,7 @@ def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.int
     if contract.phase is not None:
         phase = shown_phase(contract.phase, loop.memory.walked, loop.velocity, contract.policy_dt)
     return StepSample(
-        state=robots.truth(),
+        state=robots.state(),
         action=loop.action,
         previous_action=loop.previous,
         torque=robots.effort,

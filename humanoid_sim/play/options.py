@@ -43,11 +43,6 @@ class PlayConfig:
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
     command: Annotated[str, tyro.conf.arg(metavar="VX,VY,WZ")] = "0,0,0"
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
-    yaw: Annotated[float, tyro.conf.arg(metavar="RAD")] = 0.0
-    """Heading in rad at which a free-standing robot starts, in simulation."""
-    base_height: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
-    """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's; if that has
-    none, as high as --drop says."""
     drop: Annotated[float, tyro.conf.arg(metavar="M")] = DROP
     """Height in m from which a free-standing robot drops onto its feet when its policy starts, in simulation: landing
     sets those policies walking that stand still until something disturbs them. 0 starts it on the floor."""
@@ -122,9 +117,6 @@ class PlayConfig:
     watchdog: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:SECONDS")] = ()
     """Sources of safety statuses, other programs on this machine, that must report at least every SECONDS: the robot is
     damped while one is silent."""
-    push: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VX,VY@SECONDS")] = ()
-    """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: a force for 0.1 s with
-    the momentum that the whole robot has at this velocity, m/s, in the world's axes."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
     html: Annotated[str, tyro.conf.arg(metavar="FILE.html")] = "auto"
@@ -140,12 +132,6 @@ class PlayConfig:
     """Hz; default: the robot's, for simulation and for hardware."""
     physics_timestep: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """s; default: the robot's."""
-    command_delay: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.0
-    """s from writing a command to the motors' obeying it, in simulation."""
-    state_delay: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.0
-    """s from a joint's state to its being read, in simulation."""
-    state_sampling: Literal["now", "on_command"] = "now"
-    """Moment at which the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
 
     def is_given(self, name: str) -> bool:
         """Return whether an option is not as it is by default."""
@@ -162,10 +148,7 @@ class PlayConfig:
         return self.first_policy != NO_POLICY and (bool(self.policy) or self.hardware is None)
 
 
-SIMULATED = (
-    *("base_height", "command_delay", "drop", "imu_site", "physics_timestep"),
-    *("state_delay", "state_sampling", "yaw"),
-)
+SIMULATED = ("drop", "imu_site", "physics_timestep")
 """Options of the simulated robot."""
 OF_HARDWARE = (
     *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -21,11 +21,9 @@ from humanoid_sim.robots.actuators import own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, prefix_line
-from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import SimConfig, build_model
-from humanoid_sim.simulation.push import parse_pushes
 from humanoid_sim.simulation.sim_robot import SimRobot, Touch
 
 
@@ -75,7 +73,9 @@ class Touches:
         self._note()
         touch = self._driven
         at = (
-            {"force": 0.0, "key": None, "time": None} if touch is None else asdict(touch) | {"key": key_name(touch.key)}
+            {"force": 0.0, "key": None, "time": None}
+            if touch is None
+            else touch._asdict() | {"key": key_name(touch.key)}
         )
         return at | {"limit": self._limit, "sunk": self._sunk}
 
@@ -136,20 +136,10 @@ def simulated_robot(
     config: PlayConfig, description: RobotDescription, control_period: float, contracts: Sequence[PolicyContract]
 ) -> RobotSetup:
     """Return a robot in MuJoCo that measures what the policies of contracts observe; the control period is in s."""
-    timestep = config.physics_timestep or description.simulation.physics_timestep
-    for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
-        delay_steps(option, delay, timestep)
-    pushes = parse_pushes(config.push)
     settings = SimConfig(
         control_period=control_period,
-        physics_timestep=timestep,
-        command_delay=config.command_delay,
-        state_delay=config.state_delay,
-        state_sampling=config.state_sampling,
-        base_yaw=config.yaw,
-        base_height=config.base_height,
+        physics_timestep=config.physics_timestep,
         drop=config.drop,
-        pushes=pushes,
         anchor_body=shared("anchor_body", [one.anchor_body for one in contracts if one.anchor_body]) or "",
         velocity_at=tuple(dict.fromkeys(point for one in contracts for point in one.velocity_points)),
         height_scan=shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
@@ -181,7 +171,6 @@ def simulated_robot(
         notices=(
             *((note,) if (note := prefix_line(description.mjcf_path)) else ()),
             *imu,
-            *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),
             *robot.warnings,
         ),
     )

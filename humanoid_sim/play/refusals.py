@@ -66,8 +66,6 @@ def refuse(config: PlayConfig) -> None:
         raise InputError("--motion and --song: both are given, expected one of them")
     if config.viewer == "native" and not has_display():
         raise InputError("--viewer native: there is no display here; --html out.html shows the run in a browser")
-    if not abs(config.yaw) <= 2.0 * math.pi:
-        raise InputError(f"--yaw: is {config.yaw:g} rad, expected -6.283 to 6.283 rad; is it in degrees?")
     if not 0.0 <= config.drop <= 1.0:
         raise InputError(f"--drop: is {config.drop:g} m, expected 0 to 1 m")
     for name in ("duration", "policy_seconds", "control_frequency", "action_limit"):
@@ -84,13 +82,13 @@ def options_without_effect(
     if config.hardware is None:
         reasons.append(("in simulation", OF_HARDWARE))
     else:
-        reasons.append(("on hardware", (*SIMULATED, "push")))
+        reasons.append(("on hardware", SIMULATED))
     if contract is None:
         reasons.append(("without a policy", ("contract", "motion", "song", "command", "policy_seconds")))
     elif not contract.takes_velocity_command:
         reasons.append(("for a policy that observes no velocity command", ("command",)))
     if config.hardware is None and not description.is_floating:
-        reasons.append(("for a base that does not move freely", ("yaw", "base_height", "drop", "push")))
+        reasons.append(("for a base that does not move freely", ("drop",)))
     found = ((why, [_option(name) for name in names if config.is_given(name)]) for why, names in reasons)
     return tuple(f"without effect {why}: {', '.join(given)}" for why, given in found if given)
 

@@ -15,7 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose
-from humanoid_sim.simulation.model import UNSOUND, SimConfig, base_body, body_ids, build_model
+from humanoid_sim.simulation.model import UNSOUND, SimConfig, base_body, build_model
 from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
 from humanoid_sim.simulation.sensing import Sensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -42,31 +42,24 @@ class BatchSim:
         *,
         implicit: bool = False,
         threads: int | None = None,
-        push_body: str = "",
         randomisation: Randomisation | None = None,
         seeds: npt.ArrayLike | None = None,
     ) -> None:
-        """Build the model.
+        """Build the model. Raises `InputError` where settings, MJCF or damping do not fit, or a fixed base is pushed.
 
         Args:
             description: of the robots.
             count: N.
-            config: of each; support, start and pushes are those of a `SimRobot` alone.
+            config: of each; support and start are those of a `SimRobot` alone.
             implicit: integrate damping implicitly.
             threads: that step physics; None for one per processor that this process may use.
-            push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: ranges of the robots' differences; None for none.
             seeds: shape (N,), whole numbers, of those; None: 0, 1, 2, ….
 
-        Raises:
-            InputError: settings, MJCF or damping do not fit the physics step, or a fixed base is to be pushed.
         """
         config = SimConfig() if config is None else config
-        if config.state_delay or config.state_sampling != "now":
-            raise InputError("state_delay, state_sampling: a batch reports states as they are, expected 0 and now")
         self.description = description
         self.joints = description.joint_names
-        """Names of the n joints, in the order of all per-joint arrays."""
         self.count = count
         self.control_period = config.period(description)
         """s"""
@@ -75,11 +68,10 @@ class BatchSim:
         self.threads = min(_usable_processors() if threads is None else threads, count)
         self.randomisation = Randomisation() if randomisation is None else randomisation
         self._is_varied = self.randomisation.differs
-        timestep = config.timestep(description, implicit=implicit)
-        self._timestep, self._command_steps = timestep, config.delay(description, timestep)
+        self._timestep = config.timestep(description, implicit=implicit)
         self._model = model = build_model(
             description,
-            physics_timestep=timestep,
+            physics_timestep=self._timestep,
             affine_actuators=True,
             implicit=implicit,
             scene="floor",
@@ -91,49 +83,45 @@ class BatchSim:
         """Names and widths of the live inputs that the state has."""
         self.start_pose = StartPose(model, description)
         """Pose in which a robot starts, for any joint positions."""
-        self._push_body = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
+        self._base_body = base_body(model, description)
         self._random_pushes: RandomPushes | None = None
         if self.randomisation.push[1] > 0.0:
             if not description.is_floating:
                 raise InputError(f"randomisation: push: '{description.name}' has a fixed base, which no push moves")
-            mass = float(model.body_subtreemass[model.body(description.base.body).id])
-            self._random_pushes = RandomPushes(count, mass, self.randomisation.push_interval, self.control_period)
+            mass = float(model.body_subtreemass[self._base_body])
+            self._random_pushes = RandomPushes(self.randomisation, count, mass, self.control_period)
 
-        self._allocate()
-        self.reseed(np.arange(count) if seeds is None else seeds)
-        self.reset()
-
-    def _allocate(self) -> None:
-        model, count, n = self._model, self.count, len(self.joints)
-        self._batch = Batch(model, count, self.threads)
+        n = len(self.joints)
+        self._batch: Batch | None = Batch(model, count, self.threads)
         self._gains = self._batch.expand("actuator_biasprm")[:, :, 1:3]
         self._sensordata, self._force = self._batch.bind("sensordata"), self._batch.bind("actuator_force")
-        self._effort = np.zeros((count, n))
-        self._step = np.zeros(count, dtype=np.int64)
-        self._fault = np.zeros(count, dtype=np.bool_)
-        self._touch = np.zeros(count)
+        self._effort, self._touch = np.zeros((count, n)), np.zeros(count)
+        self._step, self._fault = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
         self._state: MITState | None = None
-        scale = np.broadcast_to(self.description.torque_scale, (count, n))
-        self._effort_scale, self._stiffness_scale, self._damping_scale = scale, scale.copy(), scale.copy()
+        self._effort_scale = np.broadcast_to(description.torque_scale, (count, n))
+        self._stiffness_scale, self._damping_scale = self._effort_scale.copy(), self._effort_scale.copy()
         self._encoder_offset = np.zeros((count, n))
-        self._delay = np.full(count, self._command_steps)
-        longest = self._command_steps + round(self.randomisation.delay[1] / self._timestep)
+        self._own_delay = round(float(description.delay.mean()) / self._timestep)
+        self._delay = np.full(count, self._own_delay)
+        longest = self._own_delay + round(self.randomisation.delay[1] / self._timestep)
         # targets of the latest commands, the newest first: as many as can be under way, and the one in force
         self._targets = np.zeros((1 + -(-longest // self.physics_steps), count, 3, n))
         self.generators: list[np.random.Generator] = []
         """The random numbers of each robot."""
         self.variations: list[Variation] = []
         """The robots of this episode; empty without a randomisation."""
+        self.reseed(np.arange(count) if seeds is None else seeds)
+        self.reset()
 
     @property
     def qpos(self) -> FloatArray:
         """Shape (N, nq), MuJoCo's generalised position; a read-only view."""
-        return _read_only(self._batch.qpos)
+        return _read_only(self._open.qpos)
 
     @property
     def qvel(self) -> FloatArray:
         """Shape (N, nv), MuJoCo's generalised velocity; a read-only view."""
-        return _read_only(self._batch.qvel)
+        return _read_only(self._open.qvel)
 
     @property
     def effort(self) -> FloatArray:
@@ -148,21 +136,16 @@ class BatchSim:
     @property
     def base(self) -> BaseState | None:
         """Pose and motion of floating bases, shape (N, …); None for fixed ones."""
-        return self._sensors.base(self._batch.qpos, self._batch.qvel, self._sensordata)
+        return self._sensors.base(self._open.qpos, self._open.qvel, self._sensordata)
 
     @property
     def key_force(self) -> FloatArray:
         """Shape (N,), N, hardest touch of any key in any physics step of the latest `step`; 0 for none."""
         return _read_only(self._touch)
 
-    @property
-    def is_closed(self) -> bool:
-        """Return whether `close` was called."""
-        return self._batch is None
-
     def model(self, i: int) -> mujoco.MjModel:
         """Return a copy of the model of robot i, with the gains in force."""
-        return self._batch.get_model(i)
+        return self._open.get_model(i)
 
     def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
         """Begin the random numbers of some robots anew and draw them; they are to be reset then.
@@ -190,11 +173,11 @@ class BatchSim:
             variation = self.randomisation.draw(self.generators[i], nominal, len(self.joints))
             self.variations[i] = variation
             for name, values in variation.model_fields(nominal, self._sensors.joints.dof).items():
-                self._batch.expand(name)[i] = values
+                self._open.expand(name)[i] = values
             self._stiffness_scale[i], self._damping_scale[i] = scale * variation.stiffness, scale * variation.damping
             self._encoder_offset[i] = variation.encoder_offset
-            self._delay[i] = self._command_steps + round(variation.delay / self._timestep)
-        self._batch.set_const(np.sort(where))
+            self._delay[i] = self._own_delay + round(variation.delay / self._timestep)
+        self._open.set_const(np.sort(where))
 
     def reset(
         self,
@@ -212,8 +195,7 @@ class BatchSim:
             qvel: shape (k, nv), likewise.
             pose: where the robots start, and how they move, as `StartPose.arrays` takes it, shape (k, …) each.
         """
-        self._require_open()
-        where, batch = self._where(indices), self._batch
+        where, batch = self._where(indices), self._open
         position, velocity = self.start_pose.arrays(where.shape, **pose)
         position = position if qpos is None else qpos
         ids = np.sort(where)
@@ -223,10 +205,8 @@ class BatchSim:
         batch.forward(ids)
         self._targets[:, where] = 0.0
         self._targets[:, where, 0] = position[:, self._sensors.joints.qpos]
-        self._effort[where] = 0.0
-        self._touch[where] = 0.0
-        self._step[where] = 0
-        self._fault[where] = False
+        self._effort[where], self._touch[where] = 0.0, 0.0
+        self._step[where], self._fault[where] = 0, False
         self._state = None
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
@@ -236,11 +216,11 @@ class BatchSim:
 
         Args:
             command: shape (N, n). A row that is not finite is a fault of its robot.
-            wrench: shape (N, 6), N and N·m, force and torque on the push body at its centre of mass, world frame, for
+            wrench: shape (N, 6), N and N·m, force and torque on the base body at its centre of mass, world frame, for
                 the whole period; None for none.
             where: shape (N,), the robots that advance; None for all. The others stand still, as do those with a fault.
         """
-        self._require_open()
+        batch = self._open
         if command.position.shape != self._effort.shape:
             name, shape = self.description.name, command.position.shape
             raise RobotError(f"{name}: command has shape {shape}, expected {self._effort.shape}")
@@ -251,15 +231,15 @@ class BatchSim:
         rows: slice | IndexArray = slice(None) if ids is None else ids
         self._state = None
         self._push(wrench)
-        before = self._batch.state[rows].copy()
+        before = batch.state[rows].copy()
         self._send(command, rows)
         self._advance(ids, rows)
-        warned = self._batch.warning[rows][:, UNSOUND, 1].any(axis=1)
+        warned = batch.warning[rows][:, UNSOUND, 1].any(axis=1)
         if warned.any():
             broken = np.flatnonzero(warned) if ids is None else ids[warned]
             self._fault[broken] = True
-            self._batch.state[broken] = before[warned]
-            self._batch.forward(broken)
+            batch.state[broken] = before[warned]
+            batch.forward(broken)
         moved = moving & ~self._fault
         self._effort[moved] = self._force[moved]
         self._step += moved
@@ -267,17 +247,11 @@ class BatchSim:
     def state(self) -> MITState:
         """Return the state of the robots now, shape (N, …)."""
         if self._state is None:
-            self._require_open()
-            batch = self._batch
-            offset = self._encoder_offset if self._is_varied else None
+            batch, offset = self._open, self._encoder_offset if self._is_varied else None
             self._state = self._sensors.state(
-                batch.time, batch.qpos, batch.qvel, self._sensordata, self._effort, encoder_offset=offset
+                batch.time, batch.qpos, batch.qvel, self._sensordata, self._effort, offset
             )
         return self._state
-
-    def truth(self) -> MITState:
-        """Return `state`: a batch reports states as they are."""
-        return self.state()
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
         """Positions (N, b, 3), m, and quaternions (N, b, 4) of the bodies, in the base's frame or the world's."""
@@ -287,22 +261,22 @@ class BatchSim:
         """Stop the threads. May be called twice."""
         self._batch = None
 
-    def _require_open(self) -> None:
+    @property
+    def _open(self) -> Batch:
         if self._batch is None:
             raise RobotError(f"{self.description.name}: the batch simulation is closed")
+        return self._batch
 
     def _where(self, indices: npt.ArrayLike | None) -> IndexArray:
         return np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
 
     def _push(self, wrench: FloatArray | None) -> None:
         """Put the forces of the coming control period in force."""
-        forces = self._batch.xfrc_applied
-        forces[:, self._push_body] = 0.0 if wrench is None else wrench
+        forces = self._open.xfrc_applied
+        forces[:, self._base_body] = 0.0 if wrench is None else wrench
         if self._random_pushes is not None:
-            base = self._model.body(self.description.base.body).id
-            if base != self._push_body:
-                forces[:, base] = 0.0
-            forces[:, base] += self._random_pushes.wrench(self._step, self.variations)
+            seeds = [variation.push_seed for variation in self.variations]
+            forces[:, self._base_body] += self._random_pushes.wrench(self._step, seeds)
 
     def _send(self, command: MITCommand, rows: slice | IndexArray) -> None:
         """Put a command's gains in force, and its targets under way."""
@@ -316,7 +290,7 @@ class BatchSim:
 
     def _advance(self, ids: IndexArray | None, rows: slice | IndexArray) -> None:
         """Take the physics steps of a control period, as many at a time as are under the same targets."""
-        touch, batch = self._sensors.touch, self._batch
+        touch, batch = self._sensors.touch, self._open
         one_by_one = bool(touch.stop) or len(self._targets) > 1
         count = 1 if one_by_one else self.physics_steps
         ctrl, everyone = batch.ctrl, np.arange(self.count)
@@ -334,7 +308,6 @@ class BatchSim:
 
 
 def _usable_processors() -> int:
-    """Return how many processors this process may use."""
     if hasattr(os, "sched_getaffinity"):  # Linux
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

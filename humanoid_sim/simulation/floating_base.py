@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -15,7 +14,7 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.model import SUPPORT, SimConfig, joint_addresses
+from humanoid_sim.simulation.model import SUPPORT, joint_addresses
 from humanoid_sim.simulation.stance import Floor, clearance
 
 _LIFT_SPEED = 0.1  # m/s, of a support that lifts the base
@@ -25,32 +24,24 @@ _LIFT_SPEED = 0.1  # m/s, of a support that lifts the base
 class BaseState:
     """Pose and motion of one floating base or a batch: the origin and the axes of its MJCF body."""
 
-    position: FloatArray
-    """Shape (..., 3), m, world frame."""
-    quaternion: FloatArray
-    """Shape (..., 4), w x y z, base frame in the world frame."""
-    linear_velocity: FloatArray
-    """Shape (..., 3), m/s, world frame."""
-    angular_velocity: FloatArray
-    """Shape (..., 3), rad/s, base frame."""
-    centre_of_mass: FloatArray
-    """Shape (..., 3), m, world frame, of the whole robot."""
-    floor: FloatArray
-    """Shape (...), m, world frame: level of the floor under the centre of mass."""
+    position: FloatArray  # shape (..., 3), m, world frame
+    quaternion: FloatArray  # shape (..., 4), w x y z, base frame in the world frame
+    linear_velocity: FloatArray  # shape (..., 3), m/s, world frame
+    angular_velocity: FloatArray  # shape (..., 3), rad/s, base frame
+    centre_of_mass: FloatArray  # shape (..., 3), m, world frame, of the whole robot
+    floor: FloatArray  # shape (...), m, world frame: level of the floor under the centre of mass
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Shape (3,), base frame: the axis that points up where the robot stands."""
 
     @property
     def height(self) -> FloatArray:
         """Shape (...), m, of the base's origin above the floor."""
-        height: FloatArray = self.position[..., 2] - self.floor
-        return height
+        return np.asarray(self.position[..., 2] - self.floor)
 
     @property
     def mass_height(self) -> FloatArray:
         """Shape (...), m, of the centre of mass above the floor."""
-        height: FloatArray = self.centre_of_mass[..., 2] - self.floor
-        return height
+        return np.asarray(self.centre_of_mass[..., 2] - self.floor)
 
     @property
     def gravity(self) -> FloatArray:
@@ -62,8 +53,7 @@ class BaseState:
         """Shape (...), rad, between the axis that points up where the robot stands and the vertical, 0 to π."""
         gravity = self.gravity
         along = gravity[..., 0] * self.up[0] + gravity[..., 1] * self.up[1] + gravity[..., 2] * self.up[2]
-        tilt: FloatArray = np.arccos(np.clip(-along, -1.0, 1.0))
-        return tilt
+        return np.asarray(np.arccos(np.clip(-along, -1.0, 1.0)))
 
     @property
     def yaw(self) -> FloatArray:
@@ -115,7 +105,7 @@ class BaseObserver:
         return position
 
     def at(self, qpos: FloatArray, qvel: FloatArray | None, centre_of_mass: FloatArray | None = None) -> BaseState:
-        """Return the base at MuJoCo's generalised position (..., nq) and velocity (..., nv), which is None at rest.
+        """Return the base at MuJoCo's generalised position (..., nq) and velocity (..., nv), None at rest.
 
         `centre_of_mass`, shape (..., 3), m, world frame, is computed where it is None, for one robot.
         """
@@ -133,7 +123,7 @@ class BaseObserver:
         )
 
     def sensed(self, state: MITState, qpos: FloatArray) -> BaseState:
-        """Return the base of one simulated robot, with the velocities that its sensors measure; `qpos` as for `at`."""
+        """Return the base of one simulated robot at `qpos`, (nq,), with the velocities that its sensors measure."""
         base, turning = self.at(qpos, None), rotate(state.imu_quaternion, state.imu_angular_velocity)
         moving = state.extern[BASE_LINEAR_VELOCITY].value
         return replace(base, linear_velocity=moving, angular_velocity=rotate_inverse(base.quaternion, turning))
@@ -148,25 +138,22 @@ class FloatingBase:
     """The free joint of a robot's base in a model made by `build_model`, and the support that may hold it."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        description: RobotDescription,
-        joint_qpos: FloatArray,
-        config: SimConfig | None = None,
+        self, model: mujoco.MjModel, description: RobotDescription, joint_qpos: FloatArray, drop: float = 0.0
     ) -> None:
-        """Choose where the base starts; `joint_qpos`, shape (nq,), has the joints in the initial position."""
-        config = SimConfig() if config is None else config
+        """Choose where the base starts: at the description's height, or hung `drop`, m, above the feet.
+
+        `joint_qpos`, shape (nq,), has the joints in the initial position.
+        """
         self._position, self._quaternion, *_ = base_addresses(model, description)
         self._mocap = int(model.body(SUPPORT).mocapid[0])
         self._weld = model.equality(SUPPORT).id
-        self._lifts = config.drop > 0.0
+        self._lifts = drop > 0.0
         qpos = np.array(joint_qpos)
-        turn = np.array([math.cos(0.5 * config.base_yaw), 0.0, 0.0, math.sin(0.5 * config.base_yaw)])
-        qpos[self._position][:2] = config.base_position
-        qpos[self._quaternion] = multiply(turn, model.qpos0[self._quaternion])
-        height = description.base.height if config.base_height is None else config.base_height
+        qpos[self._position][:2] = 0.0
+        qpos[self._quaternion] = model.qpos0[self._quaternion]
+        height = description.base.height
         if height is None:
-            height = float(qpos[self._position][2]) - clearance(model, qpos) + config.drop
+            height = float(qpos[self._position][2]) - clearance(model, qpos) + drop
         qpos[self._position][2] = height
         self._start = qpos[self._position].copy(), qpos[self._quaternion].copy()
 
@@ -210,7 +197,7 @@ class Supported(Protocol):
 
     @property
     def supported(self) -> bool:
-        """Return whether the support holds the base."""
+        """True while the support holds the base."""
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Hold the base where it now is, raising it slowly to its start if it `lifts`, or let it go."""

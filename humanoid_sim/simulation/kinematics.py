@@ -59,13 +59,11 @@ class ForwardKinematics(_Posed):
         """
         q = np.asarray(joint_position, dtype=np.float64)
         flat = q.reshape(-1, q.shape[-1])
-        position = np.empty((len(flat), len(self._ids), 3))
-        rotation = np.empty((len(flat), len(self._ids), 9))
+        position, rotation = np.empty((len(flat), len(self._ids), 3)), np.empty((len(flat), len(self._ids), 9))
         for i, row in enumerate(flat):
             self._data.qpos[self._addresses.qpos] = row
             mujoco.mj_kinematics(self._model, self._data)
-            position[i] = self._data.xpos[self._ids]
-            rotation[i] = self._data.xmat[self._ids]
+            position[i], rotation[i] = self._data.xpos[self._ids], self._data.xmat[self._ids]
         position = np.einsum("ji,tbj->tbi", self._base_rotation, position - self._base_position)
         matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
         return position.reshape(*q.shape[:-1], -1, 3), matrices.reshape(*q.shape[:-1], -1, 3, 3)
@@ -75,7 +73,6 @@ class GravityTorque(_Posed):
     """Gravity compensation: `effort = clip(qfrc_bias, ±effort_limit)` at zero velocity."""
 
     def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
-        """See `_Posed`."""
         super().__init__(description, model)
         self._limit = description.effort_limit
         self._bias = np.empty(self._model.nv)
@@ -85,24 +82,6 @@ class GravityTorque(_Posed):
         self._pose(joint_position)
         mujoco.mj_rne(self._model, self._data, 0, self._bias)  # qvel stays zero: no Coriolis terms
         return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)
-
-
-def _damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None) -> FloatArray:
-    """Return one step of damped least squares, shape (n,), rad.
-
-    Args:
-        jacobian: shape (m, n), of the error.
-        error: shape (m,), that the step should take away.
-        damping: in the jacobian's unit; larger is steadier near singular poses.
-        pull: shape (n,), rad, that is followed in the directions in which it changes no error; None for none.
-    """
-    normal = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
-    step = np.linalg.solve(normal, jacobian.T @ error)
-    if pull is not None:
-        # what the damped inverse leaves of the pull lies (almost) in the null space
-        step += pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull))
-    bounded: FloatArray = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-    return bounded
 
 
 class InverseKinematics(_Posed):
@@ -145,7 +124,12 @@ class InverseKinematics(_Posed):
         q = np.clip(start, self._lower, self._upper)
         for _ in range(iterations):
             error, jacobian = self._linearise(q, world_position, world_rotation)
-            step = _damped_step(jacobian, error, self._damping, None if posture is None else 0.2 * (posture - q))
+            normal = jacobian.T @ jacobian + self._damping**2 * np.eye(len(q))
+            step = np.linalg.solve(normal, jacobian.T @ error)
+            if posture is not None:  # what the damped inverse leaves of the pull lies (almost) in the null space
+                pull = 0.2 * (posture - q)
+                step += pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull))
+            step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             q = np.clip(q + step, self._lower, self._upper)
             if np.abs(step).max() < 1e-6:
                 break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
@@ -16,22 +16,16 @@ from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
-from humanoid_sim.robots.rates import delay_steps, steps_per_period
-from humanoid_sim.robots.schema import JointDynamics
-from humanoid_sim.simulation.push import Push
+from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.scene import add_floor, add_scene
 
-StateSampling = Literal["now", "on_command"]
 IMPLICIT_TIMESTEP = 0.0025  # s, physics step of implicit damping, unless another is given or the robot's own is longer
 
 UNSOUND = [
-    int(warning)
-    for warning in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-        mujoco.mjtWarning.mjWARN_BADCTRL,
-    )
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+    int(mujoco.mjtWarning.mjWARN_BADCTRL),
 ]
 """MuJoCo's warnings of a state that is not finite, or huge."""
 SUPPORT = "humanoid_sim_support"
@@ -47,22 +41,10 @@ class SimConfig:
     """s; None for the description's."""
     physics_timestep: float | None = None
     """s, divides the control period; None for the description's, or `IMPLICIT_TIMESTEP`."""
-    command_delay: float = 0.0
-    """s from a command to its effect, beside the mean of the description's own delays; whole physics steps."""
-    state_delay: float = 0.0
-    """s from a state to its being read, whole physics steps; of one robot only, as is the next."""
-    state_sampling: StateSampling = "now"
-    """`on_command`: joints answer commands only, as motors on a bus do; the IMU is sampled all the time."""
     support: bool = True
-    """Start a floating base held, as the next four only of one robot."""
-    base_position: tuple[float, float] = (0.0, 0.0)
-    """m, world frame."""
-    base_yaw: float = 0.0
-    """rad, about the vertical, beside the MJCF's own orientation."""
-    base_height: float | None = None
-    """m, of the base's origin; None for the description's, and if that has none, on its feet."""
+    """Start a floating base held; of one robot only."""
     drop: float = 0.0
-    """m, by which a floating base then hangs above its feet."""
+    """m, by which a held base hangs above its feet."""
     anchor_body: str = ""
     """MJCF body whose pose the state has as `anchor_pose`; empty for none."""
     velocity_at: tuple[str, ...] = ()
@@ -71,17 +53,6 @@ class SimConfig:
     """Of the ground, which the state then has."""
     bodies: tuple[str, ...] = ()
     """MJCF bodies whose poses `body_poses` gives."""
-    pushes: tuple[Push, ...] = ()
-    """Of one robot's floating base, each at its time."""
-
-    def __post_init__(self) -> None:
-        """Raise `InputError` for a start that is not finite."""
-        starts = zip(("base_position[0]", "base_position[1]"), self.base_position, strict=True)
-        for name, value in (*starts, ("base_yaw", self.base_yaw), ("base_height", self.base_height or 0.0)):
-            if not math.isfinite(value):
-                raise InputError(f"{name}: is {value}, expected finite")
-        if not 0.0 <= self.drop < math.inf:
-            raise InputError(f"drop: is {self.drop}, expected finite and >= 0")
 
     def period(self, description: RobotDescription) -> float:
         """Return the control period, s."""
@@ -99,33 +70,20 @@ class SimConfig:
         """Return the physics steps in a control period. Raises `InputError` if it is no whole number."""
         return steps_per_period(self.period(description), self.timestep(description, implicit=implicit))
 
-    def delay(self, description: RobotDescription, timestep: float) -> int:
-        """Return the physics steps from a command to its effect. Raises `InputError` if it is no whole number."""
-        own = round(float(description.delay.mean()) / timestep)
-        return own + delay_steps("command_delay", self.command_delay, timestep)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAddresses:
-    """Indices of joints in MuJoCo's arrays, in the order in which they were requested."""
+    """Indices of n joints in `qpos`, and in `qvel` and `qfrc_applied`, in the order in which they were requested."""
 
     qpos: IndexArray
-    """Shape (n,), indices into `qpos`."""
     dof: IndexArray
-    """Shape (n,), indices into `qvel`, `qfrc_applied` and the rows of the mass matrix."""
-    qpos_slice: slice | IndexArray = field(init=False)
-    """The same as a slice, where the joints are adjacent and in order: indexing with it makes a view."""
-    dof_slice: slice | IndexArray = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "qpos_slice", _as_slice(self.qpos))
-        object.__setattr__(self, "dof_slice", _as_slice(self.dof))
-
-
-def _as_slice(index: IndexArray) -> slice | IndexArray:
-    if np.array_equal(index, np.arange(index[0], index[0] + len(index))):
-        return slice(int(index[0]), int(index[0]) + len(index))
-    return index
+    @property
+    def slices(self) -> tuple[slice, slice] | None:
+        """The two as slices, which make views; None where the joints are not adjacent and in order."""
+        if not all((np.diff(index) == 1).all() for index in (self.qpos, self.dof)):
+            return None
+        return slice(self.qpos[0], self.qpos[-1] + 1), slice(self.dof[0], self.dof[-1] + 1)
 
 
 def build_model(
@@ -142,19 +100,15 @@ def build_model(
     The MJCF loses its own actuators, the sensors of them, and its keyframes. Joint and effort limits are the
     description's, which also says whether joints keep damping of their own. Joints that the description does not have
     stay passive. Euler integration unless `implicit`, and no automatic reset of a bad state. A floating base gets a
-    support, see `floating_base`.
+    support, see `floating_base`. Raises `InputError` if the MJCF cannot be read, or lacks what the description names.
 
     Args:
-        description: of the robot.
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit; the gains start at 0.
         implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at.
         sensors: add the sensors that `sensing.Sensors` reads for these settings.
-
-    Raises:
-        InputError: the MJCF cannot be read, or lacks what the description names.
     """
     spec = read_spec(description.mjcf_path)
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
@@ -189,16 +143,14 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
     return buffer.tobytes()
 
 
-def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddresses:
+def joint_addresses(model: mujoco.MjModel, names: Sequence[str]) -> JointAddresses:
     """Addresses of hinge and slide joints by name. Raises `InputError` for others, listing those that there are."""
     known = [
         model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[i])) in _SCALAR_JOINTS
     ]
     require_known("joint", names, known)
     ids = [model.joint(name).id for name in names]
-    return JointAddresses(
-        qpos=np.array(model.jnt_qposadr[ids], dtype=np.intp), dof=np.array(model.jnt_dofadr[ids], dtype=np.intp)
-    )
+    return JointAddresses(model.jnt_qposadr[ids].astype(np.intp), model.jnt_dofadr[ids].astype(np.intp))
 
 
 def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
@@ -251,26 +203,22 @@ def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjt
 
 
 def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
-    path, robot = description.mjcf_path, f"of '{description.name}'"
     joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
     bodies = [body.name for body in spec.bodies if body.name]
     sites = [site.name for site in spec.sites if site.name]
-    for i, name in enumerate(description.joint_names):
-        require_known("joint", [name], joints, f"{path}: joints[{i}] {robot}: ")
-    for i, name in enumerate(description.hands):
-        require_known("body", [name], bodies, f"{path}: hands[{i}] {robot}: ")
-    require_known("site or body", [description.imu], [*sites, *bodies], f"{path}: imu {robot}: ")
+    checks = [
+        ("joint", "joints", description.joint_names, joints),
+        ("body", "hands", description.hands, bodies),
+        ("site or body", "imu", [description.imu], [*sites, *bodies]),
+    ]
     if description.is_floating:
-        free = [
-            body.name
-            for body in spec.worldbody.bodies
-            if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
-        ]
-        require_known("body with a free joint", [description.base.body], free, f"{path}: base.body {robot}: ")
+        free = [joint.parent.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+        checks.append(("body with a free joint", "base.body", [description.base.body], free))
     if description.piano is not None:
-        require_known("joint", key_joint_names(), joints, f"{path}: piano {robot}: ")
-        for i, name in enumerate(description.piano.fingers):
-            require_known("site", [name], sites, f"{path}: piano.fingers[{i}] {robot}: ")
+        checks.append(("joint", "piano", key_joint_names(), joints))
+        checks.append(("site", "piano.fingers", description.piano.fingers, sites))
+    for kind, field, names, known in checks:
+        require_known(kind, names, known, f"{description.mjcf_path}: {field} of '{description.name}': ")
 
 
 def _add_support(spec: mujoco.MjSpec, body: str) -> None:
@@ -306,26 +254,24 @@ def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) ->
 
 
 def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
-    """Set limits and damping on the compiled model, where angles are radians: a spec in degrees would shrink them.
+    """Set limits and dynamics on the compiled model, where angles are radians: a spec in degrees would shrink them.
 
     The joint's own force range goes: the law saturates at the description's effort limit.
     """
     for joint in description.joints:
         i = model.joint(joint.name).id
+        dof = int(model.jnt_dofadr[i])
         model.jnt_limited[i] = math.isfinite(joint.lower) or math.isfinite(joint.upper)
         if model.jnt_limited[i]:
             model.jnt_range[i] = joint.lower, joint.upper
         model.jnt_actfrclimited[i] = 0
         if description.simulation.joint_damping == "drop":
-            model.dof_damping[model.jnt_dofadr[i]] = 0.0
+            model.dof_damping[dof] = 0.0
         if joint.dynamics is not None:
-            _set_dynamics(model, int(model.jnt_dofadr[i]), joint.dynamics)
+            measured = joint.dynamics.armature, joint.dynamics.friction, joint.dynamics.damping
+            fields = model.dof_armature, model.dof_frictionloss, model.dof_damping
+            for values, value in zip(fields, measured, strict=True):
+                if value is not None:
+                    values[dof] = value
     if any(joint.dynamics is not None for joint in description.joints):
         mujoco.mj_setConst(model, mujoco.MjData(model))  # the inertias seen by constraints
-
-
-def _set_dynamics(model: mujoco.MjModel, dof: int, dynamics: JointDynamics) -> None:
-    measured = (dynamics.armature, dynamics.friction, dynamics.damping)
-    for values, value in zip((model.dof_armature, model.dof_frictionloss, model.dof_damping), measured, strict=True):
-        if value is not None:
-            values[dof] = value

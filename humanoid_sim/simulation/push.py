@@ -1,9 +1,7 @@
-"""Pushes of a simulated robot: `--push 0.5,0@5`."""
+"""Pushes of a simulated robot as they come, and the wrench that any push is."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -34,24 +32,6 @@ class Push:
         return -1e-9 <= time - self.time < PUSH_DURATION - 1e-9
 
 
-def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
-    """Parse `VX,VY@SECONDS` items. Raises `InputError` naming the item and what is accepted."""
-    pushes = []
-    for text in texts:
-        velocity, _, seconds = text.partition("@")
-        try:
-            vx, vy = (float(part) for part in velocity.split(","))
-            time = float(seconds)
-        except ValueError:
-            vx = vy = time = math.nan
-        if not (abs(vx) <= _FASTEST and abs(vy) <= _FASTEST and 0.0 <= time < math.inf):
-            raise InputError(
-                f"--push: is '{text}', expected VX,VY@SECONDS, m/s within ±{_FASTEST:g} in the world frame"
-            )
-        pushes.append(Push(vx, vy, time))
-    return tuple(pushes)
-
-
 def push_wrench(velocity: FloatArray, mass: float) -> FloatArray:
     """Return what acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
 
@@ -63,19 +43,17 @@ def push_wrench(velocity: FloatArray, mass: float) -> FloatArray:
 
 
 class Pushes:
-    """Applies pushes to a robot, control period by control period: planned ones to its base, others as they come."""
+    """Applies pushes to a robot, one at a time, control period by control period."""
 
-    def __init__(self, pushes: Sequence[Push], model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Find the bodies. Raises `InputError` if there are pushes and the base is fixed."""
-        if pushes and not description.is_floating:
-            raise InputError(f"push: '{description.name}' has a fixed base, which no push moves")
-        self._planned, self._given = tuple(pushes), list[Push]()
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
+        """Find the bodies."""
         bodies = [int(model.joint(name).bodyid[0]) for name in description.joint_names]
         if description.is_floating:
             bodies.insert(0, model.body(description.base.body).id)
         self._bodies = {model.body(body).name: body for body in bodies if model.body(body).name}
         self._base = description.base.body
         self._mass = model.body_subtreemass.copy()
+        self._push: Push | None = None
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -87,20 +65,22 @@ class Pushes:
         if not (abs(push.vx) <= _FASTEST and abs(push.vy) <= _FASTEST):
             raise InputError(f"is {push.vx:g},{push.vy:g} m/s, expected VX,VY within ±{_FASTEST:g} in the world frame")
         require_known("body", [push.body or self._base], self.bodies)
-        if any(given.acts(push.time) for given in self._given):
+        if self._push is not None and push.time < self._push.time + PUSH_DURATION:
             raise InputError(f"the push before has not ended; each takes {PUSH_DURATION:g} s")
-        self._given = [*self._given[-1:], push]  # the one before may still have to be taken out of force
+        self._push = push
 
     def forget(self) -> None:
-        """Forget the pushes that were added."""
-        self._given.clear()
+        """Forget the push."""
+        self._push = None
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
-        """Put the forces of the control period that begins at `time`, s, in force."""
-        velocities: dict[int, FloatArray] = {}
-        for push in (*self._planned, *self._given):
-            velocity = velocities.setdefault(self._bodies[push.body or self._base], np.zeros(2))
-            if push.acts(time):
-                velocity += push.vx, push.vy
-        for body, velocity in velocities.items():
+        """Put the force of the control period that begins at `time`, s, in force."""
+        if self._push is None:
+            return
+        body = self._bodies[self._push.body or self._base]
+        if self._push.acts(time):
+            velocity = np.array([self._push.vx, self._push.vy])
             data.xfrc_applied[body] = push_wrench(velocity, float(self._mass[body]))
+        elif time > self._push.time:
+            data.xfrc_applied[body] = 0.0
+            self._push = None

@@ -51,8 +51,8 @@ class Randomisation:
         for field in fields(self):
             value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
             bounds = tuple(value) if is_range and isinstance(value, Sequence) else (value,)
-            are_numbers = all(isinstance(bound, int | float) and not isinstance(bound, bool) for bound in bounds)
-            if len(bounds) != (2 if is_range else 1) or not (are_numbers and 0.0 <= bounds[0] <= bounds[-1] < math.inf):
+            is_sized = len(bounds) == (2 if is_range else 1) and all(type(bound) in (int, float) for bound in bounds)
+            if not (is_sized and 0.0 <= bounds[0] <= bounds[-1] < math.inf):
                 accepted = "two finite numbers >= 0, the least and the greatest" if is_range else "a finite number >= 0"
                 raise InputError(f"randomisation: {field.name} is {value!r}, expected {accepted}")
             if is_range:
@@ -65,10 +65,7 @@ class Randomisation:
 
     @classmethod
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
-        """Return the randomisation itself, one with these fields, or one without differences for None.
-
-        Raises `InputError` where there is no such field, or its value is not accepted.
-        """
+        """Return the randomisation itself, one with these fields, or one without differences for None."""
         if isinstance(values, Randomisation):
             return values
         require_known("field", values or (), [field.name for field in fields(cls)], "randomisation: ")
@@ -98,39 +95,24 @@ class Randomisation:
             armature=between(self.armature, joints),
             delay=float(between(self.delay)),
             encoder_offset=within(self.encoder_offset, joints),
-            push=self.push,
-            push_interval=self.push_interval,
             push_seed=int(generator.integers(2**32)),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variation:
-    """One robot drawn from a randomisation, for one episode; fields as there."""
+    """One robot drawn from a randomisation, for one episode; fields and units as there."""
 
-    mass: FloatArray
-    """Shape (nbody,)."""
-    centre_of_mass: FloatArray
-    """Shape (nbody, 3), m."""
+    mass: FloatArray  # shape (nbody,)
+    centre_of_mass: FloatArray  # shape (nbody, 3)
     friction: float
-    stiffness: FloatArray
-    """Shape (n,), factor on K_p."""
-    damping: FloatArray
-    """Shape (n,), factor on K_d."""
-    effort: FloatArray
-    """Shape (n,)."""
-    armature: FloatArray
-    """Shape (n,)."""
+    stiffness: FloatArray  # shape (n,), factor on K_p
+    damping: FloatArray  # shape (n,), factor on K_d
+    effort: FloatArray  # shape (n,)
+    armature: FloatArray  # shape (n,)
     delay: float
-    """s"""
-    encoder_offset: FloatArray
-    """Shape (n,), rad."""
-    push: Range
-    """m/s"""
-    push_interval: float
-    """s"""
-    push_seed: int
-    """Of all its pushes."""
+    encoder_offset: FloatArray  # shape (n,)
+    push_seed: int  # of all its pushes
 
     def model_fields(self, nominal: mujoco.MjModel, dof: IndexArray) -> dict[str, FloatArray]:
         """Return the fields of its model, by name; `mj_setConst` is to follow.
@@ -158,34 +140,32 @@ class Variation:
             changed["actuator_forcerange"] = nominal.actuator_forcerange * self.effort[:, None]
         return {name: values for name, values in changed.items() if values.size}
 
-    def push_in(self, stretch: int) -> tuple[float, FloatArray]:
-        """Return when the push in a stretch begins, as a share of the time that it can, and its velocity (2,), m/s."""
-        moment, direction, strength = np.random.default_rng([self.push_seed, stretch]).random(3)
-        speed = self.push[0] + (self.push[1] - self.push[0]) * strength
-        angle = 2.0 * np.pi * direction
-        return float(moment), speed * np.array([np.cos(angle), np.sin(angle)])
-
 
 class RandomPushes:
-    """The pushes of N robots' variations, of which all have the same interval."""
+    """The pushes of N robots: one in each interval, which is cut into control periods."""
 
-    def __init__(self, count: int, mass: float, interval: float, control_period: float) -> None:
+    def __init__(self, ranges: Randomisation, count: int, mass: float, control_period: float) -> None:
         """Set up; `mass`, kg, is of the whole robot."""
-        self._mass = mass
-        self._interval = max(round(interval / control_period), 1)
+        self._mass, self._speeds = mass, ranges.push
+        self._interval = max(round(ranges.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
         self._strength = PUSH_DURATION / (self._duration * control_period)
         self._begin = np.zeros(count, dtype=np.int64)
         self._velocity = np.zeros((count, 2))
 
-    def wrench(self, step: IntArray, variations: Sequence[Variation]) -> FloatArray:
+    def wrench(self, step: IntArray, seeds: Sequence[int]) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
-        `step`, shape (N,), counts control periods since each robot's start.
+        Args:
+            step: shape (N,), control periods since each robot's start.
+            seeds: N, `push_seed` of each.
         """
-        stretch, since = np.divmod(step, self._interval)
+        interval, since = np.divmod(step, self._interval)
         for i in np.flatnonzero(since == 0).tolist():
-            moment, self._velocity[i] = variations[i].push_in(int(stretch[i]))
+            moment, direction, strength = np.random.default_rng([seeds[i], int(interval[i])]).random(3)
+            speed = self._speeds[0] + (self._speeds[1] - self._speeds[0]) * strength
+            angle = 2.0 * np.pi * direction
+            self._velocity[i] = speed * np.array([np.cos(angle), np.sin(angle)])
             self._begin[i] = math.floor(moment * (self._interval - self._duration + 1))
         acts = (self._begin <= since) & (since < self._begin + self._duration)
         return push_wrench(np.where(acts[:, None], self._strength * self._velocity, 0.0), self._mass)

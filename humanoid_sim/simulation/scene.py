@@ -13,19 +13,12 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-OFFSCREEN_SIZE = (1920, 1440)
-"""px, width and height of the largest image that can be rendered off screen."""
-
+_OFFSCREEN_SIZE = 1920, 1440  # px, of the largest image that can be rendered off screen
 CAMERAS = {"front": (30.0, 12.0), "side": (90.0, 8.0), "back": (205.0, 15.0), "top": (0.0, 80.0)}
 """Cameras that every scene has: azimuth (from the robot's front, towards its left) and elevation, degrees."""
-
 _FLOOR_MATERIAL = "scene_floor"
-
-_VISIBLE_GROUPS = (0, 1, 2)
-"""Groups of geoms that MuJoCo's viewers show by default."""
-
-_FIELD_OF_VIEW = 38.0
-"""degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""
+_VISIBLE_GROUPS = 0, 1, 2  # of geoms, that MuJoCo's viewers show by default
+_FIELD_OF_VIEW = 38.0  # degrees, vertical: a hand in front does not look bigger than the head
 
 
 def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription) -> None:
@@ -52,12 +45,16 @@ def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     distance = share * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
     for name, (azimuth, elevation) in CAMERAS.items():
         if name not in taken:
-            rotation = _looking_back(math.radians(azimuth), math.radians(elevation))
+            # Axes in columns: right, up and backward. MuJoCo's cameras look along their own -z, with +y up.
+            turn, lift = math.radians(azimuth), math.radians(elevation)
+            backward = np.array([math.cos(lift) * math.cos(turn), math.cos(lift) * math.sin(turn), math.sin(lift)])
+            right = np.array([-math.sin(turn), math.cos(turn), 0.0])
+            rotation = np.column_stack([right, np.cross(backward, right), backward])
             _add_camera(spec, name, bare, base, center + distance * rotation[:, 2], rotation)
 
 
 def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = OFFSCREEN_SIZE
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = _OFFSCREEN_SIZE
     spec.visual.quality.shadowsize = 4096
     spec.visual.quality.offsamples = 4
     # The floor speckles with its own shadow near the rim of the shadow map: 12 extents away it is in the haze.
@@ -105,13 +102,7 @@ def _add_floor_material(spec: mujoco.MjSpec) -> None:
     spec.add_material(name=_FLOOR_MATERIAL, textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
 
 
-def add_floor(
-    spec: mujoco.MjSpec,
-    bare: mujoco.MjModel,
-    description: RobotDescription,
-    *,
-    material: str = "",
-) -> None:
+def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, material: str = "") -> None:
     """Add a floor to a robot that brings none, the only part of a room that dynamics know.
 
     Whatever can collide at all collides with it, whichever bits its contact masks use. `bare` is the spec compiled;
@@ -151,18 +142,6 @@ def _add_lights(spec: mujoco.MjSpec, center: FloatArray, extent: float) -> None:
         )
 
 
-def _looking_back(azimuth: float, elevation: float) -> FloatArray:
-    """Axes of a camera that looks at where it was moved away from, in that direction; angles in rad.
-
-    Shape (3, 3), columns right, up and backward: MuJoCo's cameras look along their own -z, with +y up.
-    """
-    backward = np.array(
-        [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
-    )
-    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    return np.column_stack([right, np.cross(backward, right), backward])
-
-
 def _add_camera(
     spec: mujoco.MjSpec, name: str, bare: mujoco.MjModel, body: int, position: FloatArray, rotation: FloatArray
 ) -> None:
@@ -173,8 +152,7 @@ def _add_camera(
         mujoco.mj_kinematics(bare, data)
         owner, mode = spec.body(bare.body(body).name), mujoco.mjtCamLight.mjCAMLIGHT_TRACK
         body_rotation = data.xmat[body].reshape(3, 3)
-        position = body_rotation.T @ (position - data.xpos[body])
-        rotation = body_rotation.T @ rotation
+        position, rotation = body_rotation.T @ (position - data.xpos[body]), body_rotation.T @ rotation
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation.ravel())
     owner.add_camera(name=name, pos=position, quat=quaternion, fovy=_FIELD_OF_VIEW, mode=mode)

@@ -29,43 +29,43 @@ _KEY_SIZE = [1.0, 1.0, 1.0]  # m, half edges of a touch sensor's box: every cont
 def add_sensors(spec: mujoco.MjSpec, description: RobotDescription, config: SimConfig) -> None:
     """Add the sensors of IMU, base, points, bodies and keys. Raises `InputError` if the model lacks one of them."""
     bodies = [body.name for body in spec.bodies if body.name]
+    sites = [site.name for site in spec.sites if site.name]
     require_known("body", [config.anchor_body] if config.anchor_body else [], bodies, "anchor body: ")
     require_known("body", config.bodies, bodies)
-    sites = [site.name for site in spec.sites if site.name]
     require_known("site", [point for point in config.velocity_at if point != mit.IMU], sites, "velocity of the base: ")
     base = spec.joint(description.joints[0].name).parent
     while base.parent.name != spec.worldbody.name:
         base = base.parent
     base.name = base.name or f"{_PREFIX}base"
-    imu = _site(spec, description.imu)
-    sensor = mujoco.mjtSensor
-    _add(spec, "imu_quaternion", sensor.mjSENS_FRAMEQUAT, _SITE, imu)
-    _add(spec, "imu_angular_velocity", sensor.mjSENS_GYRO, _SITE, imu)
+    imu = description.imu
+    if imu not in sites:
+        imu = spec.body(imu).add_site(name=f"{_PREFIX}imu").name
+
+    kind = mujoco.mjtSensor
+    _add(spec, "imu_quaternion", kind.mjSENS_FRAMEQUAT, _SITE, imu)
+    _add(spec, "imu_angular_velocity", kind.mjSENS_GYRO, _SITE, imu)
     if _moves(spec, spec.site(imu).parent):  # on what is fixed to the world MuJoCo's accelerometer measures nothing
-        _add(spec, "imu_linear_acceleration", sensor.mjSENS_ACCELEROMETER, _SITE, imu)
+        _add(spec, "imu_linear_acceleration", kind.mjSENS_ACCELEROMETER, _SITE, imu)
     if description.is_floating:
-        _add(spec, "centre_of_mass", sensor.mjSENS_SUBTREECOM, mujoco.mjtObj.mjOBJ_BODY, description.base.body)
+        _add(spec, "centre_of_mass", kind.mjSENS_SUBTREECOM, mujoco.mjtObj.mjOBJ_BODY, description.base.body)
         for point in config.velocity_at:
             site = imu if point == mit.IMU else point
-            _add(spec, point_velocity(point), sensor.mjSENS_FRAMELINVEL, _SITE, site)
+            _add(spec, point_velocity(point), kind.mjSENS_FRAMELINVEL, _SITE, site)
     if config.anchor_body:
         _add_pose(spec, "anchor", _BODY, config.anchor_body)
     if config.height_scan is not None:
         at = config.height_scan.at
-        kind = _SITE if at in sites else _BODY
-        frame = {mit.BASE: (_BODY, base.name), mit.IMU: (_SITE, imu)}.get(at, (kind, at))
+        frame = {mit.BASE: (_BODY, base.name), mit.IMU: (_SITE, imu)}.get(at, (_SITE if at in sites else _BODY, at))
         if frame[0] == _BODY:
             require_known("site or body", [frame[1]], bodies, "height scan: ")
         _add_pose(spec, "scan", *frame)
     for i, body in enumerate(config.bodies):
         _add_pose(spec, f"body_{i}", _BODY, body)
         _add_pose(spec, f"body_{i}_in_base", _BODY, body, base.name)
-    if description.piano is not None:
-        for i, name in enumerate(key_joint_names()):
-            site = spec.joint(name).parent.add_site(
-                name=f"{_PREFIX}key_{i}", type=mujoco.mjtGeom.mjGEOM_BOX, size=_KEY_SIZE, group=5
-            )
-            _add(spec, f"key_{i}", sensor.mjSENS_TOUCH, _SITE, site.name)
+    for i, name in enumerate(key_joint_names() if description.piano is not None else ()):
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": _KEY_SIZE, "group": 5}
+        site = spec.joint(name).parent.add_site(name=f"{_PREFIX}key_{i}", **box)
+        _add(spec, f"key_{i}", kind.mjSENS_TOUCH, _SITE, site.name)
 
 
 def _moves(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
@@ -74,13 +74,6 @@ def _moves(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
             return True
         body = body.parent
     return False
-
-
-def _site(spec: mujoco.MjSpec, name: str) -> str:
-    """Return the site of that name, or a new one in the frame of that body."""
-    if spec.site(name) is not None:
-        return name
-    return str(spec.body(name).add_site(name=f"{_PREFIX}imu").name)
 
 
 def _add(
@@ -118,40 +111,46 @@ class Sensors:
         self, model: mujoco.MjModel, description: RobotDescription, config: SimConfig, count: int = 1, threads: int = 1
     ) -> None:
         """Find the addresses; `count` robots are scanned for ground at a time, on `threads`."""
+        self._model = model
         self.widths = live_inputs(description, config)
         """Names and widths of the live inputs."""
-        self.joints = joint_addresses(model, description.joint_names)
-        self._quaternion = self._address(model, "imu_quaternion")
-        self._angular_velocity = self._address(model, "imu_angular_velocity")
+        self.joints = joints = joint_addresses(model, description.joint_names)
+        self._qpos: slice | IndexArray
+        self._dof: slice | IndexArray
+        self._qpos, self._dof = joints.slices or (joints.qpos, joints.dof)
+        self._quaternion = self._address("imu_quaternion")
+        self._angular_velocity = self._address("imu_angular_velocity")
         site = model.sensor(f"{_PREFIX}imu_quaternion").objid[0]
         self._acceleration: slice | None = None
-        self._gravity: FloatArray = np.zeros(3)
+        self._gravity = np.zeros(3)
         if model.body_weldid[model.site_bodyid[site]]:
-            self._acceleration = self._address(model, "imu_linear_acceleration")
+            self._acceleration = self._address("imu_linear_acceleration")
         else:
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
             self._gravity = -data.site_xmat[site].reshape(3, 3).T @ model.opt.gravity
         self._observer = BaseObserver(model, description) if description.is_floating else None
-        self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
-        self._centre_of_mass = self._address(model, "centre_of_mass") if description.is_floating else slice(0)
-        points = [point_velocity(point) for point in config.velocity_at] if description.is_floating else []
-        self._points = {name: self._address(model, name) for name in points}
-        self._anchor = self._pose_address(model, "anchor") if config.anchor_body else None
-        self._keys: IndexArray | None = None
+        self._live: dict[str, slice] = {}
+        """Columns of `sensordata` by live input."""
+        if description.is_floating:
+            self._base_velocity = base_addresses(model, description)[2]
+            self._centre_of_mass = self._address("centre_of_mass")
+            self._live = {name: self._address(name) for name in map(point_velocity, config.velocity_at)}
+        if config.anchor_body:
+            self._live[mit.ANCHOR_POSE] = self._pose_address("anchor")
         self._scanner: HeightScanner | None = None
         if config.height_scan is not None:
-            self._scan = self._pose_address(model, "scan")
+            self._scan = self._pose_address("scan")
             self._scanner = HeightScanner(model, base_body(model, description), config.height_scan, count, threads)
-        many = range(len(config.bodies))
-        self._bodies = self._columns(model, [f"body_{i}" for i in many])
-        self._bodies_in_base = self._columns(model, [f"body_{i}_in_base" for i in many])
+        self._bodies = self._columns([f"body_{i}" for i in range(len(config.bodies))])
+        self._bodies_in_base = self._columns([f"body_{i}_in_base" for i in range(len(config.bodies))])
+        self._keys: IndexArray | None = None
         self.touch = slice(0)
         """Columns of `sensordata` with the force on each key, N, normal to the surfaces; none without a piano."""
         if description.piano is not None:
             self._keys = joint_addresses(model, key_joint_names()).qpos
             self._trigger = TRIGGER * np.array([model.joint(name).range[1] for name in key_joint_names()])
-            first = self._address(model, "key_0").start
+            first = self._address("key_0").start
             self.touch = slice(first, first + KEY_COUNT)
 
     def state(
@@ -161,9 +160,6 @@ class Sensors:
         qvel: FloatArray,
         sensordata: FloatArray,
         effort: FloatArray,
-        *,
-        age: float = 0.0,
-        sampled: float = 0.0,
         encoder_offset: FloatArray | None = None,
     ) -> MITState:
         """Return the state that these make.
@@ -174,22 +170,19 @@ class Sensors:
             qvel: shape (..., nv).
             sensordata: shape (..., nsensordata).
             effort: shape (..., n), N·m.
-            age: s, of what the joints report.
-            sampled: s, when the live inputs were.
             encoder_offset: shape (..., n), rad, by which the encoders show too much; None for none.
         """
         live = {}
-        if self._base_velocity is not None:
+        if self._observer is not None:
             live[mit.BASE_LINEAR_VELOCITY] = qvel[..., self._base_velocity]
-        for name, columns in self._points.items():
+        for name, columns in self._live.items():
             live[name] = sensordata[..., columns]
-        if self._anchor is not None:
-            live[mit.ANCHOR_POSE] = sensordata[..., self._anchor]
         if self._keys is not None:
             live[mit.KEY_PRESSED] = (qpos[..., self._keys] > self._trigger).astype(np.float64)
         if self._scanner is not None:
             live[mit.HEIGHT_SCAN] = self._scanner.scan(sensordata[..., self._scan])
-        position = qpos[..., self.joints.qpos_slice]
+        sampled = time if isinstance(time, float) else 0.0
+        position = qpos[..., self._qpos]
         if self._acceleration is not None:
             acceleration = sensordata[..., self._acceleration]
         else:
@@ -197,9 +190,9 @@ class Sensors:
         return MITState(
             time=time,
             joint_position=position if encoder_offset is None else position + encoder_offset,
-            joint_velocity=qvel[..., self.joints.dof_slice],
+            joint_velocity=qvel[..., self._dof],
             joint_effort=effort,
-            joint_age=np.full(effort.shape, age),
+            joint_age=np.zeros(effort.shape),
             imu_quaternion=sensordata[..., self._quaternion],
             imu_angular_velocity=sensordata[..., self._angular_velocity],
             imu_linear_acceleration=acceleration,
@@ -217,16 +210,15 @@ class Sensors:
         poses = sensordata[..., self._bodies_in_base if in_base else self._bodies]
         return poses[..., :3], poses[..., 3:]
 
-    def _columns(self, model: mujoco.MjModel, names: Sequence[str]) -> IndexArray:
+    def _columns(self, names: Sequence[str]) -> IndexArray:
         """Return the columns of poses, shape (b, 7)."""
-        first = np.array([self._pose_address(model, name).start for name in names], dtype=np.intp)
+        first = np.array([self._pose_address(name).start for name in names], dtype=np.intp)
         return first[:, None] + np.arange(7)
 
-    def _pose_address(self, model: mujoco.MjModel, name: str) -> slice:
-        first = self._address(model, f"{name}_position").start
+    def _pose_address(self, name: str) -> slice:
+        first = self._address(f"{name}_position").start
         return slice(first, first + 7)
 
-    @staticmethod
-    def _address(model: mujoco.MjModel, name: str) -> slice:
-        sensor = model.sensor(_PREFIX + name)
+    def _address(self, name: str) -> slice:
+        sensor = self._model.sensor(_PREFIX + name)
         return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))

@@ -11,7 +11,7 @@ Implicit damping has no such limit, only stiffness has: a step turns an oscillat
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,8 +30,7 @@ _MEASURABLE = 1e100  # 1/s, of an entry of M⁻¹·K: beyond any motor, and far 
 _SHORTEST_STEP = 1e-6  # s, that is worth proposing
 
 
-@dataclass(frozen=True, slots=True)
-class DampingMeasure:
+class DampingMeasure(NamedTuple):
     """The worst of the sampled poses."""
 
     eigenvalue: float
@@ -80,7 +79,11 @@ class DampingStability:
         """Measure K_d, N·m·s/rad, and K_p, N·m/rad, each (n,) or scalar; K_p counts where damping is implicit."""
         names = self._description.joint_names
         k_d, k_p = (np.broadcast_to(np.asarray(gain, np.float64), (len(names),)) for gain in (damping, stiffness))
-        gain, inverse = (k_p, self._damped(k_d)) if self._is_implicit else (k_d, self._inverse_mass)
+        gain: FloatArray = k_d
+        inverse: FloatArray = self._inverse_mass
+        if self._is_implicit:
+            gain = k_p
+            inverse = np.linalg.inv(np.linalg.inv(inverse) + 0.5 * self._timestep * np.diag(k_d)).astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
             symmetric = np.sqrt(gain)[:, None] * inverse * np.sqrt(gain)  # of the eigenvalues of M⁻¹·K
         if not (np.abs(symmetric) < _MEASURABLE).all():  # NaN too
@@ -125,11 +128,6 @@ class DampingStability:
             gains.append(("remote_policy_controller", robot.passive_damping, 0.0))
         found = [self.check(k_d, f"{robot.name}: {owner}", k_p) for owner, k_d, k_p in gains]
         return tuple(warning for warning in found if warning)
-
-    def _damped(self, damping: FloatArray) -> FloatArray:
-        """Return (M + ½ dt · K_d)⁻¹ of each pose."""
-        mass: FloatArray = np.linalg.inv(self._inverse_mass).astype(np.float64)
-        return np.linalg.inv(mass + 0.5 * self._timestep * np.diag(damping)).astype(np.float64)
 
 
 def _round_step_below(limit: float) -> float:

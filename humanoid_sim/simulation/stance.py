@@ -41,29 +41,22 @@ class Floor:
     """Level of the ground under any point. Not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
+        """Find the ground; one level plane needs no rays."""
         geoms = fixed_geoms(model)
+        self._ground = ground_model(model, geoms)
+        self._data = data = mujoco.MjData(self._ground)
+        mujoco.mj_kinematics(self._ground, data)
         levels = data.geom_xpos[geoms, 2]
         is_plane = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
         is_level = data.geom_xmat[geoms, 8] > 1.0 - _FLAT
-        self._level: float | None = None
-        """m, everywhere; None where it depends on the place."""
-        if not geoms:
-            self._level = 0.0
-        elif (is_plane & is_level).all() and np.ptp(levels) < _FLAT:
-            self._level = float(levels.max())
-        else:
-            self._ground = ground_model(model, geoms)
-            self._data = mujoco.MjData(self._ground)
-            mujoco.mj_kinematics(self._ground, self._data)
-            # beyond the edge of a floor that has one, its own lowest part is what a robot sinks to
-            self._lowest = float((levels - np.where(is_plane, 0.0, model.geom_rbound[geoms])).min())
+        self._is_flat = not geoms or bool((is_plane & is_level).all() and np.ptp(levels) < _FLAT)
+        # beyond the edge of a floor that has one, its own lowest part is what a robot sinks to
+        self._lowest = float((levels - np.where(is_plane, 0.0, model.geom_rbound[geoms])).min()) if geoms else 0.0
 
     def level(self, position: FloatArray) -> FloatArray:
         """Return the level of the first thing straight below points of shape (..., 3), m, world frame: (...), m."""
-        if self._level is not None:
-            return np.full(position.shape[:-1], self._level)
+        if self._is_flat:
+            return np.full(position.shape[:-1], self._lowest)
         levels = np.array([self._below(point) for point in position.reshape(-1, 3)])
         return levels.reshape(position.shape[:-1])
 

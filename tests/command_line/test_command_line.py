@@ -14,7 +14,7 @@ REFUSED = {
     "mode dmap": "invalid choice 'dmap' for argument 'intent'. Expected one of ('damp', …",
     "play --robt lite": "Unrecognized options: --robt, lite; Perhaps you meant: --robot …",
     "play x.onnx": "Unrecognized options: x.onnx; …",
-    "play --yaw x": "Error parsing --yaw: could not convert string to float: 'x'; …",
+    "play --drop x": "Error parsing --drop: could not convert string to float: 'x'; …",
     "play --policy_seconds x": "Error parsing --policy-seconds: …",
     "play --script": "Missing value for argument '--script'. Expected 1 values.; …",
     "play --policy lite_pino": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: …",

@@ -24,7 +24,7 @@ def zeros(envs):
         (LITE, {}),
         (BIPED, {}),
         (PIANO, {}),
-        (LITE, {"randomisation": EVERYTHING, "command_delay": 0.005}),
+        (LITE, {"randomisation": EVERYTHING}),
         (BIPED, {"randomisation": PUSHED}),
     ],
 )

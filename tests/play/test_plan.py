@@ -33,15 +33,15 @@ def test_the_control_rate_moves_to_a_multiple_of_the_policys(asked, policy_dt, h
 
 def test_options_that_change_nothing_are_named():
     lite = load_robot("lite")
-    config = PlayConfig(command="1,0,0", yaw=1.0, dry_run=True)
+    config = PlayConfig(command="1,0,0", drop=0.1, dry_run=True)
     assert options_without_effect(config, placeholder_checkpoint(lite).contract, lite) == (
         "without effect in simulation: --dry-run",
         "without effect for a policy that observes no velocity command: --command",
-        "without effect for a base that does not move freely: --yaw",
+        "without effect for a base that does not move freely: --drop",
     )
-    hardware = PlayConfig(hardware="can0", motion="wave", push=("1,0@2",))
+    hardware = PlayConfig(hardware="can0", motion="wave", drop=0.1)
     assert options_without_effect(hardware, None, lite) == (
-        "without effect on hardware: --push",
+        "without effect on hardware: --drop",
         "without effect without a policy: --motion",
     )
     assert options_without_effect(PlayConfig(), placeholder_checkpoint(lite).contract, lite) == ()

@@ -53,7 +53,7 @@ def test_a_seed_decides_and_another_range_does_not_move_the_rest():
 def test_the_model_has_what_was_drawn():
     nominal, variation = drawn(BIPED, centre_of_mass=0.02, **RANGES)
     robot, batch = SimRobot(BIPED), BatchSim(BIPED, 1, randomisation=Randomisation(centre_of_mass=0.02, **RANGES))
-    robot.vary(Randomisation(centre_of_mass=0.02, **RANGES).draw(np.random.default_rng(0), robot.model, 14))
+    robot.vary(Randomisation(centre_of_mass=0.02, **RANGES), np.random.default_rng(0))
     for model in (robot.model, batch.model(0)):
         np.testing.assert_allclose(model.body_mass, nominal.body_mass * variation.mass)
         np.testing.assert_allclose(model.body_inertia, nominal.body_inertia * variation.mass[:, None])
@@ -71,7 +71,7 @@ def test_the_model_has_what_was_drawn():
 def test_a_shifted_centre_of_mass_acts():
     """The mass matrix holds the energy of the bodies' motion."""
     robot = SimRobot(LITE)
-    robot.vary(Randomisation(centre_of_mass=0.05).draw(np.random.default_rng(1), robot.model, 14))
+    robot.vary(Randomisation(centre_of_mass=0.05), np.random.default_rng(1))
     robot.reset(np.full(14, 0.3), np.ones(14))
     model, data = robot.model, robot.data
     mass, moving, turning, energy = np.empty((14, 14)), np.empty((3, 14)), np.empty((3, 14)), 0.0

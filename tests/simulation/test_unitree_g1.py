@@ -70,10 +70,10 @@ def test_without_armature_the_step_is_refused_and_one_that_works_is_named(checkp
     assert SimRobot(robot, SimConfig(physics_timestep=0.00025)).physics_steps == 20
 
 
-@pytest.mark.parametrize(("timestep", "yaw"), [(0.005, 2.0), (0.001, 0.0)])
-def test_it_walks_as_published(g1, checkpoint, timestep, yaw):
+@pytest.mark.parametrize("timestep", [0.005, 0.001])
+def test_it_walks_as_published(g1, checkpoint, timestep):
     """Told 0.5 m/s it makes 0.427 ± 0.015; published over 20 s, here over the first 6."""
-    config = SimConfig(control_period=0.02, physics_timestep=timestep, support=False, base_yaw=yaw)
+    config = SimConfig(control_period=0.02, physics_timestep=timestep, support=False)
     robot = SimRobot(g1, config)
     controller = RLPolicyController(
         joints=robot.joints,
