@@ -6,15 +6,15 @@ down. What the terms of an observation mean is in `terms`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from humanoid_sim.controllers.parameters import one_of, per_joint, require, require_names
+from humanoid_sim.controllers.parameters import one_of, per_joint, require, require_fields, require_names
 from humanoid_sim.controllers.terms import TERM_KINDS, TERM_NAMES, TermKind, live_kind, may_be_sent, term_kind
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
@@ -22,6 +22,7 @@ from humanoid_sim.mit import (
     EXTERN_WIDTHS,
     HEIGHT_SCAN,
     VELOCITY_COMMAND,
+    BoolArray,
     FloatArray,
     frozen_array,
     point_velocity,
@@ -30,15 +31,21 @@ from humanoid_sim.mit import (
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 ModelDamping = Literal["undecided", "keep", "drop"]
-Speed = Literal["command", "planar", "forward"]
 Frame = Literal["body", "world"]
 OrientationLayout = Literal["rows", "columns", "two_rows"]
 QuaternionOrder = Literal["wxyz", "xyzw"]
 HistoryOrder = Literal["oldest_first", "newest_first"]
 ActionForm = Literal["raw", "scaled"]
-RayOrder = Literal["xy", "yx"]
 JOINT_LIMITS = "joint_limits"
 
+TERM_CHOICES: Mapping[str, Any] = {
+    "history_order": HistoryOrder,
+    "frame": Frame,
+    "layout": OrientationLayout,
+    "quaternion": QuaternionOrder,
+    "form": ActionForm,
+}
+"""Options of a term that are one of a few words."""
 _MOST_RAYS = 2000  # as many values fit into one message of another program
 
 
@@ -54,21 +61,20 @@ class HeightScan:
     at: str = BASE  # the body in the grid's middle: `base`, `imu`, or the name of a site or body
     grid: tuple[float, float] = (1.6, 1.0)  # m, length along the body's x and y
     resolution: float = 0.1  # m between two points
-    ray_order: RayOrder = "xy"  # the coordinate that changes first from one value to the next
+    ray_order: Literal["xy", "yx"] = "xy"  # the coordinate that changes first from one value to the next
     offset: float = 0.0  # m
     range: float = 5.0  # m, length of a ray
     miss: float | None = None  # m, value of a ray that hits nothing; None: its range
     above: float = 0.0  # m above the body where rays begin
 
     def __post_init__(self) -> None:
-        one_of("HeightScan", "ray_order", self.ray_order, RayOrder)
-        for name, is_accepted, accepted in (
-            ("resolution", 0.0 < self.resolution < np.inf, "m > 0"),
-            ("range", 0.0 < self.range < np.inf, "m > 0"),
-            ("above", 0.0 <= self.above < np.inf, "m >= 0"),
-            ("grid", len(self.grid) == 2 and all(0.0 <= side < np.inf for side in self.grid), "two lengths, m >= 0"),
-        ):
-            require(is_accepted, f"HeightScan.{name}", getattr(self, name), accepted)
+        checks = {
+            "resolution": (0.0 < self.resolution < np.inf, "m > 0"),
+            "range": (0.0 < self.range < np.inf, "m > 0"),
+            "above": (0.0 <= self.above < np.inf, "m >= 0"),
+            "grid": (len(self.grid) == 2 and all(0.0 <= side < np.inf for side in self.grid), "two lengths, m >= 0"),
+        }
+        require_fields("HeightScan", self, checks)
         rays = f"{self.resolution:g}, {self.count} rays"
         require(self.count <= _MOST_RAYS, "HeightScan.resolution", rays, f"at most {_MOST_RAYS}")
 
@@ -97,18 +103,6 @@ class HeightScan:
         return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
 
 
-TERM_CHOICES: Mapping[str, Any] = MappingProxyType(
-    {
-        "history_order": HistoryOrder,
-        "frame": Frame,
-        "layout": OrientationLayout,
-        "quaternion": QuaternionOrder,
-        "form": ActionForm,
-    }
-)
-"""Options of a term that are one of a few words."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
     """One observation term. Processing order: the value, its conventions, clip, scale, history."""
@@ -129,8 +123,7 @@ class Term:
     inverse: bool = False  # for the anchor orientation: seen from the reference instead of from the robot
     quaternion: QuaternionOrder = "wxyz"  # for terms that are quaternions
     form: ActionForm = "raw"  # for the last action: the network's output, or that times the action scale
-    joints: tuple[str, ...] | None = None
-    """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
+    joints: tuple[str, ...] | None = None  # for joint positions and velocities, in this order; None: all, the policy's
     scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
     width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
     topic: str | None = None  # topic on which other programs publish a live input; None: the kind's
@@ -145,35 +138,26 @@ class Term:
         if has_scan and self.scan is None:
             put("scan", HeightScan())
         is_sent = may_be_sent(self.kind, is_declared=self.width is not None)
-        for name, is_accepted, accepted in (
-            ("scale", np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
-            ("clip", self.clip is None or self.clip[0] <= self.clip[1], "a lower and an upper bound"),
-            ("history", self.history >= 1, "a whole number >= 1"),
-            ("scan", self.scan is None or has_scan, "none: only a height_scan has one"),
-            ("width", self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),
-            ("topic", self.topic is None or (is_sent and _is_topic(self.topic)), _LIVE_TOPIC),
-            ("timeout", self.timeout is None or (is_sent and self.timeout > 0.0), _LIVE_TIMEOUT),
-        ):
-            require(is_accepted, f"{where}.{name}", getattr(self, name), accepted)
+        is_topic = self.topic is not None and re.fullmatch(r"(/[A-Za-z_]\w*)+", self.topic, re.ASCII)
+        live = "of a live input; a width declares one, as in width: 2"
+        checks = {
+            "scale": (np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
+            "clip": (self.clip is None or self.clip[0] <= self.clip[1], "a lower and an upper bound"),
+            "history": (self.history >= 1, "a whole number >= 1"),
+            "scan": (self.scan is None or has_scan, "none: only a height_scan has one"),
+            "width": (self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),
+            "topic": (self.topic is None or (is_sent and is_topic), f"a ROS 2 name such as '/foot_contact', {live}"),
+            "timeout": (self.timeout is None or (is_sent and self.timeout > 0.0), f"seconds > 0, or .inf, {live}"),
+        }
+        require_fields(where, self, checks)
         if self.joints is not None:
             require_names(f"{where}.joints", self.joints)
-        for name, choices in TERM_CHOICES.items():
-            one_of(where, name, getattr(self, name), choices)
 
     def process(self, value: FloatArray) -> FloatArray:
         """Clip, then scale, a value of shape (..., width)."""
         if self.clip is not None:
             value = np.clip(value, *self.clip)
         return value * self.scale
-
-
-_LIVE_TOPIC = "a ROS 2 name such as '/foot_contact', of a live input; a width declares one, as in width: 2"
-_LIVE_TIMEOUT = "seconds > 0, or .inf, of a live input; a width declares one, as in width: 2"
-
-
-def _is_topic(name: str) -> bool:
-    root, *parts = name.split("/")
-    return not root and bool(parts) and name.isascii() and all(part.isidentifier() for part in parts)
 
 
 class LiveTopic(NamedTuple):
@@ -196,69 +180,45 @@ class TensorNames:
 class PhaseRule:
     """The gait clock of policies that observe one: an angle per foot, and how it moves from one step to the next."""
 
-    period: float | None = None  # s of one gait cycle; None: `frequency` says how fast it is
-    offsets: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi]))
-    """Shape (k,), rad, of the k feet at activation."""
+    period: float  # s of one gait cycle
+    offsets: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi]))  # (k,), rad, of each foot at activation
     advance_first: bool = True  # the first observation shows the phase one step on, not the offsets themselves
     standing_threshold: float = 0.0  # magnitude of the velocity command below which the robot stands; 0: it never does
     standing_value: float | None = np.pi  # rad, shown for every foot while standing; None: sine and cosine are both 0
-    standing_restarts: bool = True
-    """Walking on starts from the offsets again; false: the clock runs on while the robot stands."""
-    frequency: FloatArray | None = None
-    """Shape (p, 2), speeds that are commanded, ascending, and the gait cycles per second, Hz, at each: linear between
-    them, constant beyond; None: 1 / period, whatever is commanded."""
-    speed: Speed = "command"
-    """Speed by which `frequency` is looked up: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
+    standing_restarts: bool = True  # walking on starts from the offsets again; False: the clock runs on while standing
 
     def __post_init__(self) -> None:
-        put, offsets = partial(object.__setattr__, self), frozen_array("PhaseRule", "offsets", self.offsets)
-        put("offsets", offsets)
-        if self.frequency is not None:
-            put("frequency", frozen_array("PhaseRule", "frequency", self.frequency))
-        either = "a period > 0, or else a frequency for each speed, and not both"
-        is_one = (self.period is None) != (self.frequency is None)
-        one_of("PhaseRule", "speed", self.speed, Speed)
-        for name, is_accepted, accepted in (
-            ("period", is_one and (self.period is None or 0.0 < self.period < np.inf), either),
-            ("frequency", _is_gait(self.frequency), "[speed, Hz] once or more, speeds ascending, frequencies > 0"),
-            ("offsets", offsets.ndim == 1 and offsets.size and np.isfinite(offsets).all(), "one finite angle per foot"),
-            ("standing_threshold", 0.0 <= self.standing_threshold < np.inf, "a number >= 0"),
-        ):
-            require(is_accepted, f"PhaseRule.{name}", getattr(self, name), accepted)
-
-
-def _is_gait(table: FloatArray | None) -> bool:
-    """Return True for a table of speeds and frequencies, shape (p, 2), and for none."""
-    if table is None:
-        return True
-    if table.ndim != 2 or table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
-        return False
-    return bool((np.diff(table[:, 0]) > 0.0).all() and (table[:, 1] > 0.0).all())
+        offsets = frozen_array("PhaseRule", "offsets", self.offsets)
+        object.__setattr__(self, "offsets", offsets)
+        checks = {
+            "period": (0.0 < self.period < np.inf, "seconds > 0"),
+            "offsets": (offsets.ndim == 1 and len(offsets) and np.isfinite(offsets).all(), "one angle per foot"),
+            "standing_threshold": (0.0 <= self.standing_threshold < np.inf, "a number >= 0"),
+        }
+        require_fields("PhaseRule", self, checks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyContract:
     """Everything that a checkpoint needs to run: n joints, of which the action drives m.
 
-    Raises `FieldError` at construction if the fields do not fit each other.
+    Raises `FieldError` at construction if the fields do not fit each other. In fields of shape (n,) or (m,) a scalar
+    stands for all.
     """
 
     task_type: TaskType  # selects the layout of the motion reference
     joint_names: tuple[str, ...]  # the full articulation, n joints; the order of the per-joint arrays
-    action_joint_names: tuple[str, ...]
-    """The m joints that the action drives, in its order; the others are pinned to position 0."""
-    joint_stiffness: FloatArray  # shape (n,), N·m/rad; a scalar stands for all, as in every field of this shape
+    action_joint_names: tuple[str, ...]  # the m joints that the action drives, in its order; the others are pinned to 0
+    joint_stiffness: FloatArray  # shape (n,), N·m/rad
     joint_damping: FloatArray  # shape (n,), N·m·s/rad
     default_joint_pos: FloatArray  # shape (n,), rad
-    observation: Sequence[Term | str]
-    """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
+    observation: Sequence[Term | str]  # term by term; a plain name becomes the term with its usual conventions
     command_names: tuple[str, ...]  # runtime command terms
     action_scale: FloatArray  # shape (m,), rad per unit of action
     policy_dt: float  # s
     body_names: tuple[str, ...] = ()  # bodies that the motion reference describes, b of them
     dataset_repo_id: str = ""  # dataset that the default motion comes from; empty for none
-    lookahead_steps: tuple[int, ...] = ()
-    """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
+    lookahead_steps: tuple[int, ...] = ()  # steps ahead of this one that `target_keys_future` shows (piano)
     action_offset: FloatArray | None = None
     """Shape (m,), rad, added to the scaled action; None: the default pose of the driven joints."""
     action_clip: float = np.inf  # magnitude at which a raw action is clipped before it is scaled
@@ -291,43 +251,21 @@ class PolicyContract:
             put(name, tuple(getattr(self, name)))
         put("observation", tuple(term if isinstance(term, Term) else Term(term) for term in self.observation))
         put("source", dict(self.source))
-        self._check_names()
-        self._set_arrays()
-        self._check_live_inputs()
-
-    def _check_names(self) -> None:
-        owner, joints = "PolicyContract", self.joint_names
-        require_names(f"{owner}.joint_names", joints)
-        require_names(f"{owner}.action_joint_names", self.action_joint_names, joints)
-        require_names(f"{owner}.observation", self.observation_names)
-        for term in self.terms:
-            if term.joints is not None:
-                require_names(f"{owner}.observation: term '{term.name}'", term.joints, joints)
+        owner, joints, driven = "PolicyContract", self.joint_names, self.action_joint_names
+        self._check_names(owner)
         is_one_history = self.history_layout == "per_term" or len({term.history for term in self.terms}) == 1
-        has_lookahead = len(self.lookahead_steps) > 0 or "target_keys_future" not in self.observation_names
-        for name, is_accepted, accepted in (
-            ("lookahead_steps", has_lookahead, "the steps ahead that target_keys_future shows"),
-            ("history_layout", is_one_history, "per_term where terms show different numbers of steps"),
-            ("policy_dt", 0.0 < self.policy_dt < np.inf, "seconds > 0"),
-            ("action_clip", self.action_clip > 0.0, "a number > 0"),
-            ("action_limit", self.action_limit is None or self.action_limit > 0.0, "a number > 0"),
-        ):
-            require(is_accepted, f"{owner}.{name}", getattr(self, name), accepted)
-        for name, choices in (
-            ("task_type", TaskType),
-            ("model_joint_damping", ModelDamping),
-            ("history_layout", HistoryLayout),
-            ("reference_quaternion", QuaternionOrder),
-        ):
-            one_of(owner, name, getattr(self, name), choices)
-
-    def _set_arrays(self) -> None:
-        """Make the per-joint and per-action arrays, scalars broadcast."""
-        owner, put = "PolicyContract", partial(object.__setattr__, self)
-        joints, driven = self.joint_names, self.action_joint_names
+        has_lookahead = self.lookahead_steps or "target_keys_future" not in self.observation_names
+        checks = {
+            "lookahead_steps": (has_lookahead, "the steps ahead that target_keys_future shows"),
+            "history_layout": (is_one_history, "per_term where terms show different numbers of steps"),
+            "policy_dt": (0.0 < self.policy_dt < np.inf, "seconds > 0"),
+            "action_clip": (self.action_clip > 0.0, "a number > 0"),
+            "action_limit": (self.action_limit is None or self.action_limit > 0.0, "a number > 0"),
+        }
+        require_fields(owner, self, checks)
+        one_of(owner, "task_type", self.task_type, TaskType)
         for name in ("joint_stiffness", "joint_damping"):
-            array = per_joint(owner, name, getattr(self, name), joints, _is_gain, "a finite number >= 0")
-            put(name, array)
+            put(name, per_joint(owner, name, getattr(self, name), joints, _is_gain, "a finite number >= 0"))
         put("default_joint_pos", per_joint(owner, "default_joint_pos", self.default_joint_pos, joints))
         if self.action_offset is None:
             put("action_offset", self.default_joint_pos[[joints.index(joint) for joint in driven]])
@@ -343,16 +281,21 @@ class PolicyContract:
         if self.command_ranges is not None:
             put("command_ranges", _bounds("command_ranges", self.command_ranges, 3))
 
-    def _check_live_inputs(self) -> None:
-        """Refuse two terms that describe one live input differently, and two live inputs on one topic."""
+    def _check_names(self, owner: str) -> None:
+        """Check the names of joints and terms, and that all terms of one live input describe it alike."""
+        require_names(f"{owner}.joint_names", self.joint_names)
+        require_names(f"{owner}.action_joint_names", self.action_joint_names, self.joint_names)
+        require_names(f"{owner}.observation", self.observation_names)
         for term in self.terms:
+            if term.joints is not None:
+                require_names(f"{owner}.observation: term '{term.name}'", term.joints, self.joint_names)
             same = [other for other in self.terms if other.kind == term.kind]
             if len({(other.width, other.topic, other.timeout, other.scan) for other in same}) > 1:
                 names = " and ".join(other.name for other in same)
-                raise FieldError(f"PolicyContract.observation: {names} differ in width, topic, timeout or scan")
+                raise FieldError(f"{owner}.observation: {names} differ in width, topic, timeout or scan")
         topics = [topic.name for topic in self.live_topics.values()]
         if topics:
-            require_names("PolicyContract.observation: topics", topics)
+            require_names(f"{owner}.observation: topics", topics)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -379,7 +322,7 @@ class PolicyContract:
 
     @property
     def takes_velocity_command(self) -> bool:
-        """Tell whether what the policy observes depends on the velocity command: as a term, or by the gait clock."""
+        """Return whether the observation depends on the velocity command: as a term, or by the gait clock."""
         return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
 
     @property
@@ -417,8 +360,9 @@ class PolicyContract:
         return {kind.reads: LiveTopic(term.topic or kind.topic, term.timeout) for term, kind in kinds if kind.topic}
 
 
-def _is_gain(values: FloatArray) -> Any:
-    return np.isfinite(values) & (values >= 0.0)
+def _is_gain(values: FloatArray) -> BoolArray:
+    gains: BoolArray = np.isfinite(values) & (values >= 0.0)
+    return gains
 
 
 def _bounds(name: str, value: Any, rows: int, *, may_be_one: bool = False) -> FloatArray:

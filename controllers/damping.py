@@ -13,7 +13,7 @@ from humanoid_sim.mit import FloatArray, MITCommand
 
 
 def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
-    """K_p 0 and K_d `damping` at `position`, which is 0 where it is unknown, or too far off to be sent.
+    """Return K_p 0 and K_d `damping` at `position`, which is 0 where it is unknown, or too far off to be sent.
 
     At K_p 0 the position exerts no torque; it is there because a command is always complete and finite.
     """
@@ -29,8 +29,18 @@ class HeldMemory(Memory):
     command: MITCommand
 
 
+class _Held:
+    """Returns the command of its activation, whatever the state is now."""
+
+    __slots__ = ()
+
+    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
+        """Return the held command."""
+        return memory, memory.command
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class DampingController:
+class DampingController(_Held):
     """Holds the joint positions of its activation with damping only: soft under gravity, viscous against motion."""
 
     joints: tuple[str, ...]
@@ -45,13 +55,9 @@ class DampingController:
             return Fault("no joint position is known")
         return HeldMemory(command=damped_command(position, self.damping))
 
-    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
-        """Return the held command, whatever the state is now."""
-        return memory, memory.command
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ZeroTorqueController:
+class ZeroTorqueController(_Held):
     """Zeros in all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
 
     joints: tuple[str, ...]
@@ -59,7 +65,3 @@ class ZeroTorqueController:
     def activate(self, tick_input: TickInput) -> HeldMemory:
         """Make the zeros."""
         return HeldMemory(command=MITCommand.zeros(len(self.joints)))
-
-    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
-        """Return the held command, whatever the state is now."""
-        return memory, memory.command

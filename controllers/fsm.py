@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyStatus
 
-MODES: Mapping[str, Mode] = MappingProxyType(
-    {
-        ZERO_TORQUE: Mode.ZERO_TORQUE,
-        DAMPING: Mode.DAMPING,
-        STANDBY_A: Mode.STANDBY,
-        STANDBY_B: Mode.STANDBY,
-        RL_POLICY: Mode.LOCOMOTION,
-        REMOTE_POLICY: Mode.REMOTE,
-    }
-)
+MODES: Mapping[str, Mode] = {
+    ZERO_TORQUE: Mode.ZERO_TORQUE,
+    DAMPING: Mode.DAMPING,
+    STANDBY_A: Mode.STANDBY,
+    STANDBY_B: Mode.STANDBY,
+    RL_POLICY: Mode.LOCOMOTION,
+    REMOTE_POLICY: Mode.REMOTE,
+}
 """Mode of each controller."""
 MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
 """Modes that drive the joints: safety and guards end them in DAMPING."""
@@ -34,16 +31,14 @@ class Rule:
     standby_finished: bool = False  # True if the standby controller must have arrived
 
 
-RULES: Mapping[Intent, Rule] = MappingProxyType(
-    {
-        Intent.DAMP: Rule(frozenset(Mode), DAMPING),
-        Intent.LOAD_A: Rule(frozenset({Mode.DAMPING}), STANDBY_A),
-        Intent.LOAD_B: Rule(frozenset({Mode.DAMPING}), STANDBY_B),
-        Intent.START_LOCOMOTION: Rule(frozenset({Mode.STANDBY}), RL_POLICY, standby_finished=True),
-        Intent.START_REMOTE: Rule(frozenset({Mode.STANDBY}), REMOTE_POLICY, standby_finished=True),
-        Intent.QUIT: Rule(RESTING, None),
-    }
-)
+RULES: Mapping[Intent, Rule] = {
+    Intent.DAMP: Rule(frozenset(Mode), DAMPING),
+    Intent.LOAD_A: Rule(frozenset({Mode.DAMPING}), STANDBY_A),
+    Intent.LOAD_B: Rule(frozenset({Mode.DAMPING}), STANDBY_B),
+    Intent.START_LOCOMOTION: Rule(frozenset({Mode.STANDBY}), RL_POLICY, standby_finished=True),
+    Intent.START_REMOTE: Rule(frozenset({Mode.STANDBY}), REMOTE_POLICY, standby_finished=True),
+    Intent.QUIT: Rule(RESTING, None),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +57,7 @@ def mode_names(modes: frozenset[Mode]) -> str:
 
 
 def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
-    """All sources as one: the highest level, flags or-ed, sources and messages of those that are not OK."""
+    """Return all sources as one: the highest level, flags or-ed, sources and messages of those that are not OK."""
     if all(status.is_ok and not status.flags for status in statuses):
         return OK
     flags = SafetyFlag.NONE
@@ -75,7 +70,7 @@ def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
 
 
 def describe_safety(safety: SafetyStatus) -> str:
-    """One line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
+    """Return one line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
     flags = (safety.flags.name or hex(safety.flags)) if safety.flags else ""  # another source's bits may have no name
     origin = f"from {safety.source}" if safety.source else ""
     line = " ".join(word for word in ("safety", safety.level.name, flags, origin) if word)
@@ -111,16 +106,11 @@ def transition(
     available: Container[str],
     unready: str = "",
 ) -> Decision:
-    """Return the next controller: `RULES`, after safety.
+    """Return the next controller: `RULES`, after safety, which is all sources merged.
 
     Any status but OK moves STANDBY, LOCOMOTION and REMOTE to DAMPING and refuses every intent but DAMP and QUIT while
-    it lasts. It never moves ZERO_TORQUE up, and nothing recovers by itself.
-
-    Args:
-        safety: all sources merged.
-        standby_finished: the standby controller's command has arrived at its final pose and gains.
-        available: names of the controllers that exist.
-        unready: reason why the controller that is to move the robot cannot start yet; '' for none.
+    it lasts. It never moves ZERO_TORQUE up, and nothing recovers by itself. `available` has the names of the
+    controllers that exist, `unready` is why the one that is to move the robot cannot start yet; '' for none.
     """
     reason = ""
     if intent is not None:

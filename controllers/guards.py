@@ -14,6 +14,7 @@ way a joint is wired and wherever its zero is.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -42,8 +43,7 @@ class Guards:
     joints: tuple[str, ...]
     lower: FloatArray  # shape (n,), rad, the joints' lower limits; -infinity for none
     upper: FloatArray  # shape (n,), rad, upper limits
-    following_effort: FloatArray
-    """Shape (n,), N·m: K_p times the error from which a joint must come nearer; infinity: not watched."""
+    following_effort: FloatArray  # (n,), N·m: K_p times the error from which a joint must come nearer; inf: not watched
     following_time: float  # s in which it must have come nearer
     following_progress: float  # rad by which it must
     limit_margin: FloatArray  # shape (n,), rad beyond the limits; infinity: not watched
@@ -55,20 +55,18 @@ class Guards:
     further out: policies of legs ask for more than their joints have, and a joint at its stop does not then lag."""
     _lowest: FloatArray = field(init=False, repr=False)
     _highest: FloatArray = field(init=False, repr=False)
-    _times: FloatArray = field(init=False, repr=False)
+    _times: FloatArray = field(init=False, repr=False)  # shape (3, 1)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_lowest", self.lower - self.limit_margin)
-        object.__setattr__(self, "_highest", self.upper + self.limit_margin)
-        times = np.array([[self.following_time], [self.limit_time], [self.speed_time]])
-        object.__setattr__(self, "_times", times - _ROUNDING)
+        put = partial(object.__setattr__, self)
+        put("_lowest", self.lower - self.limit_margin)
+        put("_highest", self.upper + self.limit_margin)
+        put("_times", np.array([[self.following_time], [self.limit_time], [self.speed_time]]) - _ROUNDING)
 
     def watch(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> GuardMemory | None:
-        """Return the memory after a tick of one robot or a batch; None where no condition holds.
+        """Return the memory after a tick of one robot or a batch, shape (..., n); None where no condition holds.
 
-        Args:
-            state: of this tick, shape (..., n); any values.
-            command: that is about to leave, shape (..., n); finite.
+        The state may hold any values; the command, which is about to leave, is finite.
         """
         with np.errstate(all="ignore"):
             position = state.joint_position
@@ -101,8 +99,7 @@ class Guards:
             return None
         if memory is None or memory.held.shape != condition.shape:
             return GuardMemory(time, np.where(condition, 0.0, -1.0), side, position)
-        elapsed = np.subtract(time, memory.time)
-        elapsed = np.where(elapsed > 0.0, np.minimum(elapsed, _LONGEST_STEP), 0.0)[..., None, None]
+        elapsed = np.clip(np.nan_to_num(np.subtract(time, memory.time)), 0.0, _LONGEST_STEP)[..., None, None]
         held = np.where(memory.held >= 0.0, memory.held + elapsed, 0.0)
         # A joint that has come nearer, or is now pulled the other way, begins again from where it is; one that is
         # pushed back counts from there.
@@ -113,14 +110,12 @@ class Guards:
         start = np.where(follows | (advance < 0.0), position, memory.start)
         return GuardMemory(time, np.where(condition, held, -1.0), side, start)
 
-    def _is_late(self, held: FloatArray) -> BoolArray:
-        return np.asarray((held >= 0.0) & (held >= self._times))
+    def _is_late(self, memory: GuardMemory) -> BoolArray:
+        return np.asarray((memory.held >= 0.0) & (memory.held >= self._times))
 
     def tripped(self, memory: GuardMemory | None) -> BoolArray:
         """Return which robots a guard has tripped for, shape (...)."""
-        if memory is None:
-            return np.zeros((), dtype=bool)
-        return np.asarray(self._is_late(memory.held).any(axis=(-2, -1)))
+        return np.zeros((), dtype=bool) if memory is None else np.asarray(self._is_late(memory).any(axis=(-2, -1)))
 
     def restarted(self, memory: GuardMemory | None, chosen: IndexArray) -> GuardMemory | None:
         """Return the memory of a batch in which the robots with indices `chosen`, shape (k,), begin afresh."""
@@ -131,22 +126,20 @@ class Guards:
         return replace(memory, held=held)
 
     def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
-        """By the index of each robot of a batch for which a guard has tripped (0 for the only one), its `problem`."""
+        """Return the `problem` of each robot of a batch for which a guard has tripped, by its index (0 for the one)."""
         tripped = self.tripped(memory)
         if not tripped.ndim:
             return {0: self.problem(memory, state, command)} if tripped else {}
         return {i: self.problem(memory, state, command, i) for i in np.flatnonzero(tripped).tolist()}
 
     def problem(self, memory: GuardMemory | None, state: MITState, command: MITCommand, i: int | tuple[()] = ()) -> str:
-        """Return which guard has tripped first, and what may be the cause; '' if none has.
+        """Return which guard has tripped first for robot `i` of a batch, () for the only one; '' if none has.
 
-        Args:
-            memory: of `watch` with this state and command.
-            i: which robot of a batch; () for the only one.
+        The memory is that of `watch` with this state and command.
         """
-        if memory is None or not self._is_late(memory.held[i]).any():
+        if memory is None or not self._is_late(memory)[i].any():
             return ""
-        guard, j = np.argwhere(self._is_late(memory.held[i]))[0]
+        guard, j = np.argwhere(self._is_late(memory)[i])[0]
         name, at, wanted = self.joints[j], state.joint_position[i][j], command.position[i][j]
         if guard == _SPEED:
             speed = state.joint_velocity[i][j]

@@ -31,10 +31,8 @@ class JoyBindings:
                 raise FieldError(f"JoyBindings.{name}: is {combo}, expected button indices >= 0, each once")
         for first, second in permutations(combos, 2):
             if set(combos[first]) <= set(combos[second]):
-                raise FieldError(
-                    f"JoyBindings.{first}: {combos[first]} is pressed whenever {second} {combos[second]} is, "
-                    "expected combinations that exclude each other"
-                )
+                other = f"{combos[first]} is pressed whenever {second} {combos[second]} is"
+                raise FieldError(f"JoyBindings.{first}: {other}, expected combinations that exclude each other")
 
     def combos(self) -> dict[str, tuple[int, ...]]:
         """Return the buttons of each field, all of which must be down; in the order of the intents."""
@@ -51,9 +49,7 @@ class JoyBindings:
         """Raise `FieldError` if a gamepad lacks a bound button: an operator must not find out while pressing DAMP."""
         for name, combo in self.combos().items():
             if max(combo) >= button_count:
-                raise FieldError(
-                    f"JoyBindings.{name}: is {combo}, but the gamepad has {button_count} buttons, from 0 on"
-                )
+                raise FieldError(f"JoyBindings.{name}: is {combo}, but the gamepad has {button_count} buttons, from 0")
 
 
 def pressed_intents(

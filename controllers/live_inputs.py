@@ -13,16 +13,15 @@ from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import Extern, MITState
 
 LiveInput = Callable[[MITState], npt.ArrayLike]
-"""Given the state that a robot reports, the value: shape (width,), in the term's own unit; (..., width) for a batch."""
+"""Given the reported state, the value: shape (width,), in the term's own unit; (..., width) for a batch."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveInputs:
-    """Sources of a policy's live inputs, declared ones or a height scan. Resolving the terms finds what is missing."""
+    """Sources of a policy's live inputs, by name. Resolving the terms finds what is missing."""
 
     contract: PolicyContract
     sources: Mapping[str, LiveInput] = field(default_factory=dict)
-    """By the name of the live input: the term's, or its `kind`."""
 
     def __post_init__(self) -> None:
         for name in self.sources:
@@ -38,12 +37,11 @@ class LiveInputs:
         """Return the state with the sources' values; where one is unfit, observing it is a fault."""
         if not self.sources:
             return state
-        batch = state.joint_position.shape[:-1]
         time = float(state.time) if np.ndim(state.time) == 0 else 0.0  # a batch's clocks differ; nothing grows too old
         live = dict(state.extern)
         for name, source in self.sources.items():
             value = np.atleast_1d(np.asarray(source(state), dtype=np.float64))
             if value.ndim == 1:  # one value for all robots
-                value = np.broadcast_to(value, (*batch, len(value)))
+                value = np.broadcast_to(value, (*state.joint_position.shape[:-1], len(value)))
             live[name] = Extern(value, time)
         return replace(state, extern=live)

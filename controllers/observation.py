@@ -44,7 +44,7 @@ class ObservationLayout:
         return self._place(index)[0]
 
     def _place(self, index: int) -> tuple[BoundTerm, int, int]:
-        """Term, step of its history, and number of the value within it."""
+        """Return term, step of its history, and number of the value within it."""
         if self.history_layout == "per_step":
             step, within = divmod(index, self.step_width)
             term = next(term for term in self.terms if within < term.stop)
@@ -59,43 +59,25 @@ class ObservationLayout:
 def resolve_observation(
     contract: PolicyContract, robot_joints: tuple[str, ...], reference: MotionReference, extern: Mapping[str, int]
 ) -> ObservationLayout:
-    """Look every term up once.
+    """Look every term up once: `robot_joints` orders the state's arrays, `extern` has names and widths of live inputs.
 
     Raises `FieldError` for an unknown term, one whose source is missing, or one whose scale does not fit.
-
-    Args:
-        contract: the terms with their conventions, the joints and the bodies.
-        robot_joints: the order of the state's per-joint arrays.
-        extern: name and width of the live inputs that exist.
     """
     terms: list[BoundTerm] = []
     for term in contract.terms:
-        start = terms[-1].stop if terms else 0
-        terms.append(_bind(term, start, contract, robot_joints, reference, extern))
+        kind, start = contract.kind(term), terms[-1].stop if terms else 0
+        shown = contract.joint_names if term.joints is None else term.joints
+        order = joint_indices(shown, robot_joints, "joint_names of the policy")
+        pose = contract.default_joint_pos[[contract.joint_names.index(joint) for joint in shown]]
+        is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
+        zero = pose if kind.is_relative(term) else 0.0
+        bound = BoundTerm(term, kind, contract, reference, extern, order, zero, is_plain, start)
+        check_sources(bound)
+        width, size = bound.step_width(), np.size(term.scale)
+        if size not in (1, width):
+            raise FieldError(f"observation term '{term.name}': scale has {size} values, expected 1 or {width}")
+        terms.append(replace(bound, stop=start + width))
     return ObservationLayout(tuple(terms), contract.history_layout)
-
-
-def _bind(
-    term: Term,
-    start: int,
-    contract: PolicyContract,
-    robot_joints: tuple[str, ...],
-    reference: MotionReference,
-    extern: Mapping[str, int],
-) -> BoundTerm:
-    kind = contract.kind(term)
-    shown = contract.joint_names if term.joints is None else term.joints
-    order = joint_indices(shown, robot_joints, "joint_names of the policy")
-    pose = contract.default_joint_pos[[contract.joint_names.index(joint) for joint in shown]]
-    is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
-    zero = pose if kind.is_relative(term) else 0.0
-    bound = BoundTerm(term, kind, contract, reference, extern, order, zero, start, start, is_plain)
-    check_sources(bound)
-    width = kind.width if isinstance(kind.width, int) else kind.width(bound)
-    size = np.size(term.scale)
-    if size not in (1, width):
-        raise FieldError(f"observation term '{term.name}': scale has {size} values, expected 1 or {width}")
-    return replace(bound, stop=start + width)
 
 
 def pack(layout: ObservationLayout, now: TermInput) -> Float32Array:
@@ -134,12 +116,12 @@ def stack(
         steps = np.concatenate([history[..., 1:, :], newest], axis=-2)
     steps.setflags(write=False)
     if layout.history_layout == "per_step":
-        return _in_order(steps, layout.terms[0].term), steps
-    parts = [_in_order(steps[..., -term.term.history :, term.start : term.stop], term.term) for term in layout.terms]
+        return _flattened(steps, layout.terms[0].term), steps
+    parts = [_flattened(steps[..., -term.term.history :, term.start : term.stop], term.term) for term in layout.terms]
     return np.concatenate(parts, axis=-1), steps
 
 
-def _in_order(steps: Float32Array, term: Term) -> Float32Array:
-    """Flatten values of several steps, shape (..., h, width), oldest first, as a term orders them: a copy."""
+def _flattened(steps: Float32Array, term: Term) -> Float32Array:
+    """Return values of several steps, shape (..., h, width), oldest first, as a term orders them: a copy."""
     ordered = steps if term.history_order == "oldest_first" else steps[..., ::-1, :]
     return ordered.reshape(*steps.shape[:-2], -1).copy()

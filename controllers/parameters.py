@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand, MITState, frozen_array
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, MITCommand, MITState, frozen_array
 
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
@@ -20,6 +20,12 @@ def require(is_accepted: Any, field: str, value: object, accepted: str) -> None:
     """Raise `FieldError` unless the value of a field is accepted."""
     if not is_accepted:
         raise FieldError(f"{field}: is {value}, expected {accepted}")
+
+
+def require_fields(where: str, instance: object, checks: Mapping[str, tuple[Any, str]]) -> None:
+    """Raise `FieldError` for the first field that is not accepted; by its name, whether it is, and what would be."""
+    for name, (is_accepted, accepted) in checks.items():
+        require(is_accepted, f"{where}.{name}", getattr(instance, name), accepted)
 
 
 def one_of(owner: str, name: str, value: object, choices: Any) -> None:
@@ -35,15 +41,11 @@ def require_names(field: str, names: Sequence[str], known: Iterable[str] | None 
 
 
 def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> IndexArray:
-    """Positions of the `wanted` joints among the `available` ones.
-
-    Raises `FieldError` naming the joint that is missing and those that exist.
-    """
-    place = {name: i for i, name in enumerate(available)}
+    """Return the positions of the `wanted` joints among the `available` ones; `FieldError` for a missing joint."""
     for name in wanted:
-        if name not in place:
+        if name not in available:
             raise FieldError(f"{known_names('joint', name, available)} ({what})")
-    indices = np.array([place[name] for name in wanted], dtype=np.intp)
+    indices = np.array([available.index(name) for name in wanted], dtype=np.intp)
     indices.setflags(write=False)
     return indices
 
@@ -53,10 +55,10 @@ def per_joint(
     name: str,
     values: npt.ArrayLike,
     joints: tuple[str, ...],
-    accepts: Callable[[FloatArray], npt.NDArray[np.bool_]] = np.isfinite,
+    accepts: Callable[[FloatArray], BoolArray] = np.isfinite,
     accepted: str = "a finite number",
 ) -> FloatArray:
-    """Read-only array of shape (n,) from one number per joint, or from one for all of them."""
+    """Return a read-only array of shape (n,) from one number per joint, or from one for all of them."""
     array = frozen_array(owner, name, values)
     if array.ndim == 0:
         array = frozen_array(owner, name, np.full(len(joints), array))
@@ -68,15 +70,15 @@ def per_joint(
 
 
 def joints_problem(state: MITState, joints: tuple[str, ...]) -> str:
-    """Return what is wrong with the number of joints that a robot's state has; else ''."""
+    """Return what is wrong with the number of joints of a robot's state; else ''."""
     shape = state.joint_position.shape
     return "" if shape == (len(joints),) else f"state has {shape} joint positions, expected ({len(joints)},)"
 
 
 def state_problem(state: MITState, joints: tuple[str, ...]) -> str:
     """Return what is wrong with the number of joints, or the time, of a robot's state; else ''."""
-    known = np.isfinite(state.time)
-    return joints_problem(state, joints) or ("" if known else f"time is {state.time}, expected a finite number")
+    time = "" if np.isfinite(state.time) else f"time is {state.time}, expected a finite number"
+    return joints_problem(state, joints) or time
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
@@ -91,7 +93,5 @@ def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
         return ""
     row, joint = np.argwhere(~sound)[0]
     least = 0.0 if row >= _FIRST_GAIN else -LARGEST_COMMAND
-    return (
-        f"command's {COMMAND_FIELDS[row]} of {joints[joint]} is {values[row, joint]}, "
-        f"expected a finite number from {least:g} to {LARGEST_COMMAND:g}"
-    )
+    field, value = f"command's {COMMAND_FIELDS[row]} of {joints[joint]}", values[row, joint]
+    return f"{field} is {value}, expected a finite number from {least:g} to {LARGEST_COMMAND:g}"

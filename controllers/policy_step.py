@@ -33,18 +33,14 @@ from humanoid_sim.mit import (
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
-
 ACTION_LIMIT = 100.0
 """Largest magnitude of a raw action unless another is given: most trained policies stay within a few units, and beyond
 this one has diverged."""
-_RAISE_IT = "--action-limit, or action_limit in a contract.yaml, raises it"
 
 
 def action_limit_of(contract: PolicyContract, given: float | None = None) -> float:
     """Return the largest magnitude of a raw action: what was given, or else the contract's, or else `ACTION_LIMIT`."""
-    if given is not None:
-        return given
-    return ACTION_LIMIT if contract.action_limit is None else contract.action_limit
+    return next(limit for limit in (given, contract.action_limit, ACTION_LIMIT) if limit is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +49,7 @@ class PolicyMemory:
 
     frame: Frame  # shape (...), the reference frame that the next inference shows
     last_action: Float32Array  # shape (..., m), raw; zeros at activation
-    history: Float32Array | None = None
-    """Shape (..., h, step_width), what was observed in the last steps, oldest first; None before the first, or without
-    terms that show one."""
+    history: Float32Array | None = None  # (..., h, step_width), the last steps, oldest first; None: none, or not needed
     walked: FloatArray | float = 0.0  # shape (...), rad of gait phase since activation, or since standing
     alignment: Alignment | None = None  # alignment of the reference with the robot, made at activation
 
@@ -72,12 +66,10 @@ class PolicyWiring:
     reference: MotionReference
     extern: Mapping[str, int]  # name and width of the live inputs that states carry
     action_limit: float | None = None
-    """Largest magnitude of a raw action; beyond it the policy has failed. None: as `action_limit_of` says."""
-    limit: float = field(init=False)  # `action_limit`, resolved to a number
+    limit: float = field(init=False)  # largest magnitude of a raw action, beyond which the policy has failed
     layout: ObservationLayout = field(init=False, repr=False)
     action_map: ActionMap = field(init=False, repr=False)
     takes_velocity_command: bool = field(init=False, repr=False)
-    """True if the observation depends on the velocity command."""
 
     def __post_init__(self) -> None:
         if isinstance(self.contract.position_clip, str):
@@ -92,10 +84,7 @@ class PolicyWiring:
         """Start with no last action, and with the reference aligned with the robot.
 
         Without anchor poses there is nothing to align; a pose that is not known makes the first observation NaN.
-
-        Args:
-            state: shape (...), of the robot.
-            frame: shape (...), of the reference, to begin with; None: 0.
+        `frame`, shape (...), is that of the reference to begin with; None: 0.
         """
         batch = state.joint_position.shape[:-1]
         begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
@@ -134,7 +123,7 @@ class PolicyWiring:
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> BoolArray:
-        """Shape (...): whether every value of a raw action, shape (..., m), is finite and within the limit."""
+        """Return whether every value of a raw action, shape (..., m), is finite and within the limit: shape (...)."""
         return np.asarray(self._within(action).all(axis=-1))
 
     def action_problem(self, action: Float32Array) -> str:
@@ -145,7 +134,7 @@ class PolicyWiring:
         if within.all():
             return ""
         i = int(np.argmin(within))
-        hint = f": {_RAISE_IT}" if np.isfinite(action[i]) else ""
+        hint = ": action_limit in a contract.yaml raises it" if np.isfinite(action[i]) else ""
         joint = self.contract.action_joint_names[i]
         return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
@@ -184,10 +173,7 @@ class ActionMap:
 
 
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
-    """Match the policy's joints with the robot's by name: a permutation, or a clear error.
-
-    Raises `FieldError` naming the joints that only one side has.
-    """
+    """Match the policy's joints with the robot's by name; `FieldError` naming the joints that only one side has."""
     missing = [joint for joint in contract.joint_names if joint not in robot_joints]
     surplus = [joint for joint in robot_joints if joint not in contract.joint_names]
     if missing or surplus:
@@ -196,30 +182,34 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
     order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
     assert contract.action_offset is not None  # filled in at construction
+    stiffness, damping = contract.joint_stiffness[order], contract.joint_damping[order]
+    for gains in (stiffness, damping):
+        gains.setflags(write=False)
     return ActionMap(
         indices=joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy"),
         offset=contract.action_offset,
         scale=contract.action_scale,
-        stiffness=contract.joint_stiffness[order],
-        damping=contract.joint_damping[order],
+        stiffness=stiffness,
+        damping=damping,
         clip=contract.action_clip,
         position_clip=None if isinstance(contract.position_clip, str) else contract.position_clip,
     )
 
 
 def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
-    """`position = offset + scale · action` on driven joints, 0 on others, the policy's gains on all: shape (..., n).
+    """Return the command of raw actions, shape (..., m), for all joints, shape (..., n).
 
-    Args:
-        action: shape (..., m), raw.
+    `position = offset + scale · action` on driven joints, 0 on others, the policy's gains on all.
     """
     if action_map.clip < np.inf:
         action = np.clip(action, -action_map.clip, action_map.clip)
     driven = action_map.offset + action_map.scale * action
     if action_map.position_clip is not None:
         driven = np.clip(driven, action_map.position_clip[:, 0], action_map.position_clip[:, 1])
-    shape = (*action.shape[:-1], action_map.stiffness.shape[0])
+    stiffness, damping = action_map.stiffness, action_map.damping
+    shape = (*action.shape[:-1], *stiffness.shape)
+    if action.ndim > 1:
+        stiffness, damping = np.broadcast_to(stiffness, shape), np.broadcast_to(damping, shape)
     position, zeros = np.zeros(shape), np.zeros(shape)
     position[..., action_map.indices] = driven
-    stiffness, damping = np.broadcast_to(action_map.stiffness, shape), np.broadcast_to(action_map.damping, shape)
     return MITCommand(position, zeros, zeros, stiffness, damping)

@@ -38,10 +38,8 @@ class MotionReference:
     """Each of shape (frame_count, width), in the term's own unit. Beside terms that observations name:
     `reference_joint_pos`, `reference_joint_vel` (n, policy order, rad and rad/s) and `anchor_pos` (3), `anchor_quat`
     (4, w x y z) of the anchor body in the motion's world."""
-    lengths: tuple[int, ...] = ()
-    """Frames of each of several motions that follow one another in the tables; empty for one motion."""
-    _bounds: IntArray = field(init=False, repr=False)
-    """Shape (2, frame_count), the first and the last frame of each frame's motion."""
+    lengths: tuple[int, ...] = ()  # frames of each of several motions, one after the other; empty for one motion
+    _bounds: IntArray = field(init=False, repr=False)  # (2, frame_count), first and last frame of each frame's motion
 
     def __post_init__(self) -> None:
         lengths = np.array(self.lengths or (self.frame_count,))
@@ -55,7 +53,7 @@ class MotionReference:
 
     @classmethod
     def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
-        """Several motions with the same terms, one after the other; raises `FieldError` if their terms differ."""
+        """Join motions with the same terms one after the other; raises `FieldError` if their terms differ."""
         widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in motions]
         if any(other != widths[0] for other in widths):
             raise FieldError(f"motions: their terms differ: {widths}")
@@ -65,12 +63,14 @@ class MotionReference:
 
     def first(self, frame: Frame) -> Frame:
         """Return the first frame of the motion that a frame belongs to."""
-        bound = self._bounds[0, self.clamp(frame)]
-        return int(bound) if isinstance(frame, int) else bound
+        return self._bound(0, frame)
 
     def last(self, frame: Frame) -> Frame:
         """Return the last frame of the motion that a frame belongs to."""
-        bound = self._bounds[1, self.clamp(frame)]
+        return self._bound(1, frame)
+
+    def _bound(self, side: int, frame: Frame) -> Frame:
+        bound = self._bounds[side, self.clamp(frame)]
         return int(bound) if isinstance(frame, int) else bound
 
     def following(self, frame: Frame) -> Frame:
@@ -82,12 +82,12 @@ class MotionReference:
         return _least(frame, self.frame_count - 1)
 
     def term(self, name: str, frame: Frame) -> Float32Array:
-        """Row of a term, shape (..., width) for frames of shape (...)."""
+        """Return the row of a term, shape (..., width) for frames of shape (...)."""
         row: Float32Array = self.terms[name][self.clamp(frame)]
         return row
 
     def progress(self, frame: Frame) -> FloatArray:
-        """Frame over last frame, [0, 1]; 1 for a motion of one frame."""
+        """Return frame over last frame, [0, 1]; 1 for a motion of one frame."""
         clamped = self.clamp(frame)
         done, length = np.subtract(clamped, self.first(clamped)), np.subtract(self.last(clamped), self.first(clamped))
         return np.where(length > 0, done / np.maximum(length, 1), 1.0)
@@ -114,14 +114,10 @@ def no_reference() -> MotionReference:
 
 
 def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionReference:
-    """Cut the frames of a motion file into the terms of the contract's task.
+    """Cut the frames of a motion file, shape (f, width), into the terms of the contract's task.
 
-    Raises `FieldError` if the width does not fit the task.
-
-    Args:
-        contract: `tracking`: b bodies; `piano`: key states with `lookahead_steps`.
-        frames: shape (f, width). Tracking: `[positions 3 b | orientations 6 b]`, m and rotation-matrix entries, base
-            frame. Piano: key states, 0 or 1.
+    Tracking of b bodies: `[positions 3 b | orientations 6 b]`, m and rotation-matrix entries, base frame. Piano: key
+    states, 0 or 1. Raises `FieldError` if the width does not fit the task.
     """
     table = np.asarray(frames, dtype=np.float32)
     if contract.task_type == "tracking":
@@ -140,16 +136,11 @@ def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionRe
 def build_world_reference(
     contract: PolicyContract, frames: npt.ArrayLike, joint_names: tuple[str, ...], body_names: tuple[str, ...]
 ) -> MotionReference:
-    """Cut frames of joints and world poses into the terms that anchor policies compare with.
+    """Cut frames of n joints and world poses of b bodies into the terms that anchor policies compare with.
 
-    Raises `FieldError` if the width does not fit, or a joint of the policy is missing.
-
-    Args:
-        contract: its `joint_names` choose and order the joints, its `anchor_body` the body.
-        frames: shape (f, 2 n + 7 b): `[joint positions n | joint velocities n | positions 3 b | quaternions 4 b]`, rad,
-            rad/s and m, w x y z, world frame.
-        joint_names: the n joints of the frames.
-        body_names: the b bodies of the frames; without the anchor body, its terms are left out.
+    Frames are `[joint positions n | joint velocities n | positions 3 b | quaternions 4 b]`, rad, rad/s and m, w x y z,
+    world frame. Without the contract's anchor body among the bodies, its terms are left out. Raises `FieldError` if the
+    width does not fit, or a joint of the policy is missing.
     """
     table = np.asarray(frames, dtype=np.float32)
     n, b = len(joint_names), len(body_names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from humanoid_sim.controllers.base import Fault, Memory
@@ -21,12 +21,10 @@ class RemoteMemory(Memory):
 
     activation_time: float  # s, robot's clock
     time: float  # s, robot's clock at the previous tick
-    stamp: float
-    """Arrival time of the latest command, as given; tells one command from the next. NaN before the first; that of a
-    command which was already there at activation and is not applied."""
+    stamp: float  # arrival time of the latest command, which tells it from the next; NaN before the first
     age: float = 0.0
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
-    command: MITCommand | None = None
+    command: MITCommand | None = None  # None: none since activation
     is_fresh: bool = False  # True while a command that is not stale is in force
 
 
@@ -63,21 +61,23 @@ class RemotePolicyController:
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """Return the command in force, or the damped hold in its place."""
-        if problem := state_problem(tick_input.state, self.joints):
-            return Fault(problem)
         state, remote = tick_input.state, tick_input.remote
-        time = float(state.time)
+        if problem := state_problem(state, self.joints):
+            return Fault(problem)
+        time, begin = float(state.time), memory.activation_time
         command, stamp, age = memory.command, memory.stamp, memory.age + max(time - memory.time, 0.0)
-        if remote is not None and remote.arrival_time != stamp and remote.arrival_time > memory.activation_time:
+        if remote is not None and remote.arrival_time != stamp and remote.arrival_time > begin:
             if problem := command_problem(remote.command, self.joints):
                 return Fault(f"remote {problem}")
             command, stamp, age = remote.command, remote.arrival_time, max(time - remote.arrival_time, 0.0)
         fresh = command is not None and age <= self.stale_command_timeout_ms * 1e-3
         notice = "" if fresh == memory.is_fresh else self._news(fresh)
-        memory = replace(memory, notice=notice, time=time, stamp=stamp, age=age, command=command, is_fresh=fresh)
+        after = RemoteMemory(
+            notice=notice, activation_time=begin, time=time, stamp=stamp, age=age, command=command, is_fresh=fresh
+        )
         if command is not None and (fresh or self.stale_command_policy == "hold"):
-            return memory, command
-        return memory, damped_command(state.joint_position, self.damping)
+            return after, command
+        return after, damped_command(state.joint_position, self.damping)
 
     def _news(self, fresh: bool) -> str:
         if fresh:

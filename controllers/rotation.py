@@ -36,10 +36,7 @@ def conjugate(quaternion: FloatArray) -> FloatArray:
 
 
 def continuous(quaternion: FloatArray) -> FloatArray:
-    """Give the same rotations, (F, ..., 4), with each quaternion on its predecessor's side: q and -q are one rotation.
-
-    The first frame keeps its sign.
-    """
+    """Return the same rotations, (F, ..., 4), each on its predecessor's side: q and -q are one rotation."""
     flipped = (quaternion[1:] * quaternion[:-1]).sum(axis=-1, keepdims=True) < 0.0
     sign = np.cumprod(np.where(flipped, -1.0, 1.0), axis=0)
     return np.concatenate([quaternion[:1], sign * quaternion[1:]])
@@ -70,17 +67,7 @@ def rotate_inverse(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
 def seen_from(
     base_position: FloatArray, base_quaternion: FloatArray, position: FloatArray, quaternion: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Poses of bodies in the frame of a base.
-
-    Args:
-        base_position: shape (..., 3), m, world frame.
-        base_quaternion: shape (..., 4), w x y z, base frame in the world frame.
-        position: shape (..., b, 3), m, world frame.
-        quaternion: shape (..., b, 4), body frames in the world frame.
-
-    Returns:
-        Shape (..., b, 3), m, and (..., b, 4), both in the base frame.
-    """
+    """Return poses of bodies in the frame of a base: positions (..., b, 3) and quaternions (..., b, 4), world frame."""
     base = base_quaternion[..., None, :]
     return rotate_inverse(base, position - base_position[..., None, :]), multiply(conjugate(base), quaternion)
 
@@ -118,11 +105,9 @@ def yaw_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Return unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
-
-    4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
-    (Shepperd 1978, "Quaternion from rotation matrix").
-    """
+    """Return unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3)."""
+    # 4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
+    # (Shepperd 1978, "Quaternion from rotation matrix").
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (_parts(rotation[..., i, :]) for i in range(3))
     product = _rows(
         [
@@ -151,11 +136,8 @@ def slerp(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π].
-
-    From the Frobenius norm of the difference, |A - B| = 2√2 sin(angle / 2): unlike the arc cosine of the trace it is
-    accurate near zero.
-    """
+    """Return the angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π]."""
+    # |A - B| = 2√2 sin(angle / 2) in the Frobenius norm: unlike the arc cosine of the trace it is accurate near zero.
     norm = np.sqrt(((a - b) ** 2).sum(axis=(-2, -1)))
     angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
     return angle
@@ -167,10 +149,7 @@ def rotation_6d(rotation: FloatArray) -> FloatArray:
 
 
 def rotation_from_6d(columns: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) from their first two columns, row by row (..., 6), made orthonormal (Gram-Schmidt).
-
-    Rounding to float32, and writers of other packages, leave the two columns not quite orthonormal.
-    """
+    """Return rotation matrices (..., 3, 3) from their first two columns, row by row (..., 6), made orthonormal."""
     pair = columns.reshape(*columns.shape[:-1], 3, 2)
     x, y = _unit(pair[..., 0]), pair[..., 1]
     y = _unit(y - (x * y).sum(axis=-1, keepdims=True) * x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,14 +59,13 @@ class StandbyController:
     def _problem(self, state: MITState) -> str:
         if problem := state_problem(state, self.joints):
             return problem
-        unknown = ~np.isfinite(state.joint_position)
-        if not unknown.any():
-            return ""
-        i = int(np.argmax(unknown))
-        return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
+        for joint, position in zip(self.joints, state.joint_position.tolist(), strict=True):
+            if not math.isfinite(position):
+                return f"position of {joint} is {position}, expected a finite number"
+        return ""
 
     def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
-        """Progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""
+        """Return progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""
         total = len(self.segment_durations)
         begin, previous = 0.0, start
         for i, duration in enumerate(self.segment_durations.tolist()):

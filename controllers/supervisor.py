@@ -23,7 +23,7 @@ from humanoid_sim.controllers.fsm import (
     transition,
 )
 from humanoid_sim.controllers.guards import GuardMemory, Guards
-from humanoid_sim.controllers.parameters import command_problem
+from humanoid_sim.controllers.parameters import command_problem, require
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError, known_names
@@ -55,8 +55,7 @@ class Supervisor:
     joints: tuple[str, ...]
     controllers: Mapping[str, Controller]
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
-    guards: Guards | None = field(default=None, kw_only=True)
-    """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
+    guards: Guards | None = field(default=None, kw_only=True)  # of the joints in STANDBY, LOCOMOTION and REMOTE
     policies: Mapping[str, Controller] = field(default_factory=dict, kw_only=True)
     """Controllers that `rl_policy_controller` can be, by the policy's name; the first is selected at the start. Empty:
     only the one in `controllers`."""
@@ -71,11 +70,8 @@ class Supervisor:
         for name, controller in self.controllers.items():
             if name not in MODES:
                 raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
-            if controller.joints != self.joints:
-                raise FieldError(
-                    f"Supervisor.controllers['{name}']: joints are {', '.join(controller.joints)}, "
-                    f"expected {', '.join(self.joints)}"
-                )
+            where, joints = f"Supervisor.controllers['{name}'].joints", controller.joints
+            require(joints == self.joints, where, ", ".join(joints), ", ".join(self.joints))
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
         """Return the start, ZERO_TORQUE; `reason` is the first status message."""
@@ -97,10 +93,7 @@ class Supervisor:
             name, before = decision.controller, None
         faults: list[FaultReport] = []
         failed: Fault | None = None
-        while True:
-            result = self._attempt(name, policy, before, memory, tick_input)
-            if not isinstance(result, Fault):
-                break
+        while isinstance(result := self._attempt(name, policy, before, memory, tick_input), Fault):
             failed = failed or result
             fallback = ZERO_TORQUE if name in (DAMPING, ZERO_TORQUE) else DAMPING
             faults.append(FaultReport(name, fallback, result.message, result.is_bug))
@@ -130,13 +123,13 @@ class Supervisor:
 
     def _select(self, memory: SupervisorMemory, wanted: str) -> tuple[str, str, str]:
         """Return the selected policy, what changed, and why `wanted` is refused; the last two '' for nothing."""
-        mode = MODES[memory.controller]
-        if not wanted:
-            return memory.policy, "", ""
-        if wanted not in self.policies:
-            return memory.policy, "", f"policy {wanted} refused: {known_names('policy', wanted, self.policies)}"
-        if mode not in RESTING:
-            return memory.policy, "", f"policy {wanted} refused: requires {mode_names(RESTING)}, mode is {mode.name}"
+        mode, reason = MODES[memory.controller], ""
+        if wanted and wanted not in self.policies:
+            reason = known_names("policy", wanted, self.policies)
+        elif wanted and mode not in RESTING:
+            reason = f"requires {mode_names(RESTING)}, mode is {mode.name}"
+        if reason or not wanted:
+            return memory.policy, "", f"policy {wanted} refused: {reason}" if reason else ""
         return wanted, f"policy {wanted} selected", ""
 
     def _controller(self, name: str, policy: str) -> Controller | None:

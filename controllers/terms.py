@@ -6,9 +6,9 @@ Exporters give the same quantity different names, and `command` stands for the c
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -70,9 +70,9 @@ class BoundTerm:
     extern: Mapping[str, int]  # name and width of the live inputs that exist
     order: IndexArray  # the joints that the term shows, as places among the robot's
     zero: FloatArray | float  # rad, of these joints: subtracted from positions
-    start: int  # place of the first value within one step's values
-    stop: int
     is_plain: bool  # neither clipped nor scaled: most terms are, and a multiplication by 1 in every step is not free
+    start: int  # place of the first value within one step's values
+    stop: int = 0
 
     @property
     def name(self) -> str:
@@ -84,20 +84,26 @@ class BoundTerm:
         """Number of values that the policy sees, all steps of its history together."""
         return (self.stop - self.start) * self.term.history
 
+    def step_width(self) -> int:
+        """Return the number of values of one step."""
+        width = self.kind.width
+        return width if isinstance(width, int) else _WIDTHS[width](self)
 
-Width = Callable[["BoundTerm"], int]
-Value = Callable[["BoundTerm", TermInput], Any]  # shape (..., width), before clip and scale
 
-
-# --- values: joints and last action ---
+_WIDTHS: Mapping[str, Callable[[BoundTerm], int]] = {
+    "joints": lambda bound: len(bound.order),
+    "2 policy joints": lambda bound: 2 * len(bound.contract.joint_names),
+    "actions": lambda bound: bound.contract.action_count,
+    "feet": lambda bound: len(bound.contract.phase.offsets) if bound.contract.phase else 0,
+    "2 feet": lambda bound: 2 * len(bound.contract.phase.offsets) if bound.contract.phase else 0,
+    "table": lambda bound: bound.reference.terms[bound.kind.name].shape[1],
+    "input": lambda bound: bound.extern[bound.kind.reads],
+}
+Value = Callable[[BoundTerm, TermInput], Any]  # shape (..., width), before clip and scale
 
 
 def _joint_position(bound: BoundTerm, now: TermInput) -> FloatArray:
     return now.state.joint_position[..., bound.order] - bound.zero
-
-
-def _joint_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
-    return now.state.joint_velocity[..., bound.order]
 
 
 def _last_action(bound: BoundTerm, now: TermInput) -> Any:
@@ -107,20 +113,9 @@ def _last_action(bound: BoundTerm, now: TermInput) -> Any:
     return action * bound.contract.action_scale if bound.term.form == "scaled" else action
 
 
-# --- values: IMU and base ---
-
-
 def _angular_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
     velocity = now.state.imu_angular_velocity
     return velocity if bound.term.frame == "body" else rotate(now.state.imu_quaternion, velocity)
-
-
-def _acceleration(_bound: BoundTerm, now: TermInput) -> FloatArray:
-    return now.state.imu_linear_acceleration
-
-
-def _gravity(_bound: BoundTerm, now: TermInput) -> FloatArray:
-    return gravity_direction(now.state.imu_quaternion)
 
 
 def _quaternion(bound: BoundTerm, now: TermInput) -> FloatArray:
@@ -131,9 +126,6 @@ def _quaternion(bound: BoundTerm, now: TermInput) -> FloatArray:
 def _linear_velocity(bound: BoundTerm, now: TermInput) -> FloatArray:
     velocity = _live_or_nan(now.state, bound.kind.input(bound.term), 3)
     return velocity if bound.term.frame == "world" else rotate_inverse(now.state.imu_quaternion, velocity)
-
-
-# --- values: command, live inputs, clock ---
 
 
 def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
@@ -178,9 +170,6 @@ def _live_or_nan(state: MITState, name: str, width: int) -> FloatArray:
     return np.where(live.is_fresh(state.time)[..., None], live.value, np.nan)
 
 
-# --- values: the motion ---
-
-
 def _motion_command(bound: BoundTerm, now: TermInput) -> FloatArray:
     position: Any = now.reference.term("reference_joint_pos", now.frame)
     if bound.kind.is_relative(bound.term):
@@ -215,56 +204,17 @@ def _referenced(bound: BoundTerm, now: TermInput) -> Any:
     return now.reference.term(bound.kind.name, now.frame)
 
 
-def _progress(_bound: BoundTerm, now: TermInput) -> FloatArray:
-    return np.asarray(now.reference.progress(now.frame))[..., None]
-
-
-# --- widths ---
-
-
-def _per_joint(bound: BoundTerm) -> int:
-    return len(bound.order)
-
-
-def _per_policy_joint(bound: BoundTerm) -> int:
-    return len(bound.contract.joint_names)
-
-
-def _per_action(bound: BoundTerm) -> int:
-    return bound.contract.action_count
-
-
-def _per_foot(bound: BoundTerm) -> int:
-    return 0 if bound.contract.phase is None else len(bound.contract.phase.offsets)
-
-
-def _of_table(bound: BoundTerm) -> int:
-    return int(bound.reference.terms[bound.kind.name].shape[1])
-
-
-def _of_input(bound: BoundTerm) -> int:
-    return bound.extern[bound.kind.reads]
-
-
-def _twice(width: Width) -> Width:
-    return lambda bound: 2 * width(bound)
-
-
-# --- the table ---
-
-
 @dataclass(frozen=True, slots=True)
 class TermKind:
     """Description of a kind of observation term, whatever the term is called."""
 
     name: str
     meaning: str  # meaning in words, with its unit
-    width: int | Width  # number of values of one step
+    width: int | str  # number of values of one step, or the key of `_WIDTHS` that counts them
     value: Value
     _: KW_ONLY
     names: tuple[str, ...] = ()  # names that exporters use for it, beside its own
-    reads: str = ""
-    """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
+    reads: str = ""  # field of `MITState`, or live input, that it is made of; empty: the policy's memory, or its motion
     estimate: str = ""  # part of it that a simulation knows and a robot has to estimate
     tables: tuple[str, ...] = ()  # tables of the motion that it needs
     conventions: tuple[Convention, ...] = ()  # conventions that may be mistaken: options of `Term`, or its `sign`
@@ -289,7 +239,7 @@ class TermKind:
         return point_velocity(term.at) if "at" in self.conventions else self.reads
 
 
-_KEYS, _ANCHOR = ("target_keys",), ("anchor_pos",)
+_ANCHOR = ("anchor_pos",)
 _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
     TermKind("base_lin_vel", "velocity of the base, m/s: needs an estimator", 3, _linear_velocity,
              reads=BASE_LINEAR_VELOCITY, estimate="the velocity of the base", conventions=("frame", "at"),
@@ -297,7 +247,8 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
     TermKind("base_ang_vel", "angular velocity of the IMU, rad/s", 3, _angular_velocity,
              names=("imu_ang_vel", "imu_angular_velocity"), reads="imu_angular_velocity", conventions=("frame",),
              scales=(1.0, 0.25, 0.2)),
-    TermKind("projected_gravity", "direction of gravity in the body frame, (0, 0, -1) upright", 3, _gravity,
+    TermKind("projected_gravity", "direction of gravity in the body frame, (0, 0, -1) upright", 3,
+             lambda _bound, now: gravity_direction(now.state.imu_quaternion),
              reads="imu_quaternion", conventions=("sign",)),
     TermKind("imu_quaternion", "orientation of the IMU", 4, _quaternion,
              reads="imu_quaternion", conventions=("quaternion",)),
@@ -308,7 +259,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
     TermKind("command_ang_vel", "commanded yaw rate, rad/s", 1, _command(slice(2, 3)),
              reads=VELOCITY_COMMAND, scales=(1.0, 0.25)),
     TermKind("motion_command", "reference's joint positions and velocities, rad and rad/s",
-             _twice(_per_policy_joint), _motion_command, names=("motion",),
+             "2 policy joints", _motion_command, names=("motion",),
              tables=("reference_joint_pos", "reference_joint_vel"), conventions=("relative",)),
     TermKind("motion_anchor_pos", "reference's anchor body from the robot's, m: needs an estimator", 3,
              _anchor_position, names=("motion_anchor_pos_b",), reads=ANCHOR_POSE,
@@ -318,49 +269,48 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
              _anchor_orientation, names=("motion_anchor_ori_b", "motion_ref_ori_b"), reads=ANCHOR_POSE,
              estimate="the orientation of the anchor body", tables=_ANCHOR, conventions=("layout", "inverse"),
              requires="anchor_body"),
-    TermKind("joint_pos", "joint positions, rad", _per_joint, _joint_position,
+    TermKind("joint_pos", "joint positions, rad", "joints", _joint_position,
              names=("joint_pos_rel", "dof_pos"), reads="joint_position", conventions=("relative",), relative=True),
-    TermKind("joint_vel", "joint velocities, rad/s", _per_joint, _joint_velocity,
+    TermKind("joint_vel", "joint velocities, rad/s", "joints",
+             lambda bound, now: now.state.joint_velocity[..., bound.order],
              names=("joint_vel_rel", "dof_vel"), reads="joint_velocity", scales=(1.0, 0.05, 0.1)),
-    TermKind("actions", "last action", _per_action, _last_action, names=("last_action",), conventions=("form",)),
-    TermKind("sin_phase", "sine of the gait phase of each foot", _per_foot, _phase(np.sin), requires="phase"),
-    TermKind("cos_phase", "cosine of the gait phase of each foot", _per_foot, _phase(np.cos), requires="phase"),
-    TermKind("gait_phase", "sines, then cosines of the gait phase", _twice(_per_foot), _phase(np.sin, np.cos),
+    TermKind("actions", "last action", "actions", _last_action, names=("last_action",), conventions=("form",)),
+    TermKind("sin_phase", "sine of the gait phase of each foot", "feet", _phase(np.sin), requires="phase"),
+    TermKind("cos_phase", "cosine of the gait phase of each foot", "feet", _phase(np.cos), requires="phase"),
+    TermKind("gait_phase", "sines, then cosines of the gait phase", "2 feet", _phase(np.sin, np.cos),
              names=("phase",), requires="phase"),
-    TermKind("imu_linear_acceleration", "acceleration of the IMU, m/s²", 3, _acceleration,
+    TermKind("imu_linear_acceleration", "acceleration of the IMU, m/s²", 3,
+             lambda _bound, now: now.state.imu_linear_acceleration,
              reads="imu_linear_acceleration"),
-    TermKind("motion_body_pos_b", "reference's body positions in the base frame, m", _of_table, _referenced,
+    TermKind("motion_body_pos_b", "reference's body positions in the base frame, m", "table", _referenced,
              tables=("motion_body_pos_b",), requires="body_names"),
-    TermKind("motion_body_ori_b", "reference's body orientations in the base frame", _of_table, _referenced,
+    TermKind("motion_body_ori_b", "reference's body orientations in the base frame", "table", _referenced,
              tables=("motion_body_ori_b",), requires="body_names"),
-    TermKind("target_keys", "keys to press now, 0 or 1", _of_table, _referenced, tables=("target_keys",)),
-    TermKind("target_keys_future", "keys to press in the steps ahead", _of_table, _referenced,
+    TermKind("target_keys", "keys to press now, 0 or 1", "table", _referenced, tables=("target_keys",)),
+    TermKind("target_keys_future", "keys to press in the steps ahead", "table", _referenced,
              tables=("target_keys_future",), requires="lookahead_steps"),
-    TermKind("progress", "progress of the motion, 0 to 1", 1, _progress),
-    TermKind("key_pressed", "keys that are down, 0 or 1", _of_input, _live,
+    TermKind("progress", "progress of the motion, 0 to 1", 1,
+             lambda _bound, now: np.asarray(now.reference.progress(now.frame))[..., None]),
+    TermKind("key_pressed", "keys that are down, 0 or 1", "input", _live,
              reads=KEY_PRESSED, topic="/piano/key_state"),
-    TermKind("height_scan", "height above the ground at the points of a grid, m", _of_input, _live,
+    TermKind("height_scan", "height above the ground at the points of a grid, m", "input", _live,
              names=("height_scanner",), reads=HEIGHT_SCAN, scales=(1.0, 0.2), topic="/height_scan"),
 )  # fmt: skip
 
-TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})  # every kind by its name
-TERM_NAMES: Mapping[str, str] = MappingProxyType(
-    {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
-)
+TERM_KINDS: Mapping[str, TermKind] = {kind.name: kind for kind in _KINDS}  # every kind by its name
+TERM_NAMES: Mapping[str, str] = {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
 """Every known name of a term, and its kind's."""
 
 
 def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     """Return the kind of a term by a name of it or of the kind; any other name is that of a live input.
 
-    Args:
-        name: as an exporter or a contract has it.
-        command_names: of the contract; mjlab and Isaac Lab call motion and velocity commands alike.
+    By `command_names` of the contract: mjlab and Isaac Lab call motion and velocity commands alike.
     """
     if name == _COMMAND:
         name = "motion_command" if "motion" in command_names else "velocity_command"
     known = TERM_KINDS.get(TERM_NAMES.get(name, name))
-    return known or TermKind(name, "live input", _of_input, _live, reads=name)
+    return known or TermKind(name, "live input", "input", _live, reads=name)
 
 
 def live_kind(name: str) -> TermKind:
@@ -368,7 +318,7 @@ def live_kind(name: str) -> TermKind:
     usual = TERM_KINDS.get(name)
     if usual is not None and usual.topic:
         return usual
-    plain = "".join(letter if f"_{letter}".isidentifier() and letter.isascii() else "_" for letter in name)
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return replace(term_kind(name), topic=f"/{plain}" if plain.isidentifier() else f"/_{plain}")
 
 
@@ -385,20 +335,20 @@ def may_be_sent(name: str, *, is_declared: bool) -> bool:
 
 def check_sources(bound: BoundTerm) -> None:
     """Raise `FieldError` if what a term is made of is not there, or is of another width."""
-    term, kind, contract, extern = bound.term, bound.kind, bound.contract, bound.extern
+    term, kind, extern, tables = bound.term, bound.kind, bound.extern, bound.reference.terms
     where, none = f"observation term '{term.name}'", "and there is none"
-    if term.kind == _COMMAND and not contract.command_names:
+    if term.kind == _COMMAND and not bound.contract.command_names:
         raise FieldError(f"{where}: means a command, and command_names is empty")
-    if kind.requires == "phase" and contract.phase is None:
+    if kind.requires == "phase" and bound.contract.phase is None:
         raise FieldError(f"{where} needs the contract's phase rule, {none}")
-    lacking = [table for table in kind.tables if table not in bound.reference.terms]
-    if lacking or (kind.name == "progress" and not bound.reference.terms):
+    lacking = [table for table in kind.tables if table not in tables]
+    if lacking or (kind.name == "progress" and not tables):
         raise FieldError(f"{where} needs a motion{' with ' if lacking else ''}{', '.join(lacking)}, {none}")
     inputs = {kind.input(term), ANCHOR_ORIENTATION if kind.name == "motion_anchor_ori" else ""}
     if kind.estimate and not inputs & set(extern):
         known = "a simulation knows it, a robot needs an estimator for it"
         raise FieldError(f"{where} needs {kind.estimate}: {known}, {none}")
-    if kind.width is not _of_input:
+    if kind.width != "input":
         return
     declared = term.width if term.scan is None else term.scan.count
     if kind.reads not in extern and declared is None and not kind.topic:

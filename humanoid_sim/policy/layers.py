@@ -159,7 +159,7 @@ def join(layers: Iterable[Layer], where: str) -> Reading:
 
 _NUMBERS = frozenset(
     {"joint_stiffness", "joint_damping", "default_joint_pos", "effort_limit", "command_ranges"}
-    | {"action_scale", "action_offset", "position_clip", "scale", "offsets", "frequency"}
+    | {"action_scale", "action_offset", "position_clip", "scale", "offsets"}
 )
 _NAMES = frozenset({"joint_names", "body_names", "command_names", "observation"})
 _JOINTS = frozenset({"action_joint_names", "joints"})
@@ -432,7 +432,7 @@ def _missing(values: Mapping[str, Any]) -> Iterable[str]:
     has_clock = values.get("phase", "") is not None and any(name.startswith("phase") for name in values)
     for name in dict.fromkeys([*_REQUIRED, *(kind.requires for kind in _kinds(values) if kind.requires)]):
         if name == "phase" and has_clock:
-            if not {"phase.period", "phase.frequency"} & values.keys():
+            if "phase.period" not in values:
                 yield "phase.period"
         elif name not in values or (name == "anchor_body" and not values[name]):
             yield name

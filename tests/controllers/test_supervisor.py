@@ -128,7 +128,7 @@ def test_a_bug_in_damping_leads_to_zero_torque_and_one_in_that_leaves_zeros():
         ({"dance_controller": ZeroTorqueController(JOINTS)}, "controllers: unknown controller 'dance_controller'"),
         (
             {DAMPING: ZeroTorqueController(("shoulder", "wrist", "elbow"))},
-            r"controllers\['damping_controller'\]: joints ",
+            r"controllers\['damping_controller'\].joints: is",
         ),
     ],
 )

@@ -57,7 +57,7 @@ UNUSUAL = contract(
     model_joint_damping="drop",
     history_layout="per_step",
     command_ranges=[[-1, THIRD], [0, 0], [-2, 2]],
-    phase=PhaseRule(offsets=[0.5], standing_value=None, frequency=[[0.0, THIRD], [1.0, 2.0]], speed="planar"),
+    phase=PhaseRule(THIRD, offsets=[0.5], standing_value=None),
     anchor_body="pelvis",
     align_reference=False,
     reference_quaternion="xyzw",

@@ -121,6 +121,7 @@ def _decoded(text: str, where: str) -> tuple[dict[str, Any], PolicyContract]:
         if document["version"] != _VERSION:
             raise InputError(f"{where}: contract has version {document['version']!r}, expected {_VERSION}")
         stated = dict(flattened(document["contract"], f"{where}: contract"))
+        stated.pop("phase.speed", None)  # in older stamps, without a meaning of its own
         values = {name: checked(name, value, f"{where}: contract: {name}") for name, value in stated.items()}
         return values, build(values, document["source"])
 
