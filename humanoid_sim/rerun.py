@@ -22,12 +22,12 @@ from urllib.parse import quote
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Sample
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.attach import Attachment, behind, ready
 from humanoid_sim.frontends.dds.mirror import RobotElsewhere
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.recording.body import BodyError, RecordedBody
+from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
@@ -82,8 +82,7 @@ def _show(
     attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], *, is_page: bool
 ) -> None:
     """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
-    with blaming(attachment.session, BodyError):
-        body = RecordedBody.of(attachment.header)
+    body = RecordedBody.of(attachment.header)
     if body is None:
         raise InputError(f"{attachment.session}: does not describe its robot's body")
     with _viewer(is_page=is_page or not has_display()) as viewer:

@@ -1,11 +1,12 @@
 """What `record dataset` refuses before it needs `lerobot`; tests/lerobot has the rest."""
 
 import sys
-
-import pytest
+from pathlib import Path
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.record import main
+
+RECORDING = Path(__file__).parent / "data" / "recordings" / "simulated_locomotion.mcap"
 
 
 def refusal(capsys, *arguments):
@@ -24,22 +25,9 @@ def test_options_that_make_no_sense(tmp_path, capsys):
     assert "does not exist" in refusal(capsys, "gone.mcap", "-o", str(tmp_path / "a" / "b"))
 
 
-def test_without_lerobot(tmp_path, monkeypatch, capsys, recording):
+def test_without_lerobot(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "lerobot", None)
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    error = refusal(capsys, str(recording), "-o", str(tmp_path / "set"))
+    error = refusal(capsys, str(RECORDING), "-o", str(tmp_path / "set"))
     assert "needs the package 'lerobot', which is not installed: pip install 'humanoid_sim[lerobot]'" in error
     assert not (tmp_path / "set").exists()
-
-
-@pytest.fixture
-def recording(tmp_path):
-    from humanoid_sim.messages import SessionHeader  # noqa: PLC0415
-    from humanoid_sim.recording.recorder import McapRecorder  # noqa: PLC0415
-
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    recorder = McapRecorder(folder / "run.mcap")
-    recorder.start(SessionHeader("lite", ("a", "b"), 0.02, 0))
-    recorder.close()
-    return folder / "run.mcap"

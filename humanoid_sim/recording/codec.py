@@ -7,7 +7,8 @@ that are nearly always empty cost one constant, and the texts are encoded again 
 from __future__ import annotations
 
 import struct
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,21 +30,19 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, Extern, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
-INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
-"""`INTENT_…` of the message definition."""
+_Part = TypeVar("_Part")
 
+INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}  # `INTENT_…` of the message definition
 _INTENTS = tuple(Intent)
 
 _FLAG_CODES = "???B"
-_HEAD = layout("Qdd")
-_FLAGS = layout(_FLAG_CODES)
-_FIRST_COUNT = struct.Struct("<I")
-"""The head is 8·(3 + 4 + 3 + 3) + 4 bytes long: the first array's count ends on a multiple of 8."""
-_COUNT = struct.Struct("<I4x")
-"""A later count stands on a multiple of 8, because float64 arrays end there, and is padded to the next."""
+_HEAD, _FLAGS = layout("Qdd"), layout(_FLAG_CODES)
+# The head is 8·(3 + 4 + 3 + 3) + 4 bytes long: the first array's count ends on a multiple of 8. Later ones stand on
+# one, because float64 arrays end there, and are padded to the next.
+_FIRST_COUNT, _COUNT = struct.Struct("<I"), struct.Struct("<I4x")
 _NO_STEP_STANDBY_REMOTE_EXTERN = bytes(16)
 _NO_QPOS = bytes(4)
 
@@ -52,25 +51,14 @@ class TickEncoder:
     """Encodes the ticks of one robot. Keeps the last tick's texts, so use one per recording, from one thread."""
 
     def __init__(self, joint_count: int) -> None:
-        """Prepare for a robot of `joint_count` joints. Raises `ValueError` if there are none."""
-        if joint_count < 1:
-            raise ValueError(f"joint_count is {joint_count}, expected at least 1")
-        self._shape = (joint_count,)
-        self._first_count = _FIRST_COUNT.pack(joint_count)
-        self._count = _COUNT.pack(joint_count)
+        self._first_count, self._count = _FIRST_COUNT.pack(joint_count), _COUNT.pack(joint_count)
         self._texts: tuple[Any, ...] = ()
         self._encoded_texts = b""
 
     def encode(self, record: TickRecord) -> bytes:
-        """Return the message of one tick. Raises `ValueError` if it is of a batch, or of another robot."""
-        tick_input, output = record.input, record.output
-        state, command, qpos = tick_input.state, output.command, record.qpos
-        if state.joint_position.shape != self._shape or command.position.shape != self._shape:
-            raise ValueError(
-                f"tick {record.index}: joint arrays of shape {state.joint_position.shape} and "
-                f"{command.position.shape}, expected {self._shape}"
-            )
-        count = self._count
+        """Return the message of one tick."""
+        tick_input, output, count = record.input, record.output, self._count
+        state, command = tick_input.state, output.command
         return b"".join(
             (
                 ENCAPSULATION,
@@ -78,7 +66,7 @@ class TickEncoder:
                 state.imu_quaternion.tobytes(),
                 state.imu_angular_velocity.tobytes(),
                 state.imu_linear_acceleration.tobytes(),
-                _FLAGS.pack(record.overrun, output.quit, qpos is not None, output.control_mode.mode),
+                _FLAGS.pack(record.overrun, output.quit, record.qpos is not None, output.control_mode.mode),
                 self._first_count,
                 state.joint_position.tobytes(),
                 count,
@@ -97,36 +85,46 @@ class TickEncoder:
                 command.stiffness.tobytes(),
                 count,
                 command.damping.tobytes(),
-                *_encode_rest(record, qpos),
+                *_encode_rest(record),
                 self._encode_texts(tick_input, output),
             )
         )
 
     def _encode_texts(self, tick_input: TickInput, output: TickOutput) -> bytes:
         """Return what rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
-        texts = (
-            output.control_mode,
-            tick_input.safety,
-            tick_input.intents,
-            output.faults,
-            output.refusals,
-            output.policy_error,
-            tick_input.policy,
-        )
-        if texts != self._texts:
-            self._encoded_texts = _encode_texts(*texts)
-            self._texts = texts
+        control, error = output.control_mode, output.policy_error
+        texts = control, tick_input.safety, tick_input.intents, output.faults, output.refusals, error, tick_input.policy
+        if texts == self._texts:
+            return self._encoded_texts
+        writer = CdrWriter()
+        writer.string(control.controller_name)
+        writer.string(control.status_message)
+        writer.pack("I", len(tick_input.safety))
+        for status in tick_input.safety:
+            writer.pack("IB", status.flags, status.level)
+            writer.string(status.source)
+            writer.string(status.message)
+        writer.array(np.array([INTENT_CODES[intent] for intent in tick_input.intents], dtype=np.uint8))
+        writer.pack("I", len(output.faults))
+        for fault in output.faults:
+            writer.string(fault.controller)
+            writer.string(fault.fallback)
+            writer.string(fault.message)
+            writer.pack("?", fault.is_bug)
+        writer.strings(output.refusals)
+        writer.strings(() if error is None else (error,))
+        writer.string(tick_input.policy)
+        self._texts, self._encoded_texts = texts, writer.body()
         return self._encoded_texts
 
 
-def _encode_rest(record: TickRecord, qpos: FloatArray | None) -> tuple[bytes, bytes, bytes]:
+def _encode_rest(record: TickRecord) -> tuple[bytes, bytes, bytes]:
     """`qpos`, and the numeric parts that most ticks lack; begins on a multiple of 8, ends on a multiple of 4."""
-    tick_input, output = record.input, record.output
-    if qpos is None or not len(qpos):
-        head, data, skip = _NO_QPOS, b"", 4
-    else:
+    qpos, state, output = record.qpos, record.input.state, record.output
+    head, data, skip = _NO_QPOS, b"", 4
+    if qpos is not None and len(qpos):
         head, data, skip = _COUNT.pack(len(qpos)), np.asarray(qpos, dtype=np.float64).tobytes(), 0
-    step, standby, remote, extern = output.policy_step, output.standby, tick_input.remote, tick_input.state.extern
+    step, standby, remote, extern = output.policy_step, output.standby, record.input.remote, state.extern
     if step is None and standby is None and remote is None and not extern:
         return head, data, _NO_STEP_STANDBY_REMOTE_EXTERN
     writer = CdrWriter(skip)
@@ -153,41 +151,11 @@ def _encode_rest(record: TickRecord, qpos: FloatArray | None) -> tuple[bytes, by
     return head, data, writer.body()
 
 
-def _encode_texts(
-    control_mode: ControlMode,
-    safety: tuple[SafetyStatus, ...],
-    intents: tuple[Intent, ...],
-    faults: tuple[FaultReport, ...],
-    refusals: tuple[str, ...],
-    policy_error: str | None,
-    policy: str,
-) -> bytes:
-    writer = CdrWriter()
-    writer.string(control_mode.controller_name)
-    writer.string(control_mode.status_message)
-    writer.pack("I", len(safety))
-    for status in safety:
-        writer.pack("IB", status.flags, status.level)
-        writer.string(status.source)
-        writer.string(status.message)
-    writer.array(np.array([INTENT_CODES[intent] for intent in intents], dtype=np.uint8))
-    writer.pack("I", len(faults))
-    for fault in faults:
-        writer.string(fault.controller)
-        writer.string(fault.fallback)
-        writer.string(fault.message)
-        writer.pack("?", fault.is_bug)
-    writer.strings(refusals)
-    writer.strings(() if policy_error is None else (policy_error,))
-    writer.string(policy)
-    return writer.body()
-
-
 def decode_tick(message: bytes) -> TickRecord:
     """Decode the tick of one message. Raises `CdrError` if the bytes are not one."""
     try:
         return _decode(CdrReader(message))
-    except ValueError as error:  # an unknown mode or level, arrays that do not fit each other
+    except (ValueError, IndexError) as error:  # an unknown mode, level or intent, arrays that do not fit each other
         raise CdrError(str(error)) from None
 
 
@@ -200,12 +168,14 @@ def _decode(reader: CdrReader) -> TickRecord:
     if command.position.shape != position.shape or not len(position):
         raise CdrError(f"a state of {len(position)} joints and a command of {command.joint_count}")
     qpos = reader.array(np.float64)
-    step, standby, remote = (_optional(reader, part) for part in (_decode_step, _decode_standby, _decode_remote))
+    step = _optional(reader, _decode_step)
+    standby = _optional(reader, _decode_standby)
+    remote = _optional(reader, _decode_remote)
     extern = dict(_decode_extern(reader) for _ in range(reader.count(21)))
     state = MITState(time, position, velocity, effort, age, quaternion, angular_velocity, linear_acceleration, extern)
     control_mode = ControlMode(Mode(mode), reader.string(), reader.string())
     safety = tuple(_decode_safety(reader) for _ in range(reader.count(15)))
-    intents = tuple(_decode_intent(code) for code in reader.array(np.uint8))
+    intents = tuple(_INTENTS[code] for code in reader.array(np.uint8))
     faults = tuple(
         FaultReport(reader.string(), reader.string(), reader.string(), *reader.unpack("?"))
         for _ in range(reader.count(16))
@@ -219,7 +189,7 @@ def _decode(reader: CdrReader) -> TickRecord:
     return TickRecord(index, tick_input, output, duration, overrun, qpos if has_qpos else None)
 
 
-def _optional(reader: CdrReader, decode: Any) -> Any:
+def _optional(reader: CdrReader, decode: Callable[[CdrReader], _Part]) -> _Part | None:
     """Return a sequence that holds nothing (None) or one thing."""
     count = reader.count()
     if count > 1:
@@ -259,12 +229,6 @@ def _decode_safety(reader: CdrReader) -> SafetyStatus:
     return SafetyStatus(SafetyLevel(level), SafetyFlag(flags), reader.string(), reader.string())
 
 
-def _decode_intent(code: int) -> Intent:
-    if code >= len(_INTENTS):
-        raise CdrError(f"intent {code}, expected one below {len(_INTENTS)}")
-    return _INTENTS[code]
-
-
 def _reshaped(values: npt.NDArray[Any], shape: npt.NDArray[np.uint32]) -> npt.NDArray[Any]:
     return values.reshape(tuple(int(size) for size in shape))
 
@@ -281,10 +245,8 @@ def encode_event(event: Event) -> bytes:
 def decode_event(message: bytes) -> Event:
     """Decode the event of one message. Raises `CdrError` if the bytes are not one."""
     reader = CdrReader(message)
-    (time,) = reader.unpack("d")
-    text = reader.string()
-    (code,) = reader.unpack("B")
-    if code >= len(EventKind):
-        raise CdrError(f"event of kind {code}, expected one below {len(EventKind)}")
-    reader.finish()
-    return Event(time, text, EventKind(code))
+    (time,), text, (code,) = reader.unpack("d"), reader.string(), reader.unpack("B")
+    try:
+        return Event(time, text, EventKind(code))
+    except ValueError as error:
+        raise CdrError(str(error)) from None

@@ -4,8 +4,6 @@ The control thread only queues a reference. A thread of its own encodes and writ
 `FLUSH_PERIOD` of the robot's time or of the wall clock's, whichever is first, so that a killed process loses less than
 half a second of either; a run that need not keep real time waits for a recorder that is behind. If the disk fails, the
 recording stops and says so once; the run goes on.
-
-A finished file ends with an index of its chunks, which is kept in memory until then: 16 MB in an hour.
 """
 
 from __future__ import annotations
@@ -18,6 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
+from typing import IO, Any, cast
+
+from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
@@ -27,27 +28,18 @@ from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
-from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.ros2.topics import kind_of
 
 TICK_TOPIC = "/humanoid_sim/tick"
 EVENT_TOPIC = "/humanoid_sim/event"
 
-FLUSH_PERIOD = 0.3
-"""s after which a chunk is written, full or not."""
-_LAG = 0.15
-"""s of robot time that may wait for the writer before a run that need not keep real time waits for it."""
-QUEUE_LIMIT = 4096
-"""Ticks that may wait for the writer (20 s at 200 Hz). Beyond that they are left out, and the recording says so."""
-_POLL_PERIOD = 0.02
-"""s between two looks at the queue: waking the writer for every tick would cost the control thread more."""
-_BATCH = 8
-"""Ticks that are written in one go: 0.2 ms for which the control thread may be kept out. One by one, handing the
-interpreter over costs twice as much as the writing."""
-_CLOSE_TIMEOUT = 30.0
-"""s that `close` waits for a disk that does not answer."""
-_MAX_TIME_NS = 2**63 - 1
-"""ROS 2 counts nanoseconds in 63 bits."""
+FLUSH_PERIOD = 0.3  # s after which a chunk is written, full or not
+QUEUE_LIMIT = 4096  # ticks that may wait for the writer (20 s at 200 Hz); further ones are left out, which is recorded
+_LAG = 0.15  # s of robot time that may wait for the writer before a run that need not keep real time waits for it
+_POLL_PERIOD = 0.02  # s between two polls of the queue: waking the writer for every tick would cost the control thread
+_BATCH = 8  # ticks written in one go, 0.2 ms for which the control thread may be kept out of the interpreter
+_CLOSE_TIMEOUT = 30.0  # s that `close` waits for a disk that does not answer
+_MAX_TIME_NS = 2**63 - 1  # ROS 2 counts nanoseconds in 63 bits
 
 _QOS = """\
 - history: 1
@@ -77,29 +69,26 @@ class McapRecorder:
         """Name the file; `start` creates it, or replaces it if it may.
 
         Args:
-            encoded: gives the message of a tick, if somebody has made it already: no tick is encoded twice.
-            tell: is told, on the writer's thread, why the recording stopped while the run goes on.
+            encoded: returns the message of a tick that was encoded before; None for one that was not.
+            tell: called on the writer's thread with the reason why the recording stopped while the run goes on.
         """
         self.path = Path(path)
-        self._overwrite = overwrite
-        self._encoded, self._tell = encoded, tell
+        self._overwrite, self._encoded, self._tell = overwrite, encoded, tell
         self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
-        self._stop = threading.Event()
-        self._wake = threading.Event()
-        self.backlog_limit = QUEUE_LIMIT
-        """See `Sink`."""
+        self._stop, self._wake = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
+        self._is_created = False
+        self._queued = self._written = 0
+        self.backlog_limit = QUEUE_LIMIT
         self.error: str | None = None
-        """Reason why the recording stopped early, in one line; None while all is well."""
+        """Reason why the recording stopped early, in one line."""
         self.lost = 0
         """Ticks left out because the writer could not keep up."""
-        self._is_created = False
-        self._taken = self._done = 0
 
     @property
     def backlog(self) -> int:
-        """Ticks taken but not yet written into a chunk."""
-        return 0 if self.error else self._taken - self._done
+        """Ticks queued but not yet written into a chunk."""
+        return 0 if self.error else self._queued - self._written
 
     def start(self, header: SessionHeader) -> None:
         """Create the file and write the header.
@@ -111,8 +100,7 @@ class McapRecorder:
             run = _RunWriter(file, header)
         except OSError as error:
             file.close()
-            if self.path.is_file():
-                self.path.unlink()
+            self._remove()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
         self._is_created = True
         self.backlog_limit = max(round(_LAG / header.control_period), 2)
@@ -123,22 +111,22 @@ class McapRecorder:
         """Queue a tick. Never waits."""
         if self.error is not None or self._thread is None:
             return
-        if self._taken - self._done >= QUEUE_LIMIT:
+        if self._queued - self._written >= QUEUE_LIMIT:
             self.lost += 1
             return
-        self._taken += 1
+        self._queued += 1
         self._queue.put((record, self._encoded(record)))
-        if 2 * (self._taken - self._done) >= self.backlog_limit:
+        if 2 * (self._queued - self._written) >= self.backlog_limit:
             self._wake.set()
 
     def event(self, event: Event) -> None:
-        """Queue an event. Never waits."""
-        is_open = self._thread is not None or not self._is_created  # events from before the run begins are kept as well
+        """Queue an event, also before the run begins. Never waits."""
+        is_open = self._thread is not None or not self._is_created
         if self.error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
             self._queue.put(event)
 
     def close(self) -> None:
-        """Write what is queued, and the index. Never raises; `error` says whether it worked."""
+        """Write what is queued, and the index; remove the file of a run without a tick. Never raises: see `error`."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
@@ -147,35 +135,28 @@ class McapRecorder:
         thread.join(_CLOSE_TIMEOUT)
         if thread.is_alive():
             self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
+        elif not self._queued and self.error is None:
+            self._remove()
 
-    def discard_if_empty(self) -> bool:
-        """After `close`: remove the file if the run had no tick; whether it did. Never raises.
-
-        The next start with the same file is not refused then because of a run that was none.
-        """
-        if self._thread is not None or not self._is_created or self._taken or self.lost or self.error:
-            return False
+    def _remove(self) -> None:
         with suppress(OSError):
             if self.path.is_file() and not self.path.is_symlink():
                 self.path.unlink()
-                return True
-        return False
 
     def _write(self, run: _RunWriter) -> None:
         """Write, on a thread of its own. Contains every exception: it must not end the run, only the recording."""
         try:
             self._drain_until_stopped(run)
             run.finish(self.lost)
-        except OSError as error:
-            self._tell(self._fail(error.strerror or str(error)))
-        except Exception as error:  # a bug in the encoder; the run is worth more than its recording
-            self._tell(self._fail(f"{type(error).__name__}: {error}"))
+        except Exception as error:  # a full disk, or a bug in the encoder; the run is worth more than its recording
+            reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+            self._tell(self._fail(reason or str(error)))
         finally:
             run.file.close()
 
     def _drain_until_stopped(self, run: _RunWriter) -> None:
-        next_flush = monotonic() + FLUSH_PERIOD
-        while True:
+        next_flush, is_last = monotonic() + FLUSH_PERIOD, False
+        while not is_last:
             self._wake.wait(_POLL_PERIOD)
             self._wake.clear()
             is_last = self._stop.is_set()
@@ -191,19 +172,15 @@ class McapRecorder:
                     run.event(item)
                 else:
                     run.tick(*item)
-                    self._done += 1
-                if self._done % _BATCH == 0:
-                    sleep(0)  # lets the control thread in instead of keeping it out for the whole queue
-            if is_last and self._queue.empty():
-                return
+                    self._written += 1
+                if self._written % _BATCH == 0:
+                    sleep(0)  # lets the control thread in
 
     def _fail(self, reason: str) -> str:
         self.error = error = f"{self.path}: recording stopped: {reason}"
-        while not self._queue.empty():
-            try:
+        with suppress(Empty):
+            while True:
                 self._queue.get_nowait()
-            except Empty:
-                break
         return error
 
 
@@ -212,15 +189,13 @@ class _RunWriter:
 
     def __init__(self, file: _UnbufferedFile, header: SessionHeader) -> None:
         self.file = file
-        self._writer = ChunkedWriter(file)
+        self._writer = Writer(cast("IO[Any]", file), compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
         write_header(self._writer, header)
         self._encoder = TickEncoder(len(header.joint_names))
         self._topics = ViewerTopics(header)
-        self._start_time_ns = header.start_time_ns
-        self._time_ns = header.start_time_ns
-        self._time = 0.0
-        self._flushed = 0.0
+        self._start_time_ns = self._time_ns = header.start_time_ns
+        self._time = self._flushed = 0.0
         self._index = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -238,12 +213,11 @@ class _RunWriter:
             self._add(shown, time_ns, record.index)
 
     def event(self, event: Event) -> None:
-        """Encode one event."""
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
 
     @property
     def is_due(self) -> bool:
-        """Return whether the ticks that are not yet written are those of a whole period of the robot's time."""
+        """True if what is not yet written is a whole period of the robot's time; also for NaN."""
         return not abs(self._time - self._flushed) < FLUSH_PERIOD
 
     def flush(self) -> None:
@@ -252,7 +226,7 @@ class _RunWriter:
         self._flushed = self._time
 
     def finish(self, lost: int) -> None:
-        """Write the index. `lost` is how many ticks were left out in all."""
+        """Write the index. `lost` is the number of ticks left out."""
         if lost:
             self._report_loss(f"{lost} ticks left out in all")
         self._writer.finish()
@@ -274,32 +248,23 @@ class _RunWriter:
         self._writer.add_message(channel, time_ns, message.data, time_ns, index & 0xFFFFFFFF)
 
     def _register(self, topic: str, schema: str) -> int:
-        schema_id = self._schemas.get(schema)
-        if schema_id is None:
+        if schema not in self._schemas:
             text = schema_text(schema).encode()
-            schema_id = self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
+            self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
         kind = kind_of(topic, schema)
         qos = _QOS.format(depth=kind.depth, durability=1 if kind.latched else 2)
-        return self._writer.register_channel(topic, "cdr", schema_id, {"offered_qos_profiles": qos})
+        return self._writer.register_channel(topic, "cdr", self._schemas[schema], {"offered_qos_profiles": qos})
 
 
 class _UnbufferedFile:
     """A file that holds nothing back: after a failed write there is no buffer left that closing would try again."""
 
-    def __init__(self, path: Path, *, overwrite: bool = True) -> None:
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
         self._raw = exclusive_file(path, overwrite=overwrite)
+        self.tell, self.flush, self.close = self._raw.tell, self._raw.flush, self._raw.close
 
     def write(self, data: bytes) -> int:
         view = memoryview(data)
         while view:
             view = view[self._raw.write(view) :]
         return len(data)
-
-    def tell(self) -> int:
-        return self._raw.tell()
-
-    def flush(self) -> None:
-        """Nothing to do: every write has already gone out."""
-
-    def close(self) -> None:
-        self._raw.close()

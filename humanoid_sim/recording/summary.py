@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.run_figures import JointUse
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.recording.reader import Recording, TopicCount
+from humanoid_sim.recording.reader import Recording
 from humanoid_sim.robots.description import RobotDescription
 
 
@@ -20,12 +19,9 @@ class ModeSpan:
 
     mode: Mode
     controller: str
-    reason: str
-    """The status message with which it began."""
-    start: float
-    """s, robot's clock."""
-    end: float
-    """s, robot's clock, of its last tick."""
+    reason: str  # the status message with which it began
+    start: float  # s, robot's clock
+    end: float  # s, robot's clock, of its last tick
     ticks: int = 1
 
 
@@ -33,98 +29,54 @@ class ModeSpan:
 class Remark:
     """Something said at a time: an event, a refusal, a fault, a change of a safety status."""
 
-    time: float
-    """s, robot's clock."""
+    time: float  # s, robot's clock
     kind: str
     text: str
 
 
 @dataclass(slots=True)
 class Summary:
-    """The figures of one recording."""
+    """The figures of one recording; times in s on the robot's clock, of JSON's types."""
 
-    recording: Recording
+    file: str
+    robot: str
+    joint_count: int
+    control_period: float
+    started: str  # ISO 8601, UTC
+    complete: bool = False
+    damage: str = ""
     ticks: int = 0
-    missing: int = 0
-    """Ticks that are known to be missing: later ones are there."""
-    first_time: float = math.nan
-    """s, robot's clock."""
-    last_time: float = math.nan
+    missing_ticks: int = 0  # known to be missing: later ones are there
     overruns: int = 0
     policy_steps: int = 0
-    mean_duration: float = 0.0
-    """s of wall time per tick."""
+    first_time: float = 0.0
+    last_time: float = 0.0
+    mean_duration: float = 0.0  # s of wall time per tick
     max_duration: float = 0.0
     timeline: list[ModeSpan] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
-    topics: dict[str, TopicCount] = field(default_factory=dict)
-    joints: JointUse | None = None
-    """None where the recording does not say what robot it is of."""
-
-    @property
-    def duration(self) -> float:
-        """Time from the first tick to the last, s on the robot's clock."""
-        return self.last_time - self.first_time if self.ticks else 0.0
-
-    @property
-    def started(self) -> str:
-        """Return when the run began: ISO 8601, UTC."""
-        try:
-            return datetime.fromtimestamp(self.recording.header.start_time_ns // 10**9, UTC).isoformat()
-        except (OverflowError, ValueError, OSError):
-            return f"{self.recording.header.start_time_ns} ns"
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the figures as JSON values; times that are no finite numbers are null."""
-        header = self.recording.header
-        return {
-            "file": str(self.recording.path),
-            "bytes": self.recording.size,
-            "complete": self.recording.is_complete,
-            "damage": self.recording.damage,
-            "robot": header.robot,
-            "joint_names": list(header.joint_names),
-            "control_period": header.control_period,
-            "started": self.started,
-            "ticks": self.ticks,
-            "missing_ticks": self.missing,
-            "duration": _finite(self.duration),
-            "overruns": self.overruns,
-            "policy_steps": self.policy_steps,
-            "tick_seconds": {"mean": _finite(self.mean_duration), "max": _finite(self.max_duration)},
-            "timeline": [
-                {
-                    "mode": span.mode.name,
-                    "controller": span.controller,
-                    "start": _finite(span.start),
-                    "end": _finite(span.end),
-                    "ticks": span.ticks,
-                    "reason": span.reason,
-                }
-                for span in self.timeline
-            ],
-            "words": [{"time": _finite(said.time), "kind": said.kind, "text": said.text} for said in self.remarks],
-            "effort": None if self.joints is None else self.joints.effort(),
-            "joints": None if self.joints is None else self.joints.rows(),
-            "topics": {name: {"type": topic.schema, "messages": topic.messages} for name, topic in self.topics.items()},
-            "observation_terms": [list(term) for term in header.observation_terms],
-            "documents": dict(header.documents),
-            "attachments": {name: len(data) for name, data in header.attachments.items()},
-        }
+    effort: dict[str, Any] | None = None  # `JointUse.effort`, as the rows; None where the header has no robot
+    joints: list[dict[str, Any]] = field(default_factory=list)
 
 
 def summarize(recording: Recording) -> Summary:
     """Read a recording to its end. Raises as `Recording.entries` does."""
-    summary = Summary(recording, joints=_joints(recording))
+    header = recording.header
+    started = datetime.fromtimestamp(header.start_time_ns // 10**9, UTC).isoformat()
+    summary = Summary(str(recording.path), header.robot, len(header.joint_names), header.control_period, started)
     safety: dict[str, SafetyStatus] = {}
+    joints = _joints(recording)
     for entry in recording.entries():
         if isinstance(entry, Event):
             summary.remarks.append(Remark(entry.time, "fall" if entry.kind is EventKind.FALL else "event", entry.text))
-        else:
-            _add_tick(summary, entry, safety)
-    if summary.ticks:
-        summary.mean_duration /= summary.ticks
-    summary.topics = recording.topics
+            continue
+        _add_tick(summary, entry, safety)
+        if joints is not None:
+            joints.update(entry.input.state)
+    summary.mean_duration /= max(summary.ticks, 1)
+    summary.complete, summary.damage = recording.is_complete, recording.damage
+    if joints is not None:
+        summary.effort, summary.joints = joints.effort(), joints.rows()
     return summary
 
 
@@ -133,21 +85,17 @@ def _joints(recording: Recording) -> JointUse | None:
         robot = RobotDescription.from_json(recording.header.documents["robot"])
     except (KeyError, InputError):
         return None
-    if robot.joint_names != recording.header.joint_names:
-        return None
     return JointUse(robot.joint_names, robot.effort_limit, robot.lower, robot.upper)
 
 
 def _add_tick(summary: Summary, record: TickRecord, safety: dict[str, SafetyStatus]) -> None:
-    time, output = float(record.input.state.time), record.output
+    time, output, remarks = float(record.input.state.time), record.output, summary.remarks
     if not summary.ticks:
         summary.first_time = time
-    summary.missing = record.index - summary.ticks
-    summary.ticks += 1
     summary.last_time = time
+    summary.missing_ticks = record.index - summary.ticks
+    summary.ticks += 1
     summary.overruns += record.overrun
-    if summary.joints is not None:
-        summary.joints.update(record.input.state)
     summary.policy_steps += output.policy_step is not None
     summary.mean_duration += record.duration
     summary.max_duration = max(summary.max_duration, record.duration)
@@ -155,21 +103,15 @@ def _add_tick(summary: Summary, record: TickRecord, safety: dict[str, SafetyStat
         before = safety.get(status.source)
         if status != before and (before is not None or not status.is_ok):
             flags = f" {status.flags.name}" if status.flags else ""
-            text = f"{status.source}: {status.level.name}{flags} {status.message}".rstrip()
-            summary.remarks.append(Remark(time, "safety", text))
+            remarks.append(Remark(time, "safety", f"{status.source}: {status.level.name}{flags} {status.message}"))
         safety[status.source] = status
     for fault in output.faults:
-        text = f"{fault.controller} -> {fault.fallback}: {fault.message}"
-        summary.remarks.append(Remark(time, "bug" if fault.is_bug else "fault", text))
-    summary.remarks += [Remark(time, "refused", text) for text in output.refusals]
+        kind = "bug" if fault.is_bug else "fault"
+        remarks.append(Remark(time, kind, f"{fault.controller} -> {fault.fallback}: {fault.message}"))
+    remarks += [Remark(time, "refused", text) for text in output.refusals]
     control = output.control_mode
-    last = summary.timeline[-1] if summary.timeline else None
-    if last is None or last.controller != control.controller_name:
-        summary.timeline.append(ModeSpan(control.mode, control.controller_name, control.status_message, time, time))
+    if summary.timeline and summary.timeline[-1].controller == control.controller_name:
+        summary.timeline[-1].end = time
+        summary.timeline[-1].ticks += 1
     else:
-        last.end = time
-        last.ticks += 1
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+        summary.timeline.append(ModeSpan(control.mode, control.controller_name, control.status_message, time, time))

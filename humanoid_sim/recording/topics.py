@@ -5,35 +5,24 @@ Replay does not need them; everything exact is in the tick messages.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import TERM_KINDS, live_kind
-from humanoid_sim.messages import (
-    ControlMode,
-    PolicyStep,
-    RemoteCommand,
-    SafetyLevel,
-    SafetyStatus,
-    SessionHeader,
-    StandbyState,
-    TickRecord,
-)
-from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.recording.body import RecordedBody, json_document
+from humanoid_sim.messages import PolicyStep, SafetyLevel, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.mit import Extern
+from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.header import json_document
 from humanoid_sim.ros2 import definitions as schema
 from humanoid_sim.ros2 import messages as ros
 from humanoid_sim.ros2 import topics
 
-VIEWER_PERIOD = 0.02
-"""s between two messages of a topic that has something new in every tick."""
-
-
+VIEWER_PERIOD = 0.02  # s between two messages of a topic that has something new in every tick
 LABELS_DOCUMENT = "labels"
 
 
@@ -47,23 +36,12 @@ class Labels:
 
 def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[str, ...]) -> str:
     """Return the names as a document of a header."""
-    return json.dumps({"observation": observation, "action": action})
+    return msgspec.json.encode(Labels(observation, action)).decode()
 
 
 def read_labels(header: SessionHeader) -> Labels:
-    """Return the names in a header; names that are damaged or missing are none: plots go without."""
-    try:
-        document = json_document(header.documents, LABELS_DOCUMENT)
-        observation = {str(term): _texts(names) for term, names in document.get("observation", {}).items()}
-        return Labels(observation, _texts(document.get("action", [])))
-    except (ValueError, TypeError, AttributeError):
-        return Labels()
-
-
-def _texts(values: object) -> tuple[str, ...]:
-    if not isinstance(values, list):
-        raise TypeError
-    return tuple(str(value) for value in values)
+    """Return the names in a header."""
+    return msgspec.json.decode(header.documents.get(LABELS_DOCUMENT, "{}"), type=Labels)
 
 
 class TopicMessage(NamedTuple):
@@ -72,91 +50,50 @@ class TopicMessage(NamedTuple):
     topic: str
     schema: str
     data: bytes
-    source: str = ""
-    """Source of a safety status: the latest of each source counts; empty for other messages."""
+    source: str = ""  # of a safety status: the latest of each source counts; empty for other messages
 
 
 def topic_prefix(header: SessionHeader) -> str:
-    """Return what the robot's own topics are under: `topic_prefix` of its description, or else its name."""
-    prefix = json_document(header.documents, "robot").get("topic_prefix")
-    return prefix if isinstance(prefix, str) and prefix else header.robot
+    """Return the prefix of the robot's own topics: `topic_prefix` of its description, or else its name."""
+    return json_document(header, "robot").get("topic_prefix") or header.robot
 
 
-def _live_topics(header: SessionHeader) -> Mapping[str, str]:
+def _live_topics(header: SessionHeader) -> dict[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
     found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-    for term in json_document(header.documents, "contract").get("contract", {}).get("observation", ()):
+    for term in json_document(header, "contract").get("contract", {}).get("observation", ()):
         if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
             found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
     return found
 
 
-class PolicyTopics:
-    """Turns the steps of one policy into messages: arrays, or under the names of their values where there are any."""
-
-    def __init__(self, header: SessionHeader) -> None:
-        """Prepare for the terms of a run's observation."""
-        labels = read_labels(header)
-        self._terms = tuple(
-            (f"/rl_policy_controller/observation/{name}", width, labels.observation.get(name))
-            for name, width in header.observation_terms
-        )
-        self._action = "/rl_policy_controller/action", labels.action
-
-    def messages(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield the observation term by term, and the raw action."""
-        start = 0
-        for topic, width, names in self._terms:
-            values = step.observation[start : start + width]
-            start += width
-            yield self._values(topic, names, values, time_ns)
-        topic, names = self._action
-        yield self._values(topic, names, step.action, time_ns)
-
-    @staticmethod
-    def _values(
-        topic: str, names: tuple[str, ...] | None, values: npt.NDArray[np.float32], time_ns: int
-    ) -> TopicMessage:
-        """Under their names, if there are any; of a policy that fails, the answer may have any shape."""
-        if not names:
-            return TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, ros.encode_float32_array(values))
-        flat = values.reshape(-1)[: len(names)]
-        return TopicMessage(topic, schema.JOINT_STATE, ros.encode_named_values(time_ns, names[: len(flat)], flat))
-
-
 class ViewerTopics:
-    """Turns the ticks of one run into messages. Keeps what it last said, for the topics that change rarely."""
+    """Turns the ticks of one run into messages. Keeps the last message of the topics that change rarely."""
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
-        self._joints = header.joint_names
+        self.live = _live_topics(header)
+        """Topics of live inputs, by name."""
+        self._joints, self._terms, self._labels = header.joint_names, header.observation_terms, read_labels(header)
         self._joint_topic = topics.joint_states_topic(topic_prefix(header))
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
-        self._control_mode: ControlMode | None = None
-        self._standby: tuple[str, StandbyState | None] = ("", None)
+        self._second = max(1, round(1.0 / header.control_period))
+        self._last: dict[str, object] = {}
+        """What was last sent, by topic."""
         self._safety: dict[str, SafetyStatus] = {}
         self._failed: dict[str, SafetyStatus] = {}
-        self._second = max(1, round(1.0 / header.control_period))
-        self._remote: RemoteCommand | None = None
-        self._heard: dict[str, Extern] = {}
-        self.live = _live_topics(header)
-        """Topics of live inputs, by name."""
-        self._policy = PolicyTopics(header)
         self._body = RecordedBody.of(header)
-        self._is_described = self._body is None
-        if self._body is not None:
-            moving = (*self._body.hinged, *self._body.floating)
-            self._transforms = ros.TransformEncoder([(joint.parent, joint.child) for joint in moving])
-            self._poses = np.empty((len(moving), 7))
+        self._is_described = False
+        self._transforms = ros.TransformEncoder([] if self._body is None else self._body.frames)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the messages of one tick, stamped `time_ns`."""
         state, output = record.input.state, record.output
         is_due = record.index % self._every == 0
-        if not self._is_described:
+        if self._body is not None and not self._is_described:
             self._is_described = True
-            yield from self._description(time_ns)
+            yield from self._description(self._body, time_ns)
         if is_due or self._every_state:
             data = ros.encode_joint_state(time_ns, self._joints, state)
             yield TopicMessage(self._joint_topic, schema.JOINT_STATE, data)
@@ -164,92 +101,93 @@ class ViewerTopics:
         if is_due:
             data = ros.encode_mit_command(time_ns, self._joints, output.command)
             yield TopicMessage("/mit_command", schema.MIT_COMMAND, data)
-        if is_due or output.control_mode != self._control_mode:
-            self._control_mode = output.control_mode
+        if self._is_news(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
             data = ros.encode_control_mode(time_ns, output.control_mode)
             yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, data)
-        if output.standby is not None:
-            yield from self._standby_state(output.control_mode.controller_name, output.standby, time_ns, is_due)
+        standby = output.standby
+        if standby is not None:
+            topic = topics.standby_topic(output.control_mode.controller_name)
+            if self._is_news(topic, (standby.current_segment, standby.is_finished)) or (
+                is_due and not standby.is_finished
+            ):
+                yield TopicMessage(topic, schema.STANDBY_STATE, ros.encode_standby_state(time_ns, standby))
         yield from self._safety_statuses(record, time_ns)
         remote = record.input.remote
-        if remote is not None and remote is not self._remote:
-            self._remote = remote
+        if remote is not None and self._is_news(topics.COMMAND_TOPIC, remote):
             data = ros.encode_mit_command(time_ns, self._joints, remote.command)
             yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, data)
         if is_due and self._body is not None:
             yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
-            yield from self._policy.messages(output.policy_step, time_ns)
-        if state.extern:
-            yield from self._live_inputs(state, is_due)
+            yield from self._policy_step(output.policy_step, time_ns)
+        for name, live in state.extern.items():
+            if name in self.live and self._is_news_of_input(name, live, is_due):
+                data = ros.encode_float32_array(live.value.astype(np.float32))
+                yield TopicMessage(self.live[name], schema.FLOAT32_MULTI_ARRAY, data)
 
-    def _standby_state(
-        self, controller: str, standby: StandbyState, time_ns: int, is_due: bool
-    ) -> Iterator[TopicMessage]:
-        """On change; at once when the controller, the segment or `is_finished` changes."""
-        key = (controller, standby)
-        last = self._standby[1]
-        is_news = (
-            self._standby[0] != controller
-            or last is None
-            or (last.is_finished, last.current_segment) != (standby.is_finished, standby.current_segment)
-        )
-        if is_news or (is_due and key != self._standby):
-            self._standby = key
-            data = ros.encode_standby_state(time_ns, standby)
-            yield TopicMessage(topics.standby_topic(controller), schema.STANDBY_STATE, data)
+    def _is_news(self, topic: str, value: object) -> bool:
+        is_news = self._last.get(topic) != value
+        self._last[topic] = value
+        return is_news
+
+    def _is_news_of_input(self, name: str, live: Extern, is_due: bool) -> bool:
+        """On change at once; else at most 50 a second, as long as new ones arrive."""
+        last = self._last.get(name)
+        is_same = isinstance(last, Extern) and np.array_equal(live.value, last.value)
+        if isinstance(last, Extern) and is_same and (not is_due or live.arrival_time == last.arrival_time):
+            return False
+        self._last[name] = live
+        return True
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield those that changed, and all once a second: a volatile subscriber that comes late sees them too.
 
         A controller that failed is a source as well, until it drives again. A source that does not report any more is
-        well: its last word would stand otherwise.
+        well: its last status would stand otherwise.
         """
-        driving = record.output.control_mode.controller_name
-        self._failed.pop(driving, None)
+        self._failed.pop(record.output.control_mode.controller_name, None)
         for fault in record.output.faults:
-            self._failed[fault.controller] = SafetyStatus(
-                SafetyLevel.FAULT, source=fault.controller, message=fault.message
-            )
-        heard = {**{status.source: status for status in record.input.safety}, **self._failed}
-        gone = {source: SafetyStatus(source=source) for source in self._safety if source not in heard}
+            status = SafetyStatus(SafetyLevel.FAULT, source=fault.controller, message=fault.message)
+            self._failed[fault.controller] = status
+        present = {status.source: status for status in record.input.safety} | self._failed
+        gone = {source: SafetyStatus(source=source) for source in self._safety if source not in present}
         is_due = record.index % self._second == 0
-        for source, status in (heard | gone).items():
+        for source, status in (present | gone).items():
             if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
                 data = ros.encode_safety_status(time_ns, status)
                 yield TopicMessage(topics.SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
 
-    def _description(self, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield what the robot looks like, and the links that do not move."""
-        assert self._body is not None  # asked by the caller
-        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(self._body.urdf))
-        fixed = self._body.fixed
-        if fixed:
-            encoder = ros.TransformEncoder([(joint.parent, joint.child) for joint in fixed])
-            poses = np.array([[*joint.position, *joint.quaternion] for joint in fixed])
+    def _policy_step(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
+        """Yield the observation term by term, and the raw action."""
+        start, prefix = 0, "/rl_policy_controller"
+        for term, width in self._terms:
+            names, values = self._labels.observation.get(term, ()), step.observation[start : start + width]
+            yield _named_values(f"{prefix}/observation/{term}", names, values, time_ns)
+            start += width
+        yield _named_values(f"{prefix}/action", self._labels.action, step.action.reshape(-1), time_ns)
+
+    def _description(self, body: RecordedBody, time_ns: int) -> Iterator[TopicMessage]:
+        """Yield the URDF, and the links that do not move."""
+        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(body.urdf))
+        if body.fixed:
+            encoder = ros.TransformEncoder([(joint.parent, joint.child) for joint in body.fixed])
+            poses = np.array([[*joint.position, *joint.quaternion] for joint in body.fixed])
             yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, encoder.encode(time_ns, poses))
 
     def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield where the links are, each in its parent's frame, and the base in the world's."""
-        count = len(body.hinged)
-        self._poses[:count, :3], self._poses[:count, 3:] = body.hinged_poses(body.joint_values(record))
-        if body.floating:
-            self._poses[count:] = body.floating_poses(record)
-        if len(self._poses):
-            yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
+        poses = body.poses(record)
+        if len(poses):
+            yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, poses))
         if body.floating and body.knows_base(record):
-            yield TopicMessage("/base_pose", schema.POSE_STAMPED, ros.encode_pose(time_ns, "world", self._poses[count]))
+            base = ros.encode_pose(time_ns, "world", poses[len(body.hinged)])
+            yield TopicMessage("/base_pose", schema.POSE_STAMPED, base)
 
-    def _live_inputs(self, state: MITState, is_due: bool) -> Iterator[TopicMessage]:
-        """On change at once; else at most 50 a second, as long as new ones arrive."""
-        for name, topic in self.live.items():
-            heard, last = state.extern.get(name), self._heard.get(name)
-            if heard is None:
-                continue
-            is_news = last is None or not np.array_equal(heard.value, last.value)
-            is_new = last is None or heard.arrival_time != last.arrival_time
-            if is_news or (is_due and is_new):
-                self._heard[name] = heard
-                data = ros.encode_float32_array(heard.value.astype(np.float32))
-                yield TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, data)
+
+def _named_values(topic: str, names: tuple[str, ...], values: npt.NDArray[np.float32], time_ns: int) -> TopicMessage:
+    """Under their names, if there are any; of a policy that fails, the answer may have any length."""
+    if not names:
+        return TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, ros.encode_float32_array(values))
+    count = min(len(names), len(values))
+    return TopicMessage(topic, schema.JOINT_STATE, ros.encode_named_values(time_ns, names[:count], values[:count]))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from humanoid_sim.errors import needing
 from humanoid_sim.messages import SessionHeader, TickRecord
-from humanoid_sim.mit import KEY_PRESSED, FloatArray
+from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import RecordedBody
 
 
@@ -58,7 +57,7 @@ class RerunLog:
         self._due = max(time, self._due + self._period) if math.isfinite(self._due) else time + self._period
         library, stream = self._library, self._stream
         stream.set_time("robot_time", duration=time)
-        for (parent, child), position, (w, x, y, z) in self._poses(tick):
+        for (parent, child), (*position, w, x, y, z) in zip(self._body.frames, self._body.poses(tick), strict=True):
             turned = library.Quaternion(xyzw=[x, y, z, w])
             place = library.Transform3D(translation=position, quaternion=turned, parent_frame=parent, child_frame=child)
             stream.log(f"transforms/{child}", place)
@@ -72,12 +71,3 @@ class RerunLog:
             stream.log("keys", library.BarChart(keys.at(time)))
         stream.log("mode", library.TextLog(tick.output.control_mode.mode.name))
         self.count += 1
-
-    def _poses(self, tick: TickRecord) -> Iterator[tuple[tuple[str, str], FloatArray, FloatArray]]:
-        """Frames of parent and child, and where the child is: (3,) m, (4,) w x y z."""
-        body = self._body
-        positions, quaternions = body.hinged_poses(body.joint_values(tick))
-        for joint, position, quaternion in zip(body.hinged, positions, quaternions, strict=True):
-            yield (joint.parent, joint.child), position, quaternion
-        for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
-            yield (joint.parent, joint.child), pose[:3], pose[3:]

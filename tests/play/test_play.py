@@ -72,7 +72,7 @@ def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run, quick)
             assert getattr(a.output.command, name).tobytes() == getattr(b.output.command, name).tobytes()
         assert a.output.control_mode == b.output.control_mode
     assert any(tick.output.policy_step for tick in first)
-    assert run_program(replay.main, ["r.mcap", "--infer"]) == 0
+    assert run_program(replay.main, ["r.mcap", "--policy", "lite_tracking"]) == 0
 
 
 def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_it_was(run, quick):
@@ -89,7 +89,7 @@ def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_i
     assert [widths[0], widths[-1]] == list(dict.fromkeys(widths))
     assert run_program(replay.main, ["r.mcap"]) == 0
     with pytest.raises(InputError, match="several policies"):
-        replay.main(["r.mcap", "--infer"])
+        replay.main(["r.mcap", "--policy", "lite_tracking"])
 
 
 @pytest.mark.parametrize(

@@ -42,14 +42,8 @@ def test_one_episode_for_each_stretch(record):
     assert (remote.mode, remote.fps) == (Mode.REMOTE, 50.0)
     steps = [tick for tick in in_mode(ticks, Mode.LOCOMOTION) if tick.output.policy_step is not None]
     assert len(locomotion) == len(steps)
-    assert locomotion.start == float(steps[0].input.state.time)
-    assert locomotion.motion_frame == tuple(tick.output.policy_step.frame for tick in steps)
-    for name in ("joint_position", "joint_velocity", "joint_effort"):
-        expected = np.stack([getattr(tick.input.state, name) for tick in steps])
-        assert getattr(locomotion, name).tobytes() == expected.tobytes()
-    commands = np.stack([tick.output.command.position for tick in steps])
-    assert locomotion.command_position.tobytes() == commands.tobytes()
-    assert locomotion.imu.shape == (len(steps), 10)
+    assert [tick.index for tick in locomotion.ticks] == [tick.index for tick in steps]
+    assert locomotion.motion_frame == [tick.output.policy_step.frame for tick in steps]
     assert len(remote) == len(in_mode(ticks, Mode.REMOTE))
     assert set(remote.motion_frame) == {-1}
 
@@ -59,9 +53,8 @@ def test_another_rate(record):
     recording = record(ticks)
     every, fifth = episodes(recording, fps=50.0)[0], episodes(recording, fps=10.0)[0]
     assert len(every) == len(in_mode(ticks, Mode.LOCOMOTION))
-    assert fifth.joint_position.tobytes() == every.joint_position[::5].tobytes()
-    assert fifth.start == every.start
-    with pytest.raises(InputError, match=r"its 50 ticks per second cannot be sampled 20 times; --fps: 50, 25, 10"):
+    assert [tick.index for tick in fifth.ticks] == [tick.index for tick in every.ticks[::5]]
+    with pytest.raises(InputError, match=r"its 50 ticks per second cannot be sampled 20 times: --fps"):
         episodes(recording, fps=20.0)
 
 
@@ -84,5 +77,5 @@ def test_a_joint_that_was_never_heard(record):
     position[3] = np.nan
     state = replace(silent.input.state, joint_position=position)
     ticks[silent.index] = replace(silent, input=replace(silent.input, state=state))
-    with pytest.raises(InputError, match="joint 'left_elbow_pitch' was not heard until"):
+    with pytest.raises(InputError, match="joint 'left_elbow_pitch' was not received until"):
         episodes(record(ticks))

@@ -40,22 +40,13 @@ def test_what_is_no_recording_is_refused(tmp_path):
         writer.start(profile="ros2")
         writer.finish()
     reasons = {
-        empty: "the file is empty",
+        empty: "cut at byte 0",
         text: "not an MCAP file",
         directory: "is a directory, expected a recording (.mcap)",
-        foreign: "an MCAP file, but no recording of this program: it has no metadata record 'humanoid_sim.session'",
+        foreign: "no recording: it has no metadata record 'humanoid_sim.session'",
         tmp_path / "gone": "no such file, expected a recording (.mcap)",
     }
     for path, reason in reasons.items():
         with pytest.raises(InputError) as caught:
             open_recording(path)
         assert str(caught.value) == f"{path}: {reason}"
-
-
-def test_a_damaged_attachment_is_refused(tmp_path):
-    path = tmp_path / "run.mcap"
-    data = small_recording(path)
-    content = data.index(b"motion", data.index(b"application/octet-stream"))
-    path.write_bytes(data[:content] + b"M" + data[content + 1 :])
-    with pytest.raises(InputError, match=r"damaged \(checksum of an attachment\) at byte"):
-        open_recording(path)

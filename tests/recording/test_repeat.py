@@ -3,19 +3,17 @@
 import json
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_run import COUNT, PERIOD, Wobble, wobbled
+from recorded_run import COUNT, PERIOD, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED
+from humanoid_sim.controllers.supervisor import NOT_DRIVEN
 from humanoid_sim.messages import Event, EventKind, FaultReport, Mode
 from humanoid_sim.mit import COMMAND_FIELDS
-from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.repeat import repeat_run
+from humanoid_sim.recording.repeat import RecordedPolicy, repeat_entries
 from humanoid_sim.replay import main as replay_main
 from humanoid_sim.stack import rebuild_supervisor
 
@@ -45,36 +43,17 @@ def test_a_run_is_repeated_bit_for_bit(sample, recorded, capsys):
     assert capsys.readouterr().out == f"{COUNT} ticks, bit for bit identical\n"
 
 
-@pytest.mark.parametrize(
-    ("event", "begins_again"),
-    [
-        (Event(0.0, "hello", EventKind.FRESH_START), True),
-        (Event(0.0, "reactivated: so it says", EventKind.NOTE), False),
-    ],
-)
-def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event, begins_again):
-    header, ticks = wobbled()
-    starts = []
-
-    def build(header, policy):
-        stack = rebuild_supervisor(header, policy)
-        return SimpleNamespace(initial=lambda *of: starts.append(1) or stack.initial(*of), step=stack.step)
-
-    repeat_run(open_recording(recorded(header, ticks[:3])), build, entries=iter([event, *ticks[:3]]))
-    assert len(starts) == 1 + begins_again
-
-
-@pytest.mark.parametrize("reason", [STARTED, NOT_DRIVEN])
-def test_a_fresh_start_is_repeated_with_its_reason(recorded, reason):
+@pytest.mark.parametrize(("kind", "begins_again"), [(EventKind.FRESH_START, True), (EventKind.NOTE, False)])
+def test_a_fresh_start_is_repeated_with_its_reason(sample, kind, begins_again):
     """The reason is that of the run; everything else of the tick is computed again."""
-    header, ticks = wobbled()
-    stack = rebuild_supervisor(header, Wobble())
-    _, output = stack.step(stack.initial(reason), replace(ticks[0].input, intents=()))
-    assert output.control_mode.status_message == reason
+    header, ticks = sample
+    policy = RecordedPolicy()
+    stack = rebuild_supervisor(header, policy)
+    _, output = stack.step(stack.initial(NOT_DRIVEN), replace(ticks[0].input, intents=()))
+    assert output.control_mode.status_message == NOT_DRIVEN
     fresh = replace(ticks[0], index=1, input=replace(ticks[0].input, intents=()), output=output)
-    entries = [ticks[0], Event(0.0, "asked for", EventKind.FRESH_START), fresh]
-    report = repeat_run(open_recording(recorded(header, ticks[:1])), rebuild_supervisor, entries=iter(entries))
-    assert (report.is_identical, report.ticks) == (True, 2)
+    report = repeat_entries(header, stack, policy, [ticks[0], Event(0.0, "asked for", kind), fresh])
+    assert (report.difference is None, report.ticks) == (begins_again, 1 + begins_again)
 
 
 def with_output(ticks, index, output):
@@ -151,6 +130,6 @@ def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
     path = tmp_path / "run.mcap"
     assert replay([str(path)]) == 2
     path.write_text("no recording")
-    assert replay([str(path), "--infer"]) == 2
+    assert replay([str(path)]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert errors == [f"error: {path}: no such file, expected a recording (.mcap)", f"error: {path}: not an MCAP file"]

@@ -11,7 +11,7 @@ from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.plots import Plots, bus_loads
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.recording.reader import recorded_settings
+from humanoid_sim.recording.header import json_document
 from humanoid_sim.rendering.ghost import ShownReference
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
@@ -73,7 +73,7 @@ class Showing:
         robot = attachment.feed.status().get("robot")
         self._channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
         header = attachment.header
-        self._policy = recorded_settings("the session", header).get("policy")
+        self._policy = json_document(header, "settings").get("policy")
         self._keys = ShownKeys(header)
         self.plots = Plots(header, self._description, self._channels, self._attachment.base)
 
