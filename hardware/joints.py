@@ -9,7 +9,7 @@ A motor's count of turns starts anew at power-on, and what it reports wraps at t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,26 +30,16 @@ _TURN = 2.0 * math.pi
 class Wiring(MotorGroup):
     """A robot's motors in its joint order, with what maps their frame to the joints'. Arrays of shape (n,)."""
 
-    direction: FloatArray
-    """±1."""
-    offset: FloatArray
-    """rad, motor frame, homing offset."""
-    lower: FloatArray
-    """rad, joint frame."""
-    upper: FloatArray
-    """rad, joint frame."""
-    effort_limit: FloatArray
-    """N·m, within what the motor's frames can say."""
-    fastest: FloatArray
-    """rad/s, the end of the motor's velocity range; infinite where nobody knows how fast it can turn."""
-    position_range: FloatArray
-    """rad, motor frame, the end of what its frames can say of a position, beyond which a report wraps."""
-    highest: FloatArray
-    """Shape (5, n): the ends of what its frames can say in a command, see `MotorLink.command`."""
-    stiffness_doubt: FloatArray
-    """The most that a motor may make of a commanded K_p, as a factor."""
-    damping_doubt: FloatArray
-    """Likewise of K_d."""
+    direction: FloatArray  # ±1
+    offset: FloatArray  # rad, motor frame, homing offset
+    lower: FloatArray  # rad, joint frame
+    upper: FloatArray  # rad, joint frame
+    effort_limit: FloatArray  # N·m, within the motors' range
+    fastest: FloatArray  # rad/s, infinite where nobody knows how fast a motor can turn
+    position_range: FloatArray  # rad, motor frame, beyond which a report wraps
+    highest: FloatArray  # shape (5, n), the ends of the ranges of a command, see `MotorLink.command`
+    stiffness_doubt: FloatArray  # the most that a motor may make of a commanded K_p, as a factor
+    damping_doubt: FloatArray  # likewise of K_d
 
     @property
     def endless(self) -> tuple[int, ...]:
@@ -68,35 +58,36 @@ def make_wiring(
     """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
     Raises `InputError` if a joint has no motor or a motor of no known model, or the channels do not fit the buses.
-
-    Args:
-        calibration: homing offset of every joint, rad, motor frame; None: 0 for all.
+    `calibration`: homing offset of every joint, rad, motor frame; None: 0 for all.
     """
-    name = description.name
+    name, joints = description.name, description.joint_names
     motors = [joint.motor for joint in description.joints if joint.motor is not None]
     if len(motors) < description.joint_count:
-        without = [joint.name for joint in description.joints if joint.motor is None]
-        raise InputError(f"{name}: these joints have no motor in the robot description: {', '.join(without)}")
-    for joint, motor in zip(description.joint_names, motors, strict=True):
+        without = ", ".join(joint.name for joint in description.joints if joint.motor is None)
+        raise InputError(f"{name}: these joints have no motor in the robot description: {without}")
+    for joint, motor in zip(joints, motors, strict=True):
         if motor.model not in MOTORS:
             raise InputError(f"{name}: joint '{joint}': {known_names('motor model', motor.model, MOTORS)}")
     buses = max(motor.bus for motor in motors) + 1
     if channel_count not in {1, buses}:
         raise InputError(f"{name}: {channel_count} channels given, expected 1, or one for each of its {buses} buses")
+    offsets = dict.fromkeys(joints, 0.0) if calibration is None else calibration
+    wrong = [joint for joint in {**offsets, **dict.fromkeys(joints)} if joint not in joints or joint not in offsets]
+    if wrong := wrong or [joint for joint in joints if not math.isfinite(offsets[joint])]:
+        raise InputError(f"{name}: calibration: expected one finite offset for every joint; wrong: {', '.join(wrong)}")
     models = tuple(MOTORS[motor.model] for motor in motors)
-    limits = zip(description.joints, models, strict=True)
     return Wiring(
-        names=description.joint_names,
+        names=joints,
         channel=tuple(motor.bus if channel_count > 1 else 0 for motor in motors),
         motor_id=tuple(motor.can_id for motor in motors),
         model=models,
         torque_limit=tuple(motor.torque_limit or 0.0 for motor in motors),
         current_limit=tuple(motor.current_limit or 0.0 for motor in motors),
         direction=np.array([float(motor.direction) for motor in motors]),
-        offset=_offsets(name, description.joint_names, calibration),
+        offset=np.array([offsets[joint] for joint in joints]),
         lower=description.lower,
         upper=description.upper,
-        effort_limit=np.array([min(joint.effort_limit, model.effort) for joint, model in limits]),
+        effort_limit=np.minimum([joint.effort_limit for joint in description.joints], [m.effort for m in models]),
         fastest=np.array([max(model.velocity, model.no_load_velocity) for model in models]),
         position_range=np.array([model.position for model in models]),
         highest=np.array([[getattr(model, name) for model in models] for name in COMMAND_FIELDS]),
@@ -105,32 +96,17 @@ def make_wiring(
     )
 
 
-def _offsets(robot: str, joints: Sequence[str], calibration: Mapping[str, float] | None) -> FloatArray:
-    if calibration is None:
-        return np.zeros(len(joints))
-    wrong = sorted(calibration.keys() ^ set(joints)) + [
-        j for j, value in calibration.items() if not math.isfinite(value)
-    ]
-    if wrong:
-        raise InputError(f"{robot}: calibration: expected one finite offset for every joint; wrong: {', '.join(wrong)}")
-    return np.array([calibration[joint] for joint in joints])
-
-
 class JointReadings(NamedTuple):
     """The joints' state as far as it is known. Arrays of shape (n,), joint frame."""
 
-    time: FloatArray
-    """s, robot's clock; -infinity: never received."""
-    position: FloatArray
-    """rad; NaN: never received, or on an unknown turn."""
-    velocity: FloatArray
-    """rad/s; 0 where never received."""
-    effort: FloatArray
-    """N·m; 0 where never received."""
+    time: FloatArray  # s, robot's clock; -infinity: never received
+    position: FloatArray  # rad; NaN: never received, or on an unknown turn
+    velocity: FloatArray  # rad/s; 0 where never received
+    effort: FloatArray  # N·m; 0 where never received
 
 
 def unknown_joints(joint_count: int) -> JointReadings:
-    """Return the state of joints of which nothing is known."""
+    """Return the state of joints that were never received."""
     zeros = np.zeros(joint_count)
     return JointReadings(np.full(joint_count, -np.inf), np.full(joint_count, np.nan), zeros, zeros)
 
@@ -150,13 +126,12 @@ class JointTracker:
 
     def update(self, readings: Readings) -> JointReadings:
         """Return the joints' state of these readings."""
-        wiring, last = self._wiring, self._last
-        position = readings.position
+        wiring, last, position = self._wiring, self._last, readings.position
         if last is not None:
-            position = unwrapped(position, last.position, 2.0 * wiring.position_range)
-            self.jumped = self.jumped | has_jumped(
-                position - last.position, readings.time - last.time, readings.velocity, last.velocity, wiring.fastest
-            )
+            period = 2.0 * wiring.position_range
+            periods = np.round((last.position - position) / period)
+            position = position + period * np.where(np.isfinite(periods), periods, 0.0)
+            self.jumped = self.jumped | _has_jumped(last, readings._replace(position=position), wiring.fastest)
             self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = readings._replace(position=position)
         is_known = np.isfinite(readings.time)
@@ -168,25 +143,41 @@ class JointTracker:
         )
 
     def to_motor(self, position: FloatArray) -> FloatArray:
-        """Joint positions, shape (n,), rad, as the motors count them."""
+        """Return joint positions, shape (n,), rad, as the motors count them."""
         return self._wiring.direction * position + self._wiring.offset - self._shift
+
+
+_RESOLUTION = 0.05  # rad that a position may move without any velocity: play, quantisation, a motor's own filter
+_TIME_ERROR = 0.04  # s by which two frames may have changed places or been stamped wrongly
+_ACCELERATION = 1000.0  # rad/s², more than any of these motors gives a joint: 5.5 N·m on a hand of 5.5e-3 kg·m²
+
+
+def _has_jumped(last: Readings, now: Readings, fastest: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return where a position moved by more than its velocity explains, shape (n,); False where anything is NaN.
+
+    Between two frames a joint moves by the mean of its velocities times the time, to within a quarter of its
+    acceleration times the time squared. So what is found at rest is a jump of 0.15 rad within 20 ms. An encoder that
+    lost its place has lost its zero. `fastest`: shape (n,), rad/s, the motors' largest velocity.
+    """
+    moved, elapsed = now.position - last.position, now.time - last.time
+    speed, time = np.maximum(np.abs(now.velocity), np.abs(last.velocity)), np.abs(elapsed)
+    surprise = np.abs(moved - 0.5 * (now.velocity + last.velocity) * elapsed)
+    allowed = speed * _TIME_ERROR + 0.25 * _ACCELERATION * time**2 + _RESOLUTION
+    possible = fastest * (time + _TIME_ERROR) + _RESOLUTION
+    jumped: npt.NDArray[np.bool_] = (surprise > allowed) | (np.abs(moved) > possible)
+    return jumped
+
+
+_SIGNED = np.array([[-1.0], [-1.0], [-1.0], [0.0], [0.0]])  # gains begin at 0
 
 
 def motor_values(
     wiring: Wiring, command: MITCommand, state: JointReadings, tracker: JointTracker, lead: float
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return a command in the motor frame, within limits and ranges, and the joints at which a value was cut off.
+    """Return a finite command in the motor frame, within limits and ranges, and the joints at which it was cut off.
 
-    No manual says that a motor's own limit covers the sum of the MIT law: see `bounded_position`.
-
-    Args:
-        command: finite, shape (n,), joint frame.
-        state: of the joints.
-        tracker: counts the motors' turns.
-        lead: s, the age of a state and the time that a command is held.
-
-    Returns:
-        Shape (5, n), see `MotorLink.command`, and shape (n,).
+    No manual says that a motor's own limit covers the sum of the MIT law: see `bounded_position`, also for the `lead`.
+    Shape (5, n), see `MotorLink.command`, and shape (n,).
     """
     limit, direction = wiring.effort_limit, wiring.direction
     effort = np.clip(command.effort, -limit, limit)
@@ -194,28 +185,8 @@ def motor_values(
     limited = MITCommand(command.position, command.velocity, effort, stiffness, damping)
     position = tracker.to_motor(bounded_position(limited, state.position, state.velocity, limit, lead))
     values = np.array([position, direction * command.velocity, direction * effort, command.stiffness, command.damping])
-    lowest = wiring.highest * _SIGNED
-    clipped = np.clip(values, lowest, wiring.highest)
+    clipped = np.clip(values, wiring.highest * _SIGNED, wiring.highest)
     return clipped, (clipped != values).any(axis=0) | (effort != command.effort)
-
-
-_SIGNED = np.array([[-1.0], [-1.0], [-1.0], [0.0], [0.0]])  # gains begin at 0
-
-
-def gain_warnings(description: RobotDescription, wiring: Wiring, checks: CheckList) -> None:
-    """Warn of a controller's gain beyond its motor's range. A policy's are checked with the policy."""
-    gains = {
-        "damping_controller damping": ("damping", description.mode_damping),
-        "remote_policy_controller damping": ("damping", description.passive_damping),
-    }
-    for name in ("standby_controller_a", "standby_controller_b"):
-        settings = getattr(description, name)
-        gains[f"{name}.target_stiffness"] = "stiffness", settings.target_stiffness
-        gains[f"{name}.target_damping"] = "damping", settings.target_damping
-    for what, (field, values) in gains.items():
-        for joint, value, model in zip(wiring.names, values, wiring.model, strict=True):
-            if value > getattr(model, field):
-                checks.warn(joint, f"{what} is {value:g}, {model.name} takes {getattr(model, field):g} at most")
 
 
 MARGIN = 0.35  # rad beyond a joint's limits that a joint may lean into its stop, or a calibration may be off
@@ -263,61 +234,15 @@ def _position_problem(wiring: Wiring, i: int, position: float, turns: float) -> 
         return "has not reported its position"
     if not math.isfinite(turns):
         middle = 0.5 * (lower + upper)
-        joint = float(wiring.direction[i] * (position - wiring.offset[i]))
-        nearest = middle + math.remainder(joint - middle, _TURN)
+        nearest = middle + math.remainder(float(wiring.direction[i] * (position - wiring.offset[i])) - middle, _TURN)
         if lower - MARGIN <= nearest <= upper + MARGIN:
             return f"may be on more than one turn: its range, {lower:g} to {upper:g} rad, is almost a whole one"
         return f"is at {nearest:.2f} rad, outside {lower:g} to {upper:g} on any turn: calibrate it, or check direction"
-    if math.isfinite(lower) and math.isfinite(upper):
-        ends = wiring.direction[i] * np.array([lower, upper]) + wiring.offset[i] - _TURN * turns
-        if np.abs(ends).max() > wiring.position_range[i]:
-            reach = wiring.position_range[i]
-            return (
-                f"its range is {ends.min():.2f} to {ends.max():.2f} rad at the motor, commands reach ±{reach:.2f}: "
-                "switch the motor off and on, or set its zero"
-            )
+    ends = wiring.direction[i] * np.array([lower, upper]) + wiring.offset[i] - _TURN * turns
+    reach = wiring.position_range[i]
+    if np.isfinite(ends).all() and np.abs(ends).max() > reach:
+        return (
+            f"its range is {ends.min():.2f} to {ends.max():.2f} rad at the motor, commands reach ±{reach:.2f}: "
+            "switch the motor off and on, or set its zero"
+        )
     return ""
-
-
-def unwrapped(position: FloatArray, previous: FloatArray, period: FloatArray) -> FloatArray:
-    """Return reported positions, moved by whole periods to where they are nearest to the previous ones.
-
-    Args:
-        position: shape (n,), rad, motor frame, within half a period of 0; NaN stays NaN.
-        previous: shape (n,), rad, motor frame, unwrapped; NaN: take the position as it is.
-        period: shape (n,), rad, with which reported positions repeat.
-    """
-    periods = np.round((previous - position) / period)
-    return position + period * np.where(np.isfinite(periods), periods, 0.0)
-
-
-_RESOLUTION = 0.05  # rad that a position may move without any velocity: play, quantisation, a motor's own filter
-_TIME_ERROR = 0.04  # s by which two frames may have changed places or been stamped wrongly
-_ACCELERATION = 1000.0  # rad/s², more than any of these motors gives a joint: 5.5 N·m on a hand of 5.5e-3 kg·m²
-
-
-def has_jumped(
-    moved: FloatArray, elapsed: FloatArray, velocity: FloatArray, previous_velocity: FloatArray, fastest: FloatArray
-) -> npt.NDArray[np.bool_]:
-    """Return where a position moved by more than its velocity explains: an encoder lost its place, and its zero.
-
-    Between two frames a joint moves by the mean of its velocities times the time, to within a quarter of its
-    acceleration times the time squared. So what is found at rest is a jump of 0.15 rad within 20 ms.
-
-    Args:
-        moved: shape (n,), rad, since the previous frame.
-        elapsed: shape (n,), s, since then.
-        velocity: shape (n,), rad/s, as reported with the position.
-        previous_velocity: shape (n,), rad/s, as reported before.
-        fastest: shape (n,), rad/s, the motors' largest.
-
-    Returns:
-        Shape (n,), boolean; False where anything is NaN.
-    """
-    speed = np.maximum(np.abs(velocity), np.abs(previous_velocity))
-    time = np.abs(elapsed)
-    surprise = np.abs(moved - 0.5 * (velocity + previous_velocity) * elapsed)
-    allowed = speed * _TIME_ERROR + 0.25 * _ACCELERATION * time**2 + _RESOLUTION
-    possible = fastest * (time + _TIME_ERROR) + _RESOLUTION
-    jumped: npt.NDArray[np.bool_] = (surprise > allowed) | (np.abs(moved) > possible)
-    return jumped

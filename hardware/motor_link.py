@@ -19,16 +19,12 @@ from humanoid_sim.robots.motors import MotorModel
 class MotorGroup:
     """Motors on some channels, each known by its index: a robot's, those of one family, or those of a tool."""
 
-    names: tuple[str, ...]
-    """The joint that each drives, or what a tool calls it."""
-    channel: tuple[int, ...]
-    """Index into the open channels."""
+    names: tuple[str, ...]  # the joint that each drives, or a tool's name for it
+    channel: tuple[int, ...]  # index into the open channels
     motor_id: tuple[int, ...]
     model: tuple[MotorModel, ...]
-    torque_limit: tuple[float, ...]
-    """N·m, written to the firmware; 0: leave the firmware's own."""
-    current_limit: tuple[float, ...]
-    """A, written to the firmware; 0: leave the firmware's own."""
+    torque_limit: tuple[float, ...]  # N·m, written to the firmware; 0: leave the firmware's own
+    current_limit: tuple[float, ...]  # A, likewise
 
     @property
     def count(self) -> int:
@@ -52,16 +48,11 @@ class MotorGroup:
 class Readings(NamedTuple):
     """The latest state of every motor; NaN for one that was never received. Shape (n,) each, motor frame."""
 
-    time: FloatArray
-    """s, robot's clock; where position and velocity come in two frames, of the older one."""
-    position: FloatArray
-    """rad, as reported: within the model's range."""
-    velocity: FloatArray
-    """rad/s"""
-    effort: FloatArray
-    """N·m"""
-    temperature: FloatArray
-    """°C; NaN where the family does not report it."""
+    time: FloatArray  # s, robot's clock; where position and velocity come in two frames, of the older one
+    position: FloatArray  # rad, as reported: within the model's range
+    velocity: FloatArray  # rad/s
+    effort: FloatArray  # N·m
+    temperature: FloatArray  # °C; NaN where the family does not report it
 
 
 class Finding(NamedTuple):
@@ -76,18 +67,12 @@ class Finding(NamedTuple):
 class LinkTerms:
     """Settings of a robot for the motors of every family."""
 
-    host_id: int
-    """Our id on the bus, where the family has such a thing."""
-    can_timeout: float
-    """s without a command after which a motor stops by itself, where it can."""
-    control_period: float
-    """s between two commands."""
-    damping: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Shape (motors,), N·m·s/rad, with which a watchdog brakes motors that have no timeout of their own."""
-    known_uids: Mapping[str, bytes] = field(default_factory=dict)
-    """Unique ids at an earlier activation by joint, where motors have them."""
-    is_whole: bool = True
-    """True if these are all motors of their channels; others are mentioned then."""
+    host_id: int  # ours on the bus, where the family has such a thing
+    can_timeout: float  # s without a command after which a motor stops by itself, where it can
+    control_period: float  # s between two commands
+    damping: FloatArray = field(default_factory=lambda: np.zeros(0))  # shape (motors,), N·m·s/rad, for a watchdog
+    known_uids: Mapping[str, bytes] = field(default_factory=dict)  # of an earlier activation, by joint
+    is_whole: bool = True  # these are all motors of their channels; others are mentioned then
 
 
 class MotorLink(Protocol):
@@ -98,19 +83,15 @@ class MotorLink(Protocol):
     """
 
     motors: MotorGroup
-    uids: Mapping[str, bytes]
-    """Unique ids by joint, as far as they were found."""
-    knows_positions: bool
-    """True if a motor reports its position before it is enabled."""
+    uids: Mapping[str, bytes]  # unique ids by joint, as far as they were found
+    knows_positions: bool  # a motor reports its position before it is enabled
 
     @property
     def answers(self) -> int:
-        """Statuses that answered something, or were sent by motors that answer nothing."""
+        """Return the number of statuses received."""
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, on its receiver's thread; True if it is one of this family's."""
-
-    # --- activation, in this order
 
     def examine(self, checks: CheckList) -> None:
         """Check that these motors are there, known, and driven by nobody else. Changes nothing in any motor."""
@@ -119,9 +100,7 @@ class MotorLink(Protocol):
         """Stop the motors, clear their faults, and configure them; leaves them stopped."""
 
     def enable(self, checks: CheckList) -> None:
-        """Enable every motor, without torque, and start what they report by themselves."""
-
-    # --- control
+        """Enable every motor, without torque, and start their reports."""
 
     def readings(self) -> Readings:
         """Return the latest state of every motor."""
@@ -140,10 +119,8 @@ class MotorLink(Protocol):
                 rad/s, effort N·m, stiffness N·m/rad, damping N·m·s/rad.
         """
 
-    # --- the end
-
     def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        """Disable motors; returns those that did not confirm it, with what they last reported of their mode."""
+        """Disable motors; returns those that did not confirm it, with the mode that they last reported."""
 
     def close(self) -> None:
         """Release what belongs to this link: a watchdog brakes motors that did not confirm that they are stopped."""

@@ -21,9 +21,7 @@ from humanoid_sim.hardware.imu import Imu, upright_at_rest
 from humanoid_sim.hardware.joints import (
     JointReadings,
     JointTracker,
-    Wiring,
     check_positions,
-    gain_warnings,
     make_wiring,
     motor_values,
     unknown_joints,
@@ -99,14 +97,13 @@ class HardwareRobot:
             can_timeout: s without a command after which the motors stop by themselves.
             allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
-            anchor: measures the live input `anchor_orientation` that a policy observes; None: it is not reported.
+            anchor: measures the live input `anchor_orientation` that a policy observes.
             live: other live inputs by name, as only mock motors know them.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
         """
         self.description = description
         self.control_period = 1.0 / description.hardware.control_frequency if control_period is None else control_period
-        """s between two commands."""
         self._name = description.name
         self._addresses = tuple(parse_address(each) if isinstance(each, str) else each for each in channels)
         self._wiring = wiring = make_wiring(description, len(self._addresses), calibration)
@@ -117,13 +114,19 @@ class HardwareRobot:
                 f"{self._name}: motors that execute their last command for ever when this program dies: {endless}; "
                 "--allow-no-timeout accepts that"
             )
-        self._sources = _sources(wiring, self._addresses)
+        families = [
+            dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(channel))
+            for channel in range(len(self._addresses))
+        ]
+        self._sources = tuple(
+            f"humanoid_devices_{'_'.join(here)}/{address}"
+            for here, address in zip(families, self._addresses, strict=True)
+        )
         self._host_id, self._can_timeout = host_id, can_timeout
         self._undirected = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
-        self._dry_run = dry_run
-        self._accepted = set(accepted_firmware)
+        self._dry_run, self._accepted = dry_run, set(accepted_firmware)
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         zeros = np.zeros(wiring.count)
@@ -131,23 +134,22 @@ class HardwareRobot:
 
         self._locks = Locks()
         self._line: OpenChannels | None = None
-        self._links: tuple[tuple[MotorLink, list[int]], ...] = ()
+        self._links: tuple[tuple[MotorLink, list[int]], ...] = ()  # with the joints of their motors
         self._tracker: JointTracker | None = None
         self._watch: SafetyWatch | None = None
         self._joints = unknown_joints(wiring.count)
         self._last_command: MITCommand | None = None
-        self._bad_command = -math.inf
+        self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
         self._commands = self._answers = 0
         self._saturated = np.zeros(wiring.count, dtype=int)
         self._warmest = np.full(wiring.count, np.nan)
         self._why_not = "not activated"
-        self._may_run: frozenset[int] = frozenset()
+        self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
         self._uids: dict[str, bytes] = {}
         self._slipped: frozenset[str] = frozenset()
         self._checks = CheckList(self._name)
         self._is_closing = False
-        self.is_closed = False
-        """True once `close` has done all it does: before that, there may be motors to protect."""
+        self.is_closed = False  # `close` has done all it does: before that, there may be motors to protect
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -166,7 +168,7 @@ class HardwareRobot:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Return what the latest `prepare` or `activate` found, for an operator to read."""
+        """Return the findings of the latest `prepare` or `activate`, for an operator to read."""
         return tuple(self._checks.all)
 
     # --- activation
@@ -183,7 +185,33 @@ class HardwareRobot:
         """
         self._prepare()
 
+    def activate(self) -> None:
+        """Verify and configure everything afresh, then enable every motor, without torque.
+
+        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
+        """
+        line, turns = self._prepare()
+        if self._dry_run:
+            raise RobotError(f"{self._name}: not enabled: this is a dry run")
+        with self._giving_up():
+            self._checks.refuse_questions()
+            self._may_run = frozenset(range(self._wiring.count))
+            # First those that nothing stops. They report where they are once they are enabled, and not before.
+            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
+                link.enable(self._checks)
+                line.check(self._checks)
+                self._checks.refuse()
+            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
+            found = check_positions(self._wiring, late, self._readings().position, self._checks)
+            turns = np.where(np.isnan(found), turns, found)
+            self._checks.refuse()
+        self._tracker = JointTracker(self._wiring, turns)
+        self._read_joints()
+        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
+        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
+
     def _prepare(self) -> tuple[OpenChannels, FloatArray]:
+        """Return the open channels and the turns that are known, shape (n,), of motors that are ready and stopped."""
         if self._is_closing:
             raise RobotError(f"{self._name}: the robot is closed")
         if self._tracker is not None:
@@ -191,12 +219,11 @@ class HardwareRobot:
         self._damp()  # or arms that still sink would fall while their motors are verified
         self._retire()
         self._checks = checks = CheckList(self._name, self._accepted)
-        gain_warnings(self.description, self._wiring, checks)
         if self._undirected:
             checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._undirected}")
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
             checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
-        try:
+        with self._giving_up():
             line = self._open()
             for link, _ in self._links:
                 link.examine(checks)
@@ -208,46 +235,11 @@ class HardwareRobot:
             line.check(checks)
             checks.refuse()
             line.warn_of_strangers(checks)
-        except BaseException as error:
-            self._give_up(error)
-            raise
         self._may_run = frozenset()
         self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
         self._tracker = JointTracker(self._wiring, turns)
         self._read_joints()
         return line, turns
-
-    def activate(self) -> None:
-        """Verify and configure everything afresh, then enable every motor, without torque.
-
-        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
-        """
-        line, turns = self._prepare()
-        if self._dry_run:
-            raise RobotError(f"{self._name}: not enabled: this is a dry run")
-        try:
-            self._checks.refuse_questions()
-        except RobotError as error:
-            self._explain(error, is_off=True)  # `prepare` leaves them stopped, verified
-            raise
-        self._may_run = frozenset(range(self._wiring.count))
-        try:
-            # First those that nothing stops. They report where they are once they are enabled, and not before.
-            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
-                link.enable(self._checks)
-                line.check(self._checks)
-                self._checks.refuse()
-            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
-            found = check_positions(self._wiring, late, self._readings().position, self._checks)
-            turns = np.where(np.isnan(found), turns, found)
-            self._checks.refuse()
-        except BaseException as error:
-            self._give_up(error)
-            raise
-        self._tracker = JointTracker(self._wiring, turns)
-        self._read_joints()
-        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
-        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
 
     def _open(self) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
@@ -255,11 +247,9 @@ class HardwareRobot:
         self._locks.take(self._addresses, checks)
         if self._imu is not None:
             self._imu.close()
-            try:
+            with checks.collecting("imu"):
                 self._imu.open()
-            except RobotError as error:
-                checks.problem("imu", str(error))
-        line = OpenChannels(
+        self._line = line = OpenChannels(
             self._addresses,
             checks,
             clock=lambda: self.time,
@@ -267,7 +257,6 @@ class HardwareRobot:
             period=self.control_period,
             locks=self._locks.descriptors,
         )
-        links = []
         for family, make_link in LINKS.items():
             joints = list(wiring.of_family(family))
             damping = self._damped.damping[joints]
@@ -276,15 +265,14 @@ class HardwareRobot:
             link = make_link(line, wiring.select(joints), terms)
             line.listeners.append(link.receive)
             if joints:
-                links.append((link, joints))
-        self._line, self._links = line, tuple(links)
+                self._links = (*self._links, (link, joints))
         return line
 
     def _retire(self) -> None:
         """Stop what nothing else stops, and close the channels of an earlier activation."""
-        if self._may_run & set(self._wiring.endless):
-            left = self._stop(self._wiring.endless)
-            self._may_run = (self._may_run - set(self._wiring.endless)) | left.keys()
+        endless = set(self._wiring.endless)
+        if self._may_run & endless:
+            self._may_run = (self._may_run - endless) | self._stop(endless).keys()
         for link, _ in self._links:
             link.close()
         if self._line is not None:
@@ -294,29 +282,28 @@ class HardwareRobot:
         self._last_command = None
         self._why_not = "not enabled"
 
-    def _give_up(self, error: BaseException) -> None:
-        """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
+    @contextlib.contextmanager
+    def _giving_up(self) -> Iterator[None]:
+        """After a refusal within, stop the motors, unless another master drives them, whose arms would fall.
 
         Raises `RobotError` in place of one of these, where motors of an earlier activation do not confirm it.
         """
-        line, checks = self._line, self._checks
-        is_ours = line is not None and (bool(self._may_run) or not line.has_intruders)
-        if line is not None and is_ours:
-            line.forget_queues()
-            self._may_run &= self._stop(range(self._wiring.count)).keys()
-        for link, _ in self._links:
-            link.close()
-        if not self._may_run:
-            self._explain(error, is_off=is_ours)
-            return
-        for i in sorted(self._may_run):
-            checks.problem(self.joints[i], "does not confirm that it is disabled")
         try:
+            yield
+        except BaseException as error:
+            line, checks = self._line, self._checks
+            is_ours = line is not None and (bool(self._may_run) or not line.has_intruders)
+            if line is not None and is_ours:
+                line.forget_queues()
+                self._may_run &= self._stop(range(self._wiring.count)).keys()
+            for link, _ in self._links:
+                link.close()
+            self._explain(error, is_off=is_ours and not self._may_run)
+            if not self._may_run or not isinstance(error, RobotError):
+                raise
+            for i in sorted(self._may_run):
+                checks.problem(self.joints[i], "does not confirm that it is disabled")
             checks.refuse()
-        except RobotError as refusal:
-            self._explain(refusal, is_off=False)
-            if isinstance(error, RobotError):
-                raise refusal from error
 
     def _explain(self, refusal: BaseException, *, is_off: bool) -> None:
         """Note why nothing is enabled, and what to do; `is_off`: every motor has confirmed that it is disabled."""
@@ -440,22 +427,20 @@ class HardwareRobot:
                     left = self._stop(self._stop(range(self._wiring.count)))  # once more, for a lost frame
                     self._may_run &= left.keys()
         if self._may_run:
-            raise RobotError(self._unconfirmed({i: left.get(i, "no status") for i in sorted(self._may_run)}))
+            names = ", ".join(f"{self.joints[i]} ({left.get(i, 'no status')})" for i in sorted(self._may_run))
+            end = f"Without commands their CAN timeout stops them after {1000.0 * self._can_timeout:g} ms"
+            if self._may_run & set(self._wiring.endless):
+                end = "Not all of them stop by themselves without commands"
+            raise RobotError(
+                f"{self._name}: not confirmed to be disabled: {names}. {end}; switch the power off before touching it"
+            )
 
     def _ended(self) -> None:
         self.is_closed = True
         self._why_not = "closed"
 
-    def _unconfirmed(self, states: Mapping[int, str]) -> str:
-        """Return what to tell the person next to motors that may still be enabled."""
-        names = ", ".join(f"{self.joints[i]} ({state})" for i, state in states.items())
-        end = f"Without commands their CAN timeout stops them after {1000.0 * self._can_timeout:g} ms"
-        if states.keys() & set(self._wiring.endless):
-            end = "Not all of them stop by themselves without commands"
-        return f"{self._name}: not confirmed to be disabled: {names}. {end}; switch the power off before touching it"
-
     def _stop(self, joints: Iterable[int]) -> dict[int, str]:
-        """Disable motors; those that did not confirm it, with what they last reported."""
+        """Disable motors; those that did not confirm it, with the mode that they last reported."""
         wanted = set(joints)
         left: dict[int, str] = {}
         for link, own in self._links:
@@ -491,28 +476,34 @@ class HardwareRobot:
     # --- figures
 
     def figures(self) -> dict[str, Any]:
-        """Return what happened on the buses since the latest activation, as JSON values, and in words as `lines`."""
+        """Return figures of the buses since the latest activation, as JSON values, and in words as `lines`."""
         channels = [
             {"source": str(channel.address), **dataclasses.asdict(channel.counters)}
             for channel in (() if self._line is None else self._line.channels)
         ]
-        temperature = dict(zip(self.joints, self._readings().temperature.tolist(), strict=True))
-        warmest = dict(zip(self.joints, self._warmest.tolist(), strict=True))
-        saturated = dict(zip(self.joints, self._saturated.tolist(), strict=True))
-        figures = {
+        answers = sum(link.answers for link, _ in self._links) - self._answers
+        saturated = {joint: int(count) for joint, count in zip(self.joints, self._saturated, strict=True) if count}
+        temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
+        lines = [f"{self._commands} commands to each of {self._wiring.count} motors, {answers} statuses"]
+        for channel in channels:
+            counts = [f"{count} {name}" for name, count in channel.items() if name != "source" and count]
+            lines.append(f"{channel['source']}: {', '.join(counts)}")
+        if saturated:
+            cut_off = ", ".join(f"{joint} {count} times" for joint, count in saturated.items())
+            lines.append(f"commands cut off at the motor's range: {cut_off}")
+        if np.isfinite(self._warmest).any():
+            warmest = int(np.nanargmax(self._warmest))
+            lines.append(f"warmest motor: {self.joints[warmest]}, {self._warmest[warmest]:.1f} °C")
+        return {
             "channels": channels,
             "elapsed": 0.0 if self._line is None else self.time - self._line.opened,
-            "motors": self._wiring.count,
             "commands": self._commands,
-            "answers": sum(link.answers for link, _ in self._links) - self._answers,
-            "superseded": sum(channel["superseded"] for channel in channels),
-            "stale": sum(channel["stale"] for channel in channels),
-            "saturated": {joint: count for joint, count in saturated.items() if count},
-            "temperature": {joint: value for joint, value in temperature.items() if math.isfinite(value)},
-            "warmest": {joint: value for joint, value in warmest.items() if math.isfinite(value)},
+            "answers": answers,
+            "saturated": saturated,
+            "temperature": {joint: value for joint, value in temperatures if math.isfinite(value)},
             "faults": {} if self._watch is None else dict(self._watch.faults),
+            "lines": lines,
         }
-        return {**figures, "lines": list(_lines(figures))}
 
 
 def _check_options(addresses: Sequence[BusAddress], host_id: int, can_timeout: float, period: float) -> None:
@@ -526,25 +517,3 @@ def _check_options(addresses: Sequence[BusAddress], host_id: int, can_timeout: f
             f"CAN timeout: is {can_timeout:g} s, expected more than the control period of {period:g} s, and at most "
             f"{longest:g} s"
         )
-
-
-def _sources(wiring: Wiring, addresses: Sequence[BusAddress]) -> tuple[str, ...]:
-    """Names of the channels' safety statuses: the family of the motors there, then the channel."""
-    sources = []
-    for channel, address in enumerate(addresses):
-        families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(channel))
-        sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
-    return tuple(sources)
-
-
-def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
-    yield f"{figures['commands']} commands to each of {figures['motors']} motors, {figures['answers']} answers"
-    for channel in figures["channels"]:
-        counts = [f"{count} {name.replace('_', ' ')}" for name, count in channel.items() if name != "source" and count]
-        yield f"{channel['source']}: {', '.join(counts)}"
-    if figures["saturated"]:
-        cut_off = ", ".join(f"{joint} {count} times" for joint, count in figures["saturated"].items())
-        yield f"commands cut off at the motor's range: {cut_off}"
-    if figures["warmest"]:
-        joint = max(figures["warmest"], key=figures["warmest"].__getitem__)
-        yield f"warmest motor: {joint}, {figures['warmest'][joint]:.1f} °C"

@@ -15,23 +15,18 @@ from typing import Any
 
 import can
 
-from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.errors import InputError, RobotError, reason_of, require_known
 from humanoid_sim.hardware.bus.frame import BITRATE
-
-_ACCEPTED = "expected a network interface such as can0, or interface:channel such as virtual:lite"
 
 
 @dataclass(frozen=True, slots=True)
 class BusAddress:
     """One channel of one of python-can's interfaces."""
 
-    interface: str
-    """python-can's name of the driver: `socketcan`, `virtual`, `udp_multicast`, `slcan`, …"""
-    channel: str
-    """Name of the channel for that driver: `can0`, `239.74.163.2`, `/dev/ttyACM0`, …"""
+    interface: str  # python-can's name of the driver: `socketcan`, `virtual`, `udp_multicast`, `slcan`, …
+    channel: str  # for that driver: `can0`, `239.74.163.2`, `/dev/ttyACM0`, …
 
     def __str__(self) -> str:
-        """As an operator writes it; a safety status names its source by it."""
         return self.channel if self.interface == "socketcan" else f"{self.interface}:{self.channel}"
 
 
@@ -40,15 +35,14 @@ def parse_address(text: str) -> BusAddress:
 
     Everything after the first colon belongs to the channel, so that IPv6 groups and device paths need no quoting.
     """
-    text = text.strip()
-    interface, colon, channel = text.partition(":")
+    interface, colon, channel = text.strip().partition(":")
     if not colon:
-        interface, channel = "socketcan", text
-    if not interface or not channel:
-        raise InputError(f"bus '{text}': names no {'channel' if interface else 'interface'}; {_ACCEPTED}")
+        interface, channel = "socketcan", interface
+    is_name = re.fullmatch(r"[^\s/]{1,15}", channel) if interface == "socketcan" else channel  # IFNAMSIZ of the kernel
+    if not interface or not is_name:
+        accepted = "a network interface such as can0, or interface:channel such as virtual:lite"
+        raise InputError(f"bus: is '{text}', expected {accepted}")
     require_known("interface", (interface,), sorted(can.VALID_INTERFACES), f"bus '{text}': ")
-    if interface == "socketcan" and not re.fullmatch(r"[^\s/]{1,15}", channel):  # the kernel's own rule (IFNAMSIZ)
-        raise InputError(f"bus '{text}': '{channel}' cannot be a network interface's name; {_ACCEPTED}")
     return BusAddress(interface, channel)
 
 
@@ -61,13 +55,10 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
     return addresses
 
 
-_WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
-"""Interfaces that either have none or are given theirs elsewhere."""
+_WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})  # none, or given elsewhere
 _IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
 _IPV6_MULTICAST_ALL = 29  # linux/in6.h
 _MOST_WAITING = 1000  # frames that a socket's buffer can hold, and more
-_NETWORK = Path("/sys/class/net")
-_CAN_HARDWARE = "280"  # ARPHRD_CAN, the kernel's number for a CAN interface
 _SHORT_QUEUE = 64  # frames; a control period sends up to 20 at once, and the default of a CAN interface is 10
 
 # python-can logs what it then raises; without a handler of its own that would be printed beside our one line.
@@ -80,8 +71,11 @@ def open_bus(address: BusAddress) -> can.BusABC:
     try:
         bus = can.Bus(interface=address.interface, channel=address.channel, **options)
     except Exception as error:  # every driver has exceptions of its own
-        raise RobotError(f"{address}: cannot be opened: {_reason(address, error)}") from error
-    if address.interface == "udp_multicast":
+        reason = f"{type(error).__name__}: {reason_of(error)}"
+        if error_number(error) == errno.ENETDOWN:
+            reason = f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
+        raise RobotError(f"{address}: cannot be opened: {reason}") from error
+    if address.interface == "udp_multicast" and sys.platform.startswith("linux"):
         _receive_own_group_only(bus)
     return bus
 
@@ -92,8 +86,6 @@ def _receive_own_group_only(bus: can.BusABC) -> None:
     python-can binds every group to one port on all addresses, and Linux then hands each socket what comes for any group
     that anybody has joined: two buses would receive each other's motors.
     """
-    if not sys.platform.startswith("linux"):
-        return
     # A kernel without the option leaves the groups as they were. python-can has bound the socket, so that other groups'
     # frames may lie in it already.
     with contextlib.suppress(OSError, can.CanError), socket.socket(fileno=os.dup(bus.fileno())) as own:
@@ -109,8 +101,11 @@ def queue_warning(address: BusAddress) -> str:
     """Return what to do where the kernel's outgoing queue is too short for a control period; empty: nothing."""
     if address.interface != "socketcan":
         return ""
-    length = _attribute(address.channel, "tx_queue_len")
-    if not length.isdigit() or int(length) >= _SHORT_QUEUE:
+    try:
+        length = int(Path("/sys/class/net", address.channel, "tx_queue_len").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return ""
+    if length >= _SHORT_QUEUE:
         return ""
     return f"its outgoing queue takes {length} frames: sudo ip link set {address.channel} txqueuelen 128"
 
@@ -125,35 +120,3 @@ def error_number(error: BaseException) -> int | None:
                 return number
         cause = cause.__cause__
     return None
-
-
-def _reason(address: BusAddress, error: Exception) -> str:
-    number = error_number(error)
-    if address.interface == "socketcan":
-        if number == errno.EAFNOSUPPORT:
-            return "this kernel has no SocketCAN (module can_raw)"
-        if number == errno.ENODEV:
-            found = ", ".join(can_interfaces()) or "none"
-            return f"there is no such network interface; CAN interfaces of this machine: {found}"
-        if number == errno.ENETDOWN:
-            return f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
-        if number in {errno.EPERM, errno.EACCES}:
-            return "this user may not open raw CAN sockets"
-    text = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
-
-
-def can_interfaces() -> list[str]:
-    """Return the CAN interfaces of this machine's kernel, virtual ones too."""
-    try:
-        names = sorted(path.name for path in _NETWORK.iterdir())
-    except OSError:
-        return []
-    return [name for name in names if _attribute(name, "type") == _CAN_HARDWARE]
-
-
-def _attribute(interface: str, name: str) -> str:
-    try:
-        return (_NETWORK / interface / name).read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError):
-        return ""

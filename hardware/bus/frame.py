@@ -14,18 +14,11 @@ BITRATE = 1_000_000  # bit/s, the motors' default
 class Frame:
     """One CAN frame, sent or received."""
 
-    arbitration_id: int
-    """29 bits, or 11 where `is_extended` is false; without SocketCAN's flag bits."""
-    data: bytes
-    """0 to 8 bytes."""
-    is_extended: bool = True
-    """The frame's IDE bit. An identifier below 0x800 does not tell: motor 1's device-id reply is 0x1FE and extended."""
+    arbitration_id: int  # 29 bits, or 11 where `is_extended` is false; without SocketCAN's flag bits
+    data: bytes  # 0 to 8 bytes
+    is_extended: bool = True  # the IDE bit: an identifier does not tell, motor 1's device-id reply is an extended 0x1FE
     is_remote: bool = False
     is_error: bool = False
-
-    def __str__(self) -> str:
-        """As `candump` has it: `0300FD0B#0000000000000000`."""
-        return f"{self.arbitration_id:0{8 if self.is_extended else 3}X}#{self.data.hex().upper()}"
 
 
 def frame_of(message: can.Message) -> Frame:
@@ -47,7 +40,7 @@ def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
 
 
 class Echoes:
-    """A sender's own frames, which come back to it on `udp_multicast`, and are nobody else's."""
+    """A sender's own frames, which come back to it on `udp_multicast`."""
 
     def __init__(self, interface: str, capacity: int) -> None:
         """Remember at most `capacity` frames: some get lost on the way, and are forgotten."""
@@ -61,10 +54,8 @@ class Echoes:
 
     def take(self, frame: Frame) -> bool:
         """Return whether a frame is an echo; each is one once."""
-        if not self._has_echoes:
+        key = frame.arbitration_id, frame.data
+        if key not in self._sent:
             return False
-        try:
-            self._sent.remove((frame.arbitration_id, frame.data))
-        except ValueError:
-            return False
+        self._sent.remove(key)
         return True

@@ -9,7 +9,6 @@ import os
 import re
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,15 +18,12 @@ from typing import Self
 
 from humanoid_sim.errors import RobotError, blaming
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, queue_warning
-from humanoid_sim.hardware.bus.channel import NEVER, Burst, BusEvent, Channel, Note, OpenBus
+from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note, OpenBus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 
-_SHARED = Path("/tmp")
-"""Folder of all users, whatever TMPDIR says: two sessions that look in different folders would both drive the robot."""
-_held: set[BusAddress] = set()
-"""Channels of the interface `virtual`, which exist within one process only: their locks are no files."""
-_guard = threading.Lock()
+_SHARED = Path("/tmp")  # of all users, whatever TMPDIR says: two sessions must look in the same folder
+_held: set[BusAddress] = set()  # channels of the interface `virtual`, which exist within one process only
 
 
 class ChannelLock:
@@ -37,18 +33,15 @@ class ChannelLock:
     """
 
     def __init__(self, address: BusAddress) -> None:
-        """Take the channel; a `RobotError` where another session, which it names, drives it, or no lock can be made."""
+        """Lock the channel; a `RobotError` where another session, which it names, drives it, or no lock can be made."""
         self._address = address
-        self.descriptor = -1
-        """The lock's open file, through which a child process holds it as well; -1 where it is not a file."""
-        self._is_released = False
+        self.descriptor = -1  # the lock's open file, through which a child process holds it as well; -1: none
         if address.interface == "virtual":
-            with _guard:
-                if address in _held:
-                    raise RobotError(f"{address}: is in use by another session (of this process)")
-                _held.add(address)
+            if address in _held:
+                raise RobotError(f"{address}: is in use by another session (of this process)")
+            _held.add(address)
             return
-        self.descriptor = _open(_lock_path(address), address)
+        self.descriptor = _open(address)
         try:
             fcntl.flock(self.descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -58,22 +51,14 @@ class ChannelLock:
         # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
         with contextlib.suppress(OSError):  # a full disk keeps nobody from driving
             os.ftruncate(self.descriptor, 0)
-            path = Path(sys.argv[0])
-            program = path.parent.name if path.name == "__main__.py" else path.name  # started by `python -m`
-            os.pwrite(self.descriptor, f"process {os.getpid()}, {program or 'python'}\n".encode(), 0)
+            os.pwrite(self.descriptor, f"process {os.getpid()}, {sys.argv[0] or 'python'}\n".encode(), 0)
 
     def release(self) -> None:
         """Let others have the channel. May be called twice."""
-        if self._is_released:
-            return
-        self._is_released = True
-        if self.descriptor < 0:
-            _held.discard(self._address)
-            return
-        with contextlib.suppress(OSError):
-            os.ftruncate(self.descriptor, 0)
-        os.close(self.descriptor)
-        self.descriptor = -1
+        _held.discard(self._address)
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
 
     def __enter__(self) -> Self:
         return self
@@ -82,17 +67,13 @@ class ChannelLock:
         self.release()
 
 
-def _lock_path(address: BusAddress) -> Path:
-    folder = _SHARED if _SHARED.is_dir() else Path(tempfile.gettempdir())
+def _open(address: BusAddress) -> int:
+    """Open the lock's file for any user; first without O_CREAT, which the kernel refuses for another user's file."""
     channel = address.channel
     if channel.startswith("/"):  # the same adapter by another name, such as /dev/serial/by-id/…; `@` begins a bit rate
         channel = os.path.realpath(channel.partition("@")[0])
     name = re.sub(r"[^A-Za-z0-9._-]", "_", f"{address.interface}-{channel}")
-    return folder / f"humanoid_sim-can-{name}.lock"
-
-
-def _open(path: Path, address: BusAddress) -> int:
-    """Open the lock's file for any user; first without O_CREAT, which the kernel refuses for another user's file."""
+    path = (_SHARED if _SHARED.is_dir() else Path(tempfile.gettempdir())) / f"humanoid_sim-can-{name}.lock"
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     with blaming(f"{address}: cannot make its lock {path}", OSError, RobotError):
         try:
@@ -114,10 +95,8 @@ class Locks:
         if self._held:
             return
         for address in addresses:
-            try:
+            with checks.collecting(address):
                 self._held.append(ChannelLock(address))
-            except RobotError as error:
-                checks.problem(str(address), str(error).removeprefix(f"{address}: "))
         if len(self._held) < len(addresses):
             self.release()
 
@@ -133,26 +112,12 @@ class Locks:
         self._held.clear()
 
 
-_FLOOD = 600
-"""Frames within 0.2 s that concern none of our motors: two fifths of a bus of 1 Mbit/s."""
-
-
 @dataclass(slots=True)
 class ChannelNotes:
-    """What was received on one channel and belongs to none of its motors. Written by its receiver's thread."""
+    """Frames of one channel that belong to none of its motors. Written by its receiver's thread."""
 
-    intruder: Note = NEVER
-    """The latest sign of another host that commands our motors."""
-    strangers: Counter[str] = field(default_factory=Counter)
-    """Frames that concern none of our motors, by what they are."""
-    flood: Note = NEVER
-    _burst: Burst = field(default_factory=lambda: Burst(_FLOOD))
-
-    def add_stranger(self, what: str, time: float) -> None:
-        """Count a frame that concerns none of our motors, at `time`, s, robot's clock."""
-        self.strangers[what] += 1
-        if self._burst.add(time):
-            self.flood = Note(time, f"more than {self._burst.rate:g} frames a second that concern none of its motors")
+    intruder: Note = NEVER  # the latest sign of another host that commands our motors
+    strangers: Counter[str] = field(default_factory=Counter)  # frames that concern none of our motors, by kind
 
 
 Listener = Callable[[int, Frame, float], bool]
@@ -160,7 +125,7 @@ Listener = Callable[[int, Frame, float], bool]
 the frame, which is then nobody else's."""
 
 _POLL = 0.001  # s
-_PATIENCE = 0.8  # share of a control period after which a queue that refused a frame must be empty again
+_PATIENCE = 0.8  # share of a control period that a refused frame may wait
 
 
 class OpenChannels:
@@ -188,22 +153,17 @@ class OpenChannels:
         checks.refuse()
         self.locks = locks
         self.clock = clock
-        self.opened = clock()
-        """s, robot's clock."""
-        self.listeners: list[Listener] = []
-        """In the order in which a frame is offered to them."""
+        self.opened = clock()  # s, robot's clock
+        self.listeners: list[Listener] = []  # in the order in which a frame is offered to them
         self.sources = tuple(str(address) for address in addresses)
-        opened: list[Channel] = []
+        self.channels: tuple[Channel, ...] = ()
         for index, address in enumerate(addresses):
-            try:
-                receive = functools.partial(self._receive, index)
-                opened.append(Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period))
-            except RobotError as error:
-                checks.problem(str(address), str(error).removeprefix(f"{address}: "))
-                continue
+            receive = functools.partial(self._receive, index)
+            with checks.collecting(address):
+                channel = Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period)
+                self.channels = (*self.channels, channel)
             if warning := queue_warning(address):
                 checks.warn(str(address), warning)
-        self.channels = tuple(opened)
         self.forget_notes()
         if checks.problems:
             self.close()
@@ -232,15 +192,14 @@ class OpenChannels:
                 checks.warn(source, f"{count} × {what}: another program, or a motor in another protocol")
 
     def troubles(self, index: int) -> tuple[str, ...]:
-        """Return what a channel itself says about why nothing comes back, the most telling first."""
+        """Return why nothing may come back on a channel, the most telling first."""
         channel = self.channels[index]
-        kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
-        strangers = (f"{count} × {what}" for what, count in self.notes[index].strangers.items())
-        texts = (channel.down, *(channel.recent(event, self.opened) for event in kinds), *strangers)
-        return tuple(text for text in texts if text)
+        notes = [note.text for note in (channel.tx_full, channel.error)]
+        strangers = [f"{count} × {what}" for what, count in self.notes[index].strangers.items()]
+        return tuple(filter(None, [channel.down, *notes, *strangers]))
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait for what the receivers take, `timeout` s at most; True if it came."""
+        """Wait for something that the receivers take, `timeout` s at most; True if it came."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
@@ -249,7 +208,7 @@ class OpenChannels:
         return True
 
     def forget_queues(self) -> None:
-        """Drop what waits to be sent: after a jam, what comes next must not stand behind what is no longer wanted."""
+        """Drop frames that wait to be sent: after a jam, a stop must not stand behind them."""
         for channel in self.channels:
             channel.forget_queue()
 

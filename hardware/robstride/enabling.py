@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -19,7 +19,7 @@ from humanoid_sim.hardware.robstride.parameters import (
 )
 
 CAN_TIMEOUT = 0.1  # s without a command after which a motor stops by itself, unless another time is wanted
-_RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
+_TIMEOUT = PARAMETERS["canTimeout"]
 
 
 def make_ready(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
@@ -29,14 +29,27 @@ def make_ready(link: RobstrideLink, can_timeout: float, checks: CheckList) -> No
     is not enabled; nor is one that would take another kind of command, or more torque than it was given. `can_timeout`
     in s.
     """
+    motors, everyone = link.motors, range(link.motors.count)
     _stop_and_check(link, checks)
-    _write_run_mode(link, checks)
-    _write_timeout(link, can_timeout, checks)
+    mode = float(RunMode.OPERATION)
+    found = link.write(PARAMETERS["run_mode"], dict.fromkeys(everyone, mode))
+    for i in everyone:
+        if found.get(i) != mode:
+            checks.problem(motors.names[i], f"run_mode reads {_text(found.get(i))} after {mode:g} was written")
+    ticks = float(CanTimeout.to_ticks(can_timeout))
+    found = link.write(_TIMEOUT, dict.fromkeys(everyone, ticks))
+    for i in everyone:
+        link.slots[i].hides_timeout = found.get(i) is None  # some manuals have it as one that cannot be read
+        if found.get(i) not in (None, ticks):
+            checks.problem(motors.names[i], f"canTimeout reads {_text(found[i])} after {ticks:g} was written")
+        elif found.get(i) == ticks:
+            checks.passed(motors.names[i], f"stops {1000.0 * can_timeout:g} ms after the last command")
     _write_limit(link, "limit_torque", link.motors.torque_limit, checks)
     _write_limit(link, "limit_cur", link.motors.current_limit, checks)
 
 
-# --- stopping
+def _text(value: float | None) -> str:
+    return "nothing" if value is None else f"{value:g}"
 
 
 def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
@@ -82,35 +95,7 @@ def _stop_and_check(link: RobstrideLink, checks: CheckList) -> None:
 def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
     """Return the fault words of these motors; those that cannot be read are left out."""
     found = link.read({i: fault_word(link.motors.model[i].name) for i in joints})
-    return {i: int(word) for i, word in found.items() if not isinstance(word, Unreadable)}
-
-
-# --- configuring
-
-
-def _write_run_mode(link: RobstrideLink, checks: CheckList) -> None:
-    for joint, found in link.write(
-        _RUN_MODE, dict.fromkeys(range(link.motors.count), float(RunMode.OPERATION))
-    ).items():
-        motor = link.motors.names[joint]
-        if isinstance(found, Unreadable):
-            checks.problem(motor, f"run_mode cannot be verified ({found.reason})")
-        elif found != RunMode.OPERATION:
-            checks.problem(motor, f"run_mode reads {found:g} after 0 was written")
-
-
-def _write_timeout(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
-    """Write the CAN timeout and read it back; some manuals have it as a parameter that cannot be read."""
-    ticks = float(CanTimeout.to_ticks(can_timeout))
-    for joint, found in link.write(_TIMEOUT, dict.fromkeys(range(link.motors.count), ticks)).items():
-        motor = link.motors.names[joint]
-        link.slots[joint].hides_timeout = isinstance(found, Unreadable)
-        if isinstance(found, Unreadable):
-            checks.warn(motor, f"canTimeout cannot be read ({found.reason}): it is tried out, without torque")
-        elif found != ticks:
-            checks.problem(motor, f"canTimeout reads {found:g} after {ticks:g} was written")
-        else:
-            checks.passed(motor, f"stops {1000.0 * can_timeout:g} ms after the last command")
+    return {i: int(word) for i, word in found.items() if word is not None}
 
 
 def _write_limit(link: RobstrideLink, name: str, limits: Sequence[float], checks: CheckList) -> None:
@@ -118,28 +103,28 @@ def _write_limit(link: RobstrideLink, name: str, limits: Sequence[float], checks
 
     `limit_cur` is documented for the velocity and position modes only, so that it need not be readable.
     """
-    parameter, is_torque = PARAMETERS[name], name == "limit_torque"
+    unit, is_torque = PARAMETERS[name].unit, name == "limit_torque"
     peaks = [model.peak_torque if is_torque else model.peak_current for model in link.motors.model]
     values = {i: min(limit, peaks[i]) for i, limit in enumerate(limits) if limit > 0.0}
-    for joint, found in link.write(parameter, values).items():
-        motor, wanted = link.motors.names[joint], values[joint]
-        if isinstance(found, Unreadable):
-            note = checks.problem if is_torque else checks.warn
-            note(motor, f"{name} cannot be verified ({found.reason})")
-        elif not found <= wanted * (1.0 + 1e-6):  # NaN too; values travel as float32
-            checks.problem(motor, f"{name} reads {found:g} {parameter.unit} after {wanted:g} was written")
+    found = link.write(PARAMETERS[name], values)
+    for joint, wanted in values.items():
+        motor, value = link.motors.names[joint], found.get(joint)
+        if value is not None and value <= wanted * (1.0 + 1e-6):  # values travel as float32
+            checks.passed(motor, f"{name} {value:g} {unit}")
+        elif value is None and not is_torque:
+            checks.warn(motor, f"{name} cannot be read")
         else:
-            checks.passed(motor, f"{name} {found:g} {parameter.unit}")
+            checks.problem(motor, f"{name} reads {_text(value)} after {wanted:g} {unit} was written")
 
-
-# --- enabling
 
 _LONGEST = 1.0  # s in which every motor must run and have confirmed its CAN timeout
 _PERIOD = 0.02  # s between two rounds of commands meanwhile, well within the CAN timeout
 _POLL = 0.001  # s
 
 
-def enable_motors(link: RobstrideLink, can_timeout: float, checks: CheckList) -> None:
+def enable_motors(  # noqa: PLR0912 - one loop over the motors' answers
+    link: RobstrideLink, can_timeout: float, checks: CheckList
+) -> None:
     """Enable the motors, without torque; one that does not run afterwards, or has booted meanwhile, is a problem.
 
     A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
@@ -175,25 +160,18 @@ def enable_motors(link: RobstrideLink, can_timeout: float, checks: CheckList) ->
             elif i not in confirmed:
                 commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=link.host_id))
             link.send({i: commands})
-        _take_timeouts(link, joints, confirmed)
+        end = time.monotonic() + _PERIOD
+        while time.monotonic() < end and len(confirmed) < len(joints):
+            for joint, reply in link.take_answers():
+                if isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
+                    confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
+            time.sleep(_POLL)
     for i in joints:
-        name = motors.names[i]
         if i not in running:
-            checks.problem(name, f"was not enabled ({slots[i].mode_text})")
-        elif i not in confirmed:
-            checks.problem(name, "its canTimeout cannot be read after it was enabled")
-        elif confirmed[i] != ticks:
-            checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
-
-
-def _take_timeouts(link: RobstrideLink, joints: Sequence[int], confirmed: dict[int, float]) -> None:
-    """Take answers for one round, or until all motors have answered."""
-    end = time.monotonic() + _PERIOD
-    while time.monotonic() < end and len(confirmed) < len(joints):
-        for joint, reply in link.take_answers():
-            if joint in joints and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
-                confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
-        time.sleep(_POLL)
+            checks.problem(motors.names[i], f"was not enabled ({slots[i].mode_text})")
+        elif confirmed.get(i) != ticks:
+            text = f"its canTimeout reads {_text(confirmed.get(i))} after it was enabled: has it booted meanwhile?"
+            checks.problem(motors.names[i], text)
 
 
 _TRIALS = 4
@@ -223,14 +201,11 @@ def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float
         for i, status in found.items():
             if status.mode is MotorMode.RESET and not status.faults:
                 untried.remove(i)
-                checks.passed(link.motors.names[i], "was seen to stop without commands")
+                checks.passed(link.motors.names[i], "canTimeout cannot be read; it was seen to stop without commands")
     stop_motors(link, untried)
     for i in untried:
-        checks.problem(
-            link.motors.names[i],
-            f"canTimeout cannot be read, and it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
-            "last command",
-        )
+        text = f"canTimeout cannot be read, and it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after"
+        checks.problem(link.motors.names[i], f"{text} the last command")
 
 
 def _limp_command(link: RobstrideLink, joint: int) -> messages.OperationControl:

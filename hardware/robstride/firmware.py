@@ -1,7 +1,7 @@
 """Differences between firmware, by model and version, and the documents that state them.
 
-A version has four numbers, `0.2.3.6`, of which the second belongs to the model. What no document mentions is not
-guessed: an operator decides.
+A version has four numbers, `0.2.3.6`, of which the second belongs to the model: in everything that the vendor prints of
+rs-00 to rs-04; rs-05 and rs-06 are assumed to follow. An operator decides what no document mentions.
 """
 
 from __future__ import annotations
@@ -15,28 +15,19 @@ from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
-_NEVER: FirmwareVersion = (0, 0, 0, -1)
-"""Before every version: something never was so, or always has been."""
-_OLD_POSITION_RANGE = 12.5  # rad
-_OLD_GAIN_FACTOR = 1.4167
-_EMULATED = 255
-"""Fourth number of the emulated motors' versions, which do all as the manuals have it; the vendor's are far below."""
+_NEVER: FirmwareVersion = (0, 0, 0, -1)  # before every version: something never was so, or always has been
+_EMULATED = 255  # fourth number of emulated motors' versions, which are as the manuals; the vendor's are far below
 
 
 @dataclass(frozen=True, slots=True)
 class KnownFirmware:
     """Documented facts about the versions of one model. A version between two does what lies between them."""
 
-    newest: FirmwareVersion | None = None
-    """The newest that a document mentions; none: no document mentions any."""
-    last_old_range: FirmwareVersion = _NEVER
-    """The last that counts ±12.5 rad instead of ±4π."""
-    first_true_gains: FirmwareVersion = _NEVER
-    """The first that does not multiply K_p and K_d by 1.4167."""
-    first_reports: FirmwareVersion = _NEVER
-    """The first that knows active reports."""
-    last_reports_as_status: FirmwareVersion = _NEVER
-    """The last that sends them as type 2."""
+    newest: FirmwareVersion | None = None  # that a document mentions
+    last_old_range: FirmwareVersion = _NEVER  # the last that counts ±12.5 rad instead of ±4π
+    first_true_gains: FirmwareVersion = _NEVER  # the first that does not multiply K_p and K_d by 1.4167
+    first_reports: FirmwareVersion = _NEVER  # the first that knows active reports
+    last_reports_as_status: FirmwareVersion = _NEVER  # the last that sends them as type 2
 
 
 KNOWN: Mapping[str, KnownFirmware] = {
@@ -47,22 +38,17 @@ KNOWN: Mapping[str, KnownFirmware] = {
     "rs-03": KnownFirmware((0, 3, 1, 10), (0, 3, 0, 5), _NEVER, (0, 3, 1, 0), (0, 3, 1, 2)),
     "rs-04": KnownFirmware((0, 4, 1, 12), (0, 4, 0, 5), _NEVER, (0, 4, 1, 0), (0, 4, 1, 2)),
 }
-"""By model."""
 _UNKNOWN = KnownFirmware()
 
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """What a version does."""
+    """Behaviour of a version."""
 
-    position_range: float
-    """rad, full scale of positions: a host that takes the new range for the old one is 0.5 % off."""
-    gain_factor: float
-    """Factor by which the motor multiplies a commanded stiffness and damping, in operation mode."""
-    has_active_reports: bool
-    """True if it knows the command of type 24."""
-    reports_as_status: bool
-    """True if its active reports come as type 2."""
+    position_range: float  # rad, full scale of positions
+    gain_factor: float  # by which the motor multiplies a commanded stiffness and damping
+    has_active_reports: bool  # whether it knows the command of type 24
+    reports_as_status: bool  # whether its active reports come as type 2
 
     def applied_to(self, model: MotorModel) -> MotorModel:
         """Return the model with this firmware's position range."""
@@ -70,22 +56,18 @@ class Firmware:
 
 
 def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
-    """Return what this version of a model does. A model that the notes do not mention behaves as the manual has it."""
+    """Return the behaviour of a model's version: the manual's, where the notes do not mention the model."""
     known = KNOWN.get(model.name, _UNKNOWN)
     return Firmware(
-        position_range=_OLD_POSITION_RANGE if version <= known.last_old_range else model.position,
-        gain_factor=_OLD_GAIN_FACTOR if version < known.first_true_gains else 1.0,
+        position_range=12.5 if version <= known.last_old_range else model.position,
+        gain_factor=1.4167 if version < known.first_true_gains else 1.0,
         has_active_reports=version >= known.first_reports,
         reports_as_status=version <= known.last_reports_as_status,
     )
 
 
 def model_name(version: FirmwareVersion) -> str | None:
-    """Return the model that a version is of; none if it is of no known one.
-
-    The second number is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and rs-06 are assumed
-    to follow.
-    """
+    """Return the model that a version is of; none if it is of no known one."""
     name = f"rs-{version[1]:02d}"
     return name if name in MOTORS else None
 
@@ -110,10 +92,7 @@ def emulated_version(model: MotorModel) -> FirmwareVersion:
 
 
 def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
-    """Return why a motor with this firmware must not be driven as this model; empty when it may.
-
-    A motor driven as another model would scale torque, velocity and gains wrongly.
-    """
+    """Return why a motor with this firmware must not be driven as this model, with its scales; empty when it may."""
     found = model_name(version)
     if found != model.name:
         return f"firmware {version_text(version)} is of {found or 'no known model'}, the robot file says {model.name}"
@@ -122,7 +101,7 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
 
 
 def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
-    """Return what no document says about this firmware, so that an operator has to; empty for nothing."""
+    """Return why an operator has to accept this firmware; empty: a document covers it."""
     newest = KNOWN.get(model.name, _UNKNOWN).newest
     if version[3] == _EMULATED or (newest is not None and version <= newest):
         return ""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import (
@@ -18,66 +17,44 @@ from humanoid_sim.hardware.robstride.firmware import (
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
 
-Answers = dict[tuple[int, int], set[bytes]]
-"""Unique ids that answered, by channel and motor id."""
+Answers = Mapping[tuple[int, int], set[bytes]]  # unique ids that answered, by channel and motor id
 
 _QUIET = 0.1  # s without an answer that end the scan; motors answer within a few milliseconds
 
 
 def identify(
-    link: RobstrideLink,
-    checks: CheckList,
-    known_uids: Mapping[str, bytes],
-    *,
-    asks_everyone: bool,
+    link: RobstrideLink, checks: CheckList, known_uids: Mapping[str, bytes], *, asks_everyone: bool
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Ask on all channels who is there, and the motors for their firmware. Asks only; nothing is written.
+    """Return unique ids and firmware versions by joint, of the motors that answered. Asks only; nothing is written.
 
     Args:
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
         asks_everyone: whether every id is asked, and strangers are mentioned.
-
-    Returns:
-        Unique ids and firmware versions by joint, of the motors that answered.
     """
     motors, sources = link.motors, link.sources
     ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted(set(motors.motor_id))
-    answers: Answers = defaultdict(set)
+    answers: defaultdict[tuple[int, int], set[bytes]] = defaultdict(set)
     for channel, reply in link.scan(ids, _QUIET):
         answers[channel, reply.motor_id].add(reply.uid)
-    _ask_again(link, answers)
+    places = list(zip(motors.channel, motors.motor_id, strict=True))
+    again = [i for i, place in enumerate(places) if place not in answers]  # an answer may have been lost
+    questions = {i: [GetDeviceId(motors.motor_id[i], host_id=link.host_id)] for i in again}
+    found = link.ask(questions, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
+    for i, uid in found.items():
+        answers[places[i]].add(uid)
     uids: dict[int, bytes] = {}
-    for channel, source in enumerate(sources):
-        here = motors.on_channel(channel)
-        if len(here) > 1 and not any(answered == channel for answered, _ in answers):
-            troubles = "; ".join(link.line.troubles(channel))
-            text = f"no motor answers: check supply, terminators and that the bus runs at {BITRATE // 1_000_000} Mbit/s"
-            checks.problem(source, f"{text} ({troubles})" if troubles else text)
-            continue
-        for i in here:
-            if problem := _problem(channel, motors.motor_id[i], answers, sources):
-                checks.problem(motors.names[i], problem)
-            uids.update((i, uid) for uid in answers.get((channel, motors.motor_id[i]), ()))
-            if i in uids and known_uids.get(motors.names[i], uids[i]) != uids[i]:
-                text = f"its motor was exchanged (id {motors.motor_id[i]} on {source}): calibrate it"
-                checks.problem(motors.names[i], text)
+    for i, (channel, motor_id) in enumerate(places):
+        name = motors.names[i]
+        if problem := _problem(channel, motor_id, answers, sources):
+            hints = link.line.troubles(channel)
+            checks.problem(name, f"{problem} ({'; '.join(hints)})" if hints else problem)
+        uids.update((i, uid) for uid in answers.get(places[i], ()))
+        if i in uids and known_uids.get(name, uids[i]) != uids[i]:
+            checks.problem(name, f"its motor was exchanged (id {motor_id} on {sources[channel]}): calibrate it")
     for channel, motor_id in sorted(answers):
         if motor_id not in motors.motor_id:
             checks.warn(sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
     return uids, _check_versions(link, uids, checks)
-
-
-def _ask_again(link: RobstrideLink, answers: Answers) -> None:
-    """Ask those once more whose answer may have been lost."""
-    motors = link.motors
-    missing = {
-        i: [GetDeviceId(motors.motor_id[i], host_id=link.host_id)]
-        for i in range(motors.count)
-        if (motors.channel[i], motors.motor_id[i]) not in answers
-    }
-    found = link.ask(missing, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
-    for joint, uid in found.items():
-        answers[motors.channel[joint], motors.motor_id[joint]].add(uid)
 
 
 def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[str]) -> str:
@@ -91,7 +68,7 @@ def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[st
     return f"a second motor {motor_id} answers on {elsewhere}" if elsewhere else ""
 
 
-def read_versions(link: RobstrideLink, joints: Sequence[int]) -> dict[int, FirmwareVersion]:
+def read_versions(link: RobstrideLink, joints: Iterable[int]) -> dict[int, FirmwareVersion]:
     """Return the firmware of these motors; one that does not know the question takes it for a stop, and is left out."""
 
     def version(_: int, reply: Reply) -> FirmwareVersion | None:
@@ -102,7 +79,7 @@ def read_versions(link: RobstrideLink, joints: Sequence[int]) -> dict[int, Firmw
 
 def _check_versions(link: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList) -> dict[int, FirmwareVersion]:
     motors = link.motors
-    versions = read_versions(link, list(uids))
+    versions = read_versions(link, uids)
     for i in sorted(uids):
         name, model = motors.names[i], motors.model[i]
         if i not in versions:

@@ -1,4 +1,4 @@
-"""Robstride motors on open channels: what is received from each, and questions to many at once with their answers.
+"""Robstride motors on open channels: the latest of each, and questions to many at once with their answers.
 
 Receiver threads write, the control thread reads, and neither waits for the other: each slot is written by the one
 receiver thread of its channel, only ever by assigning whole objects. What may be gone at the next reading (a fault bit
@@ -45,17 +45,14 @@ from humanoid_sim.hardware.robstride.messages import (
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 
-_QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
-"""Frames that another host may send: a scan, a parameter read."""
-_COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}
-"""Frames that another host must not send to our motors."""
+_QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})  # another host may scan and read
+_COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}  # but must not send these
 
 
 class Sample(NamedTuple):
-    """A status and when it came."""
+    """A status and when it came, s, robot's clock."""
 
     time: float
-    """s, robot's clock."""
     status: Status
 
 
@@ -64,17 +61,11 @@ class MotorSlot:
     """Data received from one motor. Written by one receiver thread."""
 
     sample: Sample | None = None
-    alarm: Sample | None = None
-    """The latest status that reported a fault or a mode other than RUN."""
+    alarm: Sample | None = None  # the latest status that reported a fault or a mode other than RUN
     report: FaultReport | None = None
-    invalid: Note = NEVER
-    """The latest frame that could not be read."""
-    answers: int = 0
-    """Statuses that answer something (type 2)."""
-    reports: int = 0
-    """Active reports (type 24)."""
-    hides_timeout: bool = False
-    """True if its CAN timeout cannot be read, which is tried out then."""
+    invalid: Note = NEVER  # the latest frame that could not be read
+    statuses: int = 0
+    hides_timeout: bool = False  # its CAN timeout cannot be read, and is tried out
 
     @property
     def runs(self) -> bool:
@@ -83,25 +74,14 @@ class MotorSlot:
 
     @property
     def mode_text(self) -> str:
-        """Return what its latest status says about mode and faults: `mode reset, undervoltage`."""
+        """Return mode and faults of its latest status: `mode reset, undervoltage`."""
         if self.sample is None:
             return "no status"
         status = self.sample.status
         return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])
 
 
-@dataclass(frozen=True, slots=True)
-class Unreadable:
-    """A motor answered that it has no such parameter, or did not answer."""
-
-    reason: str
-    is_silent: bool = False
-    """True if nothing came back."""
-
-
-_ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
-"""s that a motor has to answer each request. It takes milliseconds; the first retries are for a lost
-frame, the last for a busy computer."""
+_ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)  # s that a motor has to answer each request: a lost frame, a busy computer
 _POLL = 0.001  # s
 _LIFETIME = 0.06  # s in which what makes a motor move must leave, or it never does; other frames may be late
 _WRITES = 4  # times that a value is written before what is read back counts
@@ -124,10 +104,10 @@ class RobstrideLink:
         self.expect(motors)
 
     def expect(self, motors: MotorGroup) -> None:
-        """Talk to these motors from here on; what was received from others is forgotten."""
+        """Talk to these motors from here on; everything received from others is forgotten."""
         self.motors = motors
         self.slots = tuple(MotorSlot() for _ in range(motors.count))
-        self._answers: deque[tuple[int, Reply]] = deque(maxlen=_MOST_ANSWERS)
+        self._answers: deque[tuple[int, Reply]] = deque(maxlen=_MOST_ANSWERS)  # with their channel
         self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
         self._models = tuple(
             {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)}
@@ -141,11 +121,11 @@ class RobstrideLink:
         """Take a frame, whatever it is; True."""
         notes = self.line.notes[channel]
         if not frame.is_extended or frame.is_remote or frame.is_error:
-            notes.add_stranger("remote frame" if frame.is_remote else "frame with an 11-bit identifier", time)
+            notes.strangers["remote frame" if frame.is_remote else "frame with an 11-bit identifier"] += 1
             return True
         parts = split_identifier(frame.arbitration_id)
         if parts.destination != self.host_id and (channel, parts.destination) in self._index:
-            self._take_command(notes, parts, time)
+            _take_command(notes, parts, time)
             return True
         # A fault is a fault, whomever the motor reports it to: the manuals do not say where unasked reports go.
         host_id = parts.destination if parts.type == FrameType.FAULT_REPORT else self.host_id
@@ -155,54 +135,34 @@ class RobstrideLink:
             if isinstance(reply, DeviceId):
                 self._answers.append((channel, reply))
             else:
-                notes.add_stranger("frame of no motor of this robot", time)
+                notes.strangers["frame of no motor of this robot"] += 1
             return True
         slot = self.slots[index]
         match reply:
-            case Status():
-                _take_status(slot, Sample(time, reply))
-            case FaultReport():
-                slot.report = reply
             case Malformed():
                 slot.invalid = Note(time, reply.reason)
+            case Ignored() if parts.type == FrameType.STATUS:
+                # Another host commands it, or its own id is stored in it: commands do not name their host.
+                text = f"motor {parts.low} answers host {parts.destination}, not {self.host_id}: --host-id?"
+                notes.intruder = Note(time, text)
+            case Ignored() if parts.destination in {self.host_id, BROADCAST_ID}:
+                slot.invalid = Note(time, f"frame of communication type {parts.type}")
             case Ignored():
-                self._take_ignored(notes, slot, reply, parts, time)
+                notes.strangers["frame to another host"] += 1
+            case FaultReport():
+                slot.report = reply
             case _:
                 self._answers.append((channel, reply))
+                if isinstance(reply, Status):
+                    _take_status(slot, Sample(time, reply))
         return True
-
-    def _take_command(self, notes: ChannelNotes, parts: Identifier, time: float) -> None:
-        """Take in a command to one of our motors that we did not send."""
-        if parts.type in _QUESTIONS:
-            notes.add_stranger("another host's question", time)
-        elif parts.type in _COMMANDS:
-            sender = "another host" if parts.type == FrameType.OPERATION_CONTROL else f"host 0x{parts.low:02X}"
-            name = FrameType(parts.type).name.lower().replace("_", " ")
-            notes.intruder = Note(time, f"{sender} sends '{name}' to motor {parts.destination}")
-        else:
-            notes.add_stranger("unknown communication type", time)
-
-    def _take_ignored(
-        self, notes: ChannelNotes, slot: MotorSlot, reply: Ignored, parts: Identifier, time: float
-    ) -> None:
-        """Take in a frame of one of our motors that says nothing to this host."""
-        if parts.type == FrameType.STATUS:
-            # Another host commands it, or its own id is stored in it: commands do not name their host.
-            text = f"motor {parts.low} answers host {parts.destination}, not {self.host_id}: --host-id?"
-            notes.intruder = Note(time, text)
-        elif parts.type == FrameType.ACTIVE_REPORT:  # switched on by a host that may be long gone
-            notes.add_stranger("report to another host", time)
-        elif parts.destination in {self.host_id, BROADCAST_ID}:
-            slot.invalid = Note(time, f"frame of communication type {parts.type}")
-        else:
-            notes.add_stranger(reply.reason, time)
 
     # --- control thread
 
     @property
     def answers(self) -> int:
-        """Statuses that answered something."""
-        return sum(slot.answers for slot in self.slots)
+        """See `MotorLink`."""
+        return sum(slot.statuses for slot in self.slots)
 
     def readings(self) -> Readings:
         """Return the latest status of every motor."""
@@ -227,7 +187,7 @@ class RobstrideLink:
                     channel.send([((type(command), self.motors.names[motor], step), frame)], lifetime)
 
     def take_answers(self) -> list[tuple[int, Reply]]:
-        """Motor and answer of every answer that has come since; waits for none."""
+        """Return motor and answer of every answer that has come since; waits for none."""
         found = []
         while self._answers:
             channel, reply = self._answers.popleft()
@@ -242,14 +202,11 @@ class RobstrideLink:
         accept: Callable[[int, Reply], Answer | None],
         patience: Sequence[float] | None = None,
     ) -> dict[int, Answer]:
-        """Send each motor's commands and collect one answer per motor.
+        """Send each motor's commands and collect one answer per motor; those that did not answer are left out.
 
         Args:
             accept: turns an answer of a motor into the result, or None if it is not the one wanted.
             patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
-
-        Returns:
-            The results by motor; a motor that did not answer any attempt is left out.
         """
         found: dict[int, Answer] = {}
         for wait in _ANSWER_TIMES if patience is None else patience:
@@ -272,29 +229,16 @@ class RobstrideLink:
         wanted: Callable[[Status], bool],
         patience: Sequence[float] | None = None,
     ) -> dict[int, Status]:
-        """Send each motor's commands until a status that came afterwards is as wanted.
+        """Send each motor's commands until a status that came afterwards is as wanted; other motors are left out.
 
-        What counts is the state that a motor reports and not that it answers: a late status to an earlier command, or
-        an active report, answers nothing.
-
-        Returns:
-            The status by motor; a motor that did not report it after any attempt is left out.
+        The state that a motor reports counts, and not that it answers: a late status to an earlier command, or an
+        active report, answers nothing.
         """
-        found: dict[int, Status] = {}
-        for wait in _ANSWER_TIMES if patience is None else patience:
-            missing = {motor: group for motor, group in commands.items() if motor not in found}
-            if not missing:
-                break
-            before = {motor: self.slots[motor].sample for motor in missing}
-            self.send(missing)
-            deadline = time.monotonic() + wait
-            while len(found) < len(commands) and time.monotonic() < deadline:
-                time.sleep(_POLL)
-                for motor, old in before.items():
-                    sample = self.slots[motor].sample
-                    if sample is not None and sample is not old and wanted(sample.status):
-                        found[motor] = sample.status
-        return found
+
+        def accept(_: int, reply: Reply) -> Status | None:
+            return reply if isinstance(reply, Status) and wanted(reply) else None
+
+        return self.ask(commands, accept, patience)
 
     def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
@@ -313,36 +257,35 @@ class RobstrideLink:
                 time.sleep(pace)
         for each in self.channels:
             each.flush(1.0)
-        count, quiet_since = -1, 0.0
-        while len(self._answers) != count or time.monotonic() - quiet_since < quiet_time:
-            if len(self._answers) != count:
-                count, quiet_since = len(self._answers), time.monotonic()
-            time.sleep(_POLL)
         found: list[tuple[int, DeviceId]] = []
-        while self._answers:
-            channel, reply = self._answers.popleft()
-            if isinstance(reply, DeviceId):
-                found.append((channel, reply))
+        quiet_since = time.monotonic()
+        while time.monotonic() - quiet_since < quiet_time:
+            while self._answers:
+                channel, reply = self._answers.popleft()
+                if isinstance(reply, DeviceId):
+                    found.append((channel, reply))
+                    quiet_since = time.monotonic()
+            time.sleep(_POLL)
         return found
 
-    # --- parameters
+    # --- parameters: those that a motor does not answer are left out, those that it does not have are None
 
     def read(
         self, parameters: Mapping[int, Parameter], patience: Sequence[float] | None = None
-    ) -> dict[int, float | Unreadable]:
+    ) -> dict[int, float | None]:
         """Return a parameter of each motor."""
         return self._exchange(parameters, {}, patience)
 
-    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | Unreadable]:
+    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | None]:
         """Write a value to each motor and read it back; what differs is written again: its frame was lost."""
-        found: dict[int, float | Unreadable] = {}
+        found: dict[int, float | None] = {}
         differing = dict.fromkeys(values, parameter)
         for _ in range(_WRITES):
             found |= self._exchange(differing, values)
             differing = {
                 i: parameter
                 for i, value in found.items()
-                if not isinstance(value, Unreadable) and not parameter.is_same(value, values[i])
+                if value is not None and not parameter.is_same(value, values[i])
             }
         return found
 
@@ -353,25 +296,27 @@ class RobstrideLink:
         takes longer than `wait`, there is an old answer each time, and not none for ever.
         """
         parameters = dict.fromkeys(motors, parameter)
-        accept = _values_of(parameters)
         self.send(self._questions(parameters, {}))
-        found: dict[int, float | Unreadable] = {}
+        found: dict[int, float] = {}
         deadline = time.monotonic() + wait
-        while True:
+        while len(found) < len(parameters):
             for motor, reply in self.take_answers():
-                answer = accept(motor, reply) if motor in parameters else None
-                if answer is not None:
-                    found[motor] = answer
-            if len(found) == len(parameters) or time.monotonic() > deadline:
-                return {motor: value for motor, value in found.items() if not isinstance(value, Unreadable)}
+                (value,) = _value(parameter, reply) or (None,)
+                if motor in parameters and value is not None:
+                    found[motor] = value
+            if time.monotonic() > deadline:
+                break
             time.sleep(_POLL)
+        return found
 
     def _exchange(
         self, parameters: Mapping[int, Parameter], values: Mapping[int, float], patience: Sequence[float] | None = None
-    ) -> dict[int, float | Unreadable]:
-        answers: dict[int, float | Unreadable]
-        answers = self.ask(self._questions(parameters, values), _values_of(parameters), patience)
-        return {motor: answers.get(motor, Unreadable("no answer", is_silent=True)) for motor in parameters}
+    ) -> dict[int, float | None]:
+        def accept(motor: int, reply: Reply) -> tuple[float | None] | None:
+            return _value(parameters[motor], reply)
+
+        answers = self.ask(self._questions(parameters, values), accept, patience)
+        return {motor: value for motor, (value,) in answers.items()}
 
     def _questions(
         self, parameters: Mapping[int, Parameter], values: Mapping[int, float]
@@ -388,15 +333,21 @@ class RobstrideLink:
         return questions
 
 
+def _take_command(notes: ChannelNotes, parts: Identifier, time: float) -> None:
+    """Take a command to one of our motors that we did not send."""
+    if parts.type not in _COMMANDS:
+        notes.strangers["another host's question"] += 1
+        return
+    sender = "another host" if parts.type == FrameType.OPERATION_CONTROL else f"host 0x{parts.low:02X}"
+    name = FrameType(parts.type).name.lower().replace("_", " ")
+    notes.intruder = Note(time, f"{sender} sends '{name}' to motor {parts.destination}")
+
+
 def _take_status(slot: MotorSlot, sample: Sample) -> None:
-    status = sample.status
-    if status.faults or status.mode is not MotorMode.RUN:
+    if sample.status.faults or sample.status.mode is not MotorMode.RUN:
         slot.alarm = sample
     slot.sample = sample
-    if status.is_report:
-        slot.reports += 1
-    else:
-        slot.answers += 1
+    slot.statuses += 1
 
 
 def _row(sample: Sample) -> tuple[float, ...]:
@@ -404,12 +355,8 @@ def _row(sample: Sample) -> tuple[float, ...]:
     return sample.time, status.position, status.velocity, status.effort, status.temperature
 
 
-def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], float | Unreadable | None]:
-    """Return what accepts the answers to questions for these parameters."""
-
-    def value(motor: int, reply: Reply) -> float | Unreadable | None:
-        if not isinstance(reply, ParameterReply) or reply.index != parameters[motor].index:
-            return None
-        return float(unpack_value(parameters[motor].type, reply.payload)) if reply.is_success else Unreadable("refused")
-
-    return value
+def _value(parameter: Parameter, reply: Reply) -> tuple[float | None] | None:
+    """Return a parameter's value if a reply has it: `(None,)` where the motor refuses, None where it is another's."""
+    if not isinstance(reply, ParameterReply) or reply.index != parameter.index:
+        return None
+    return (float(unpack_value(parameter.type, reply.payload)) if reply.is_success else None,)

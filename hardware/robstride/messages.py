@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import NamedTuple, TypeAlias
 
-BROADCAST_ID = 0xFE
-"""Destination of a device-id reply."""
-DATA_LENGTH = 8
-"""Bytes in every frame that carries data."""
+DEFAULT_HOST_ID = 0xFD
+BROADCAST_ID = 0xFE  # destination of a device-id reply
+DATA_LENGTH = 8  # bytes in every frame that carries data
+UNSIGNED_STEPS = 65535
+SIGNED_STEPS = 32767  # from zero to full scale
 
 
 class FrameType(IntEnum):
@@ -23,8 +24,7 @@ class FrameType(IntEnum):
     OPERATION_CONTROL = 1
     STATUS = 2
     ENABLE = 3
-    STOP = 4
-    """Stop, clear faults and read the version; the data says which."""
+    STOP = 4  # stop, clear faults or read the version; the data says which
     SET_ZERO = 6
     SET_DEVICE_ID = 7
     READ_PARAMETER = 17
@@ -39,14 +39,10 @@ class FrameType(IntEnum):
 class Identifier(NamedTuple):
     """The parts of a 29-bit identifier."""
 
-    type: int
-    """Bits 28..24: a `FrameType`, or a number without meaning."""
-    high: int
-    """Bits 23..16: mode and faults of a status, result of a parameter reply, high byte of an effort, a new id."""
-    low: int
-    """Bits 15..8: the sender's id, or the low byte of an effort."""
-    destination: int
-    """Bits 7..0."""
+    type: int  # bits 28..24: a `FrameType`, or a number without meaning
+    high: int  # bits 23..16: mode and faults of a status, a reply's result, high byte of an effort, a new id
+    low: int  # bits 15..8: the sender's id, or the low byte of an effort
+    destination: int  # bits 7..0
 
 
 def split_identifier(arbitration_id: int) -> Identifier:
@@ -59,11 +55,6 @@ def split_identifier(arbitration_id: int) -> Identifier:
 def join_identifier(kind: int, high: int, low: int, destination: int) -> int:
     """Return the 29-bit identifier with these parts."""
     return kind << 24 | high << 16 | low << 8 | destination
-
-
-UNSIGNED_STEPS = 65535
-SIGNED_STEPS = 32767
-"""Steps from zero to full scale."""
 
 
 def to_signed(value: float, limit: float) -> int:
@@ -81,7 +72,7 @@ def from_signed(raw: int, limit: float) -> float:
 
 
 def to_unsigned(value: float, limit: float) -> int:
-    """Encode a finite gain, cut off at 0 and at the limit, in 0 to 65535. A gain below one step becomes 0."""
+    """Return the raw field of a finite gain, cut off at 0 and at the limit: 0 to 65535."""
     return math.trunc(min(max(value, 0.0), limit) / limit * UNSIGNED_STEPS)
 
 
@@ -93,11 +84,9 @@ def from_unsigned(raw: int, limit: float) -> float:
 class MotorMode(IntEnum):
     """Bits 23..22 of a status frame's identifier."""
 
-    RESET = 0
-    """Not enabled: after power-on, a stop, a CAN timeout, a brown-out."""
+    RESET = 0  # not enabled: after power-on, a stop, a CAN timeout, a brown-out
     CALIBRATION = 1
-    RUN = 2
-    """Enabled: executes commands."""
+    RUN = 2  # enabled: executes commands
     UNDEFINED = 3
 
 
@@ -105,8 +94,7 @@ class StatusFault(IntFlag):
     """Bits 21..16 of a status frame's identifier. Overvoltage has none: only a fault report shows it."""
 
     UNDERVOLTAGE = 1 << 0
-    PHASE_OVERCURRENT = 1 << 1
-    """The manual's; the reference calls it "gate driver"."""
+    PHASE_OVERCURRENT = 1 << 1  # the manual's; the reference calls it "gate driver"
     MOTOR_OVERTEMPERATURE = 1 << 2
     ENCODER_FAULT = 1 << 3
     STALL_OVERLOAD = 1 << 4
@@ -118,10 +106,8 @@ class FaultBit(IntFlag):
 
     MOTOR_OVERTEMPERATURE = 1 << 0
     DRIVER_CHIP = 1 << 1
-    UNDERVOLTAGE = 1 << 2
-    """Below 12 V."""
-    OVERVOLTAGE = 1 << 3
-    """Above 60 V."""
+    UNDERVOLTAGE = 1 << 2  # below 12 V
+    OVERVOLTAGE = 1 << 3  # above 60 V
     PHASE_B_OVERCURRENT = 1 << 4
     PHASE_C_OVERCURRENT = 1 << 5
     ENCODER_UNCALIBRATED = 1 << 7
@@ -138,21 +124,20 @@ class WarningBit(IntFlag):
 
 
 def flag_names(flags: IntFlag) -> tuple[str, ...]:
-    """Names of the set bits in rising order, such as `stall_overload`; a bit without a name is `bit13`."""
-    kind = type(flags)
-    names = {int(member): str(member.name).lower() for member in kind}
+    """Return names of the set bits in rising order, such as `stall_overload`; a bit without a name is `bit13`."""
+    names = {int(member): str(member.name).lower() for member in type(flags)}
     bits = (1 << shift for shift in range(int(flags).bit_length()))
     return tuple(names.get(bit, f"bit{bit.bit_length() - 1}") for bit in bits if int(flags) & bit)
 
 
-DEFAULT_HOST_ID = 0xFD
+# --- commands, motor frame, in rad, s and N·m
 
 
 @dataclass(frozen=True, slots=True)
 class OperationControl:
     """Type 1, answered by a status: `torque = damping·(velocity - v) + stiffness·(position - p) + effort`.
 
-    Values are in the motor frame and in rad, s and N·m. The frame has no room for a host id.
+    The frame has no room for a host id.
     """
 
     motor_id: int
@@ -217,8 +202,7 @@ class WriteParameter(HostCommand):
     """Type 18, answered by a status; lost at power-off unless saved."""
 
     index: int
-    payload: bytes
-    """4 bytes; `humanoid_sim.hardware.robstride.parameters` packs a value into them."""
+    payload: bytes  # 4 bytes, of `parameters.pack_value`
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,18 +217,19 @@ class SetActiveReport(HostCommand):
     is_on: bool
 
 
+# --- replies
+
+
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Type 2, or type 24 where `is_report`. Values are in the motor frame and in rad, s and N·m."""
+    """Type 2, or type 24 where `is_report`."""
 
     motor_id: int
     host_id: int
-    position: float
-    """Runs cyclically within ±4π."""
+    position: float  # runs cyclically within ±4π
     velocity: float
     effort: float
-    temperature: float
-    """°C, not below 0."""
+    temperature: float  # °C, not below 0
     mode: MotorMode
     faults: StatusFault
     is_report: bool = False
@@ -267,8 +252,7 @@ class ParameterReply:
     motor_id: int
     host_id: int
     index: int
-    payload: bytes
-    """4 bytes, little-endian, left-aligned; without meaning unless `is_success`."""
+    payload: bytes  # 4 bytes, little-endian, left-aligned; without meaning unless `is_success`
     is_success: bool = True
 
 
@@ -277,8 +261,7 @@ class DeviceId:
     """Type 0, to everybody."""
 
     motor_id: int
-    uid: bytes
-    """8 bytes, the motor's microcontroller."""
+    uid: bytes  # 8 bytes, the motor's microcontroller
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,20 +270,18 @@ class Version:
 
     motor_id: int
     host_id: int
-    version: tuple[int, int, int, int]
-    """`(0, 2, 3, 6)` is firmware 0.2.3.6."""
+    version: tuple[int, int, int, int]  # `(0, 2, 3, 6)` is firmware 0.2.3.6
 
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """A frame that says nothing to this receiver."""
+    """A frame that says nothing to this receiver.
+
+    Reasons: `standard_id` (11 bits, another protocol), `unknown_type`, `host_command` (the echo of our own, or another
+    master's), `unknown_device` (a motor that is not configured), `other_host`, `remote_frame`, `error_frame`.
+    """
 
     reason: str
-    """`standard_id`: 11 bits, another protocol; `unknown_type`; `host_command`: the echo of our own, or another
-    master's; `unknown_device`: from or to a motor that is not configured; `other_host`: a motor's answer to another
-    host; `remote_frame`; `error_frame`."""
-    motor_id: int | None = None
-    """The motor that sent it, or that it was sent to in a host's command; none where the frame does not tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,8 +289,7 @@ class Malformed:
     """A frame of a configured motor, or for this motor, that cannot be read."""
 
     motor_id: int
-    reason: str
-    """Such as `status with 5 bytes, expected 8`."""
+    reason: str  # such as `status with 5 bytes, expected 8`
 
 
 Command: TypeAlias = OperationControl | HostCommand

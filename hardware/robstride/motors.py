@@ -25,11 +25,10 @@ _SCAN_TIME = 1  # `EPScan_time` of the shortest report interval
 _FRAME_TIME = 145e-6  # s that a frame of 8 bytes takes at 1 Mbit/s: 131 bits without stuff bits, 160 with the most
 _FULL_BUS = 0.6  # share of a bus up to which active reports are worth their frames
 _LIFETIME = 2.0  # control periods after which a command that has not left never leaves
-_FLAGS = {
+_FLAGS = {  # of faults that are more, or less, than a motor fault
     "motor_overtemperature": SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
     "motor_overtemperature_warning": SafetyFlag.TEMPERATURE_LIMIT,
 }
-"""Of faults that are more, or less, than a motor fault."""
 
 
 class RobstrideMotors(RobstrideLink, MotorLink):
@@ -45,7 +44,6 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         self._versions: Mapping[int, FirmwareVersion] = {}
         self._reporting: tuple[int, ...] = ()
         self.uids: Mapping[str, bytes] = {}
-        """Unique ids by joint."""
 
     # --- activation
 
@@ -61,22 +59,19 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`."""
         make_ready(self, self._terms.can_timeout, checks)
-        self._check_turns(checks)
-        volts = self.read(dict.fromkeys(self._all, PARAMETERS["VBUS"]))
-        for channel, source in enumerate(self.sources):
-            here = [value for i in self.motors.on_channel(channel) if isinstance(value := volts[i], float)]
-            if here:
-                checks.passed(source, f"supply {min(here):.1f} to {max(here):.1f} V at its motors")
-
-    def _check_turns(self, checks: CheckList) -> None:
-        """Compare the reported position, which wraps, with `mechPos`, which counts turns since power-on."""
-        for i, own in self.read(dict.fromkeys(self._all, PARAMETERS["mechPos"])).items():
-            name, sample = self.motors.names[i], self.slots[i].sample
-            if not isinstance(own, float):
+        counted = self.read(dict.fromkeys(self._all, PARAMETERS["mechPos"]))
+        for i, slot in enumerate(self.slots):  # the reported position wraps; `mechPos` counts turns since power-on
+            name, own, sample = self.motors.names[i], counted.get(i), slot.sample
+            if own is None:
                 checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
             elif sample is not None and not abs(own - sample.status.position) < self.motors.model[i].position:
                 text = f"counts {own:.2f} rad and reports {sample.status.position:.2f}"
                 checks.problem(name, f"{text}: it turned beyond ±4π since power-on; switch it off and on")
+        volts = self.read(dict.fromkeys(self._all, PARAMETERS["VBUS"]))
+        for channel, source in enumerate(self.sources):
+            here = [value for i in self.motors.on_channel(channel) if (value := volts.get(i)) is not None]
+            if here:
+                checks.passed(source, f"supply {min(here):.1f} to {max(here):.1f} V at its motors")
 
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`."""
@@ -86,21 +81,25 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     def _start_reports(self, checks: CheckList) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
         interval, period = report_interval(_SCAN_TIME), self._terms.control_period
-        wanted: list[int] = []
-        for channel in range(len(self.channels)):
-            here = self.motors.on_channel(channel)
-            load = _FRAME_TIME * len(here) * (2.0 / period + 1.0 / interval)
-            if interval < period and load <= _FULL_BUS:
-                wanted += [i for i in here if firmware_of(self.motors.model[i], self._versions[i]).has_active_reports]
-        self.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
-        before = [slot.reports + slot.answers for slot in self.slots]
+        load = [
+            _FRAME_TIME * len(self.motors.on_channel(channel)) * (2.0 / period + 1.0 / interval)
+            for channel in range(len(self.channels))
+        ]
+        self._reporting = tuple(
+            i
+            for i, version in self._versions.items()
+            if interval < period
+            and load[self.motors.channel[i]] <= _FULL_BUS
+            and firmware_of(self.motors.model[i], version).has_active_reports
+        )
+        self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, float(_SCAN_TIME)))
+        before = [slot.statuses for slot in self.slots]
 
         def silent() -> list[int]:
-            """Motors that sent no more than one status: that may have answered the request."""
-            return [i for i in wanted if self.slots[i].reports + self.slots[i].answers <= before[i] + 1]
+            """Return motors that sent no more than one status: that may have answered the request."""
+            return [i for i in self._reporting if self.slots[i].statuses <= before[i] + 1]
 
-        self._set_reports(wanted, is_on=True)
-        self._reporting = tuple(wanted)
+        self._set_reports(self._reporting, is_on=True)
         self.line.wait(lambda: not silent(), _REPORT_WAIT)
         for i in silent():
             checks.warn(self.motors.names[i], "sends no active reports: its state is a control period old")

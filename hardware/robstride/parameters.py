@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-from types import MappingProxyType
 
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.robots.motors import MOTORS, MotorModel
@@ -45,46 +44,38 @@ class Parameter:
     type: ParameterType
     unit: str = ""
     is_writable: bool = True
-    default: float | None = None
-    """Value of a motor as delivered; None where the documents do not say, or models differ (`default_value`)."""
+    default: float | None = None  # as delivered; None: the documents do not say, or models differ (`default_value`)
     meaning: str = ""
-    accepted: tuple[float, float] | frozenset[int] | None = None
-    """Values that the documents allow: lowest and highest, or the only ones; None where they do not say, or models
-    differ (`check_value`)."""
+    accepted: tuple[float, float] | frozenset[int] | None = (
+        None  # lowest and highest, or the only values; None: unknown
+    )
 
     def is_same(self, value: float, other: float) -> bool:
         """Tell whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
-        if not math.isfinite(value):
-            return False
-        return pack_value(self.type, value) == pack_value(self.type, other)
+        return math.isfinite(value) and pack_value(self.type, value) == pack_value(self.type, other)
 
 
 def pack_value(kind: ParameterType, value: float) -> bytes:
     """Return a value's 4 bytes: little-endian, left-aligned, the rest zero; a `FieldError` if it does not fit."""
     accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
-    if not math.isfinite(value) or (not kind.is_float and value != int(value)):
-        raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
     try:
-        packed = struct.pack(kind.value, value if kind.is_float else int(value))
+        if math.isfinite(value) and (kind.is_float or value == int(value)):
+            return struct.pack(kind.value, value if kind.is_float else int(value)).ljust(PAYLOAD_LENGTH, b"\0")
     except (struct.error, OverflowError):
-        raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}") from None
-    return packed.ljust(PAYLOAD_LENGTH, b"\0")
+        pass
+    raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
 
 
 def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
-    """Return the value in 4 bytes, of which only as many count as the type has.
-
-    A float may be NaN or infinite: it is what the motor sent.
-    """
+    """Return the value in 4 bytes, of which only as many count as the type has; a float may be NaN or infinite."""
     value: int | float = struct.unpack_from(kind.value, payload)[0]
     return value
 
 
 class RunMode(IntEnum):
-    """Values of `run_mode`: which kind of command a motor executes."""
+    """Values of `run_mode`: the kind of command that a motor executes."""
 
-    OPERATION = 0
-    """The MIT law: what everything here uses."""
+    OPERATION = 0  # the MIT law, which everything here uses
     PROFILE_POSITION = 1
     VELOCITY = 2
     CURRENT = 3
@@ -145,45 +136,47 @@ _PARAMETERS = (
     Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware: 1 calibrates more exactly at power-on", _SWITCH),
     Parameter(0x702E, "dcc_set", _F32, "rad/s²", True, None, "newer firmware: deceleration of PP mode"),
 )
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _PARAMETERS})
-"""By the manuals' names."""
-PARAMETERS_BY_INDEX: Mapping[int, Parameter] = MappingProxyType({p.index: p for p in PARAMETERS.values()})
-
-_OTHER_DEFAULTS: Mapping[str, Mapping[str, float]] = {
-    "rs-00": {"limit_cur": 16.0},
-    "rs-03": {"loc_kp": 60.0},
-    "rs-04": {"loc_kp": 60.0, "acc_rad": 15.0},
-}
-"""By model, where its defaults are not those of the others."""
+PARAMETERS: Mapping[str, Parameter] = {parameter.name: parameter for parameter in _PARAMETERS}  # by the manuals' names
+PARAMETERS_BY_INDEX: Mapping[int, Parameter] = {parameter.index: parameter for parameter in _PARAMETERS}
 
 
 def default_value(parameter: Parameter, model: str) -> float | None:
-    """Return what a motor of this model has as it comes; none where the documents do not say.
+    """Return the value of a motor of this model as it comes; none where the documents do not say.
 
     The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
     seems.
     """
     motor = MOTORS[model]
-    limits = {"limit_torque": motor.peak_torque, "limit_cur": motor.peak_current, "loc_kp": 40.0, "acc_rad": 20.0}
-    return {**limits, **_OTHER_DEFAULTS.get(model, {})}.get(parameter.name, parameter.default)
+    match parameter.name:
+        case "limit_torque":
+            return motor.peak_torque
+        case "limit_cur":
+            return 16.0 if model == "rs-00" else motor.peak_current
+        case "loc_kp":
+            return 60.0 if model in ("rs-03", "rs-04") else 40.0
+        case "acc_rad":
+            return 15.0 if model == "rs-04" else 20.0
+    return parameter.default
 
 
-_BY_MODEL: Mapping[str, Callable[[MotorModel], tuple[float, float]]] = {
-    "iq_ref": lambda motor: (-motor.peak_current, motor.peak_current),
-    "spd_ref": lambda motor: (-motor.velocity, motor.velocity),
-    "limit_torque": lambda motor: (0.0, motor.peak_torque),
-    "limit_spd": lambda motor: (0.0, motor.no_load_velocity),
-    "limit_cur": lambda motor: (
-        0.0,
-        max(motor.peak_current, default_value(PARAMETERS["limit_cur"], motor.name) or 0.0),
-    ),
-}
-"""By parameter: what the data sheet of a model allows."""
+_BY_MODEL = frozenset({"iq_ref", "spd_ref", "limit_torque", "limit_spd", "limit_cur"})
 
 
 def depends_on_model(parameter: Parameter) -> bool:
-    """Return whether what is accepted depends on the motor's model."""
+    """Return whether the accepted values depend on the motor's model."""
     return parameter.name in _BY_MODEL
+
+
+def _accepted(parameter: Parameter, motor: MotorModel) -> tuple[float, float] | frozenset[int] | None:
+    """Return the values that a model's data sheet allows."""
+    limits = {
+        "iq_ref": (-motor.peak_current, motor.peak_current),
+        "spd_ref": (-motor.velocity, motor.velocity),
+        "limit_torque": (0.0, motor.peak_torque),
+        "limit_spd": (0.0, motor.no_load_velocity),
+        "limit_cur": (0.0, max(motor.peak_current, 16.0 if motor.name == "rs-00" else 0.0)),
+    }
+    return limits.get(parameter.name, parameter.accepted)
 
 
 def check_value(parameter: Parameter, value: float, model: MotorModel | None = None) -> None:
@@ -192,14 +185,10 @@ def check_value(parameter: Parameter, value: float, model: MotorModel | None = N
         pack_value(parameter.type, value)
     except FieldError as error:
         raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
-    accepted = parameter.accepted
-    if model is not None and parameter.name in _BY_MODEL:
-        accepted = _BY_MODEL[parameter.name](model)
-    if isinstance(accepted, frozenset):
-        if value not in accepted:
-            expected = ", ".join(str(choice) for choice in sorted(accepted))
-            raise InputError(f"{parameter.name}: is {value:g}, expected {expected}")
-    elif accepted is not None and not accepted[0] <= value <= accepted[1]:
+    accepted = parameter.accepted if model is None else _accepted(parameter, model)
+    if isinstance(accepted, frozenset) and value not in accepted:
+        raise InputError(f"{parameter.name}: is {value:g}, expected {', '.join(map(str, sorted(accepted)))}")
+    if isinstance(accepted, tuple) and not accepted[0] <= value <= accepted[1]:
         raise InputError(f"{parameter.name}: is {value:g}, expected {accepted[0]:g} to {accepted[1]:g}")
 
 
@@ -221,22 +210,20 @@ def fault_word(model: str) -> Parameter:
 
 
 def function_codes(model: str) -> Mapping[int, Parameter]:
-    """Return what is known of a model's function codes, by index: measurements, and the stored CAN timeout."""
+    """Return the known function codes of a model, by index: measurements, and the stored CAN timeout."""
     first = 0x3017 if model == "rs-04" else 0x3016
-    word = fault_word(model)
     stored = 0x200B if model in ("rs-03", "rs-04") else 0x200C
     torque = 0x302D if model in ("rs-01", "rs-06") else 0x302C
-    timeout = PARAMETERS["canTimeout"]
     known = [
         replace(PARAMETERS["mechPos"], index=first),
         replace(PARAMETERS["mechVel"], index=first + 1),
         Parameter(torque, "torque_fdb", _F32, "N·m", False),
-        word,
-        replace(timeout, index=stored, name="stored canTimeout"),
+        fault_word(model),
+        replace(PARAMETERS["canTimeout"], index=stored, name="stored canTimeout"),
     ]
-    return MappingProxyType({parameter.index: parameter for parameter in known})
+    return {parameter.index: parameter for parameter in known}
 
 
 def report_interval(scan_time: int) -> float:
-    """Time between active reports, s, for a value of `EPScan_time` of 1 or more."""
+    """Return the time between active reports, s, for a value of `EPScan_time` of 1 or more."""
     return 0.010 + 0.005 * (scan_time - 1)

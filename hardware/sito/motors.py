@@ -108,7 +108,7 @@ class SitoMotors(MotorLink):
         device_id, kind = parts
         notes, index = self._line.notes[channel], self._index.get((channel, device_id))
         if index is None:
-            notes.add_stranger("frame of no motor of this robot", time)
+            notes.strangers["frame of no motor of this robot"] += 1
         elif kind in FROM_MOTOR:
             slot = self.slots[index]
             match decode(frame, self.motors.model[index]):
@@ -122,12 +122,12 @@ class SitoMotors(MotorLink):
                 case Malformed(reason=reason):
                     slot.invalid = Note(time, reason)
                 case _:
-                    notes.add_stranger("feedback of a kind that was not requested", time)
+                    notes.strangers["feedback of a kind that was not requested"] += 1
         elif kind in tuple(MessageType):
             name = MessageType(kind).name.lower().replace("_", " ")
             notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
         else:
-            notes.add_stranger("unknown message type", time)
+            notes.strangers["unknown message type"] += 1
         return True
 
     # --- activation

