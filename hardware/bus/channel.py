@@ -46,7 +46,7 @@ class ChannelCounters:
 
 
 class _Waiting(NamedTuple):
-    since: float  # s, when something with this key began to wait
+    since: float  # s, when a frame with this key was first refused or replaced; infinite: not yet
     until: float  # s, after which the frame must not leave
     frame: Frame
 
@@ -61,7 +61,7 @@ class Outbox:
     """
 
     CAPACITY = 256  # frames
-    PATIENCE = 0.06  # s that a key may wait; less is a late thread, more comes close to the motors' CAN timeout
+    PATIENCE = 0.06  # s that a key may jam; less is a late thread, more comes close to the motors' CAN timeout
 
     def __init__(self, counters: ChannelCounters, clock: Callable[[], float]) -> None:
         self._counters, self._clock = counters, clock
@@ -82,7 +82,7 @@ class Outbox:
                     in_time = False
                     continue
                 self._counters.superseded += old is not None
-                since = now if old is None else old.since
+                since = math.inf if old is None else min(old.since, now)
                 in_time &= now - since <= self.PATIENCE
                 self._waiting[key] = _Waiting(since, now + lifetime, frame)  # in place: a dict remembers the first
             self._ready.notify()
@@ -159,8 +159,8 @@ class Channel:
         Args:
             receive: gets every data frame.
             clock: the robot's clock, s.
-            patience: s that a frame may wait which the driver refuses for want of room; a little less than a control
-                period, so that the next tick knows.
+            patience: s that a frame may wait which the driver has refused for want of room; a little less than a
+                control period, so that the next tick knows.
         """
         self.address = address
         self.counters = ChannelCounters()
@@ -286,9 +286,11 @@ class Channel:
                     # Dropped: what cannot leave now must not leave later, when newer commands have been sent.
                     self._failed("sending", error)
                 elif not self._closing.is_set():
-                    if self._clock() - waiting.since >= self._patience:
-                        self.tx_full = Note(self._clock(), f"outgoing queue is full: {error}")
-                    self._outbox.give_back(key, waiting)
+                    now = self._clock()
+                    since = min(waiting.since, now)
+                    if now - since >= self._patience:
+                        self.tx_full = Note(now, f"outgoing queue is full: {error}")
+                    self._outbox.give_back(key, waiting._replace(since=since))
                     self._closing.wait(_RETRY)
             else:
                 self.counters.sent += 1
