@@ -59,8 +59,6 @@ class PolicyEnvConfig:
     """Rows of `METRICS` that end the episode where they are not 0; None: the task's."""
     max_episode_steps: int | None = None
     """Policy steps after which an episode is truncated; None: the motion's, or 20 s."""
-    reference_start: float = 0.0
-    """Share of the episodes that begin at a random frame of the motion, in its own state."""
     joint_noise: float = 0.05
     """rad by which each joint may start off the default pose."""
     velocity_noise: float = 0.1
@@ -85,14 +83,9 @@ class PolicyEnvConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers. Raises `InputError`."""
-        for name, low, high in (
-            ("reference_start", 0.0, 1.0),
-            ("joint_noise", 0.0, math.inf),
-            ("velocity_noise", 0.0, math.inf),
-        ):
-            value = getattr(self, name)
-            if not (low <= value <= high and math.isfinite(value)):
-                raise InputError(f"{name}: is {value!r}, expected a finite number from {low:g} to {high:g}")
+        for name in ("joint_noise", "velocity_noise"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name}: is {getattr(self, name)!r}, expected a finite number >= 0")
         for name in ("max_episode_steps", "width", "height"):
             value = getattr(self, name)
             if value is not None and value < 1:
@@ -153,14 +146,11 @@ class Scenario:
     @property
     def sim_config(self) -> SimConfig:
         """Return the settings of simulated robots, one or a batch."""
-        context = self.task.context
-        observed = observed_by(self.contract)
         return replace(
-            observed,
+            observed_by(self.contract),
             control_period=self.contract.policy_dt,
             physics_timestep=self.config.physics_timestep,
-            velocity_at=tuple(dict.fromkeys((*observed.velocity_at, *context.moving_sites))),
-            bodies=context.bodies,
+            bodies=self.task.context.tracked,
             support=False,
         )
 
@@ -185,14 +175,8 @@ def build_scenario(config: PolicyEnvConfig, *, motion_source: str = "motion") ->
     model = build_model(description, scene="floor")
     context = StepContext(description, contract, loaded.reference)
     task = Task(config, context)
-    starts = EpisodeStarts(
-        context,
-        model,
-        noise=(config.joint_noise, config.velocity_noise),
-        reference_start=config.reference_start,
-        commands=task.commands,
-        command_draws=task.command_draws,
-    )
+    noise = config.joint_noise, config.velocity_noise
+    starts = EpisodeStarts(context, model, noise, task.commands, task.command_draws)
     context.standing_height = starts.standing_height
     return Scenario(
         config=config,

@@ -23,12 +23,10 @@ if TYPE_CHECKING:
     from humanoid_sim.envs.config import PolicyEnvConfig
 
 _COMMAND_SECONDS = 5.0  # that a velocity command holds
+_STANDING = 0.1  # share of the velocity commands that are zero
 _RANGES = np.array([[-1.0, 1.0], [-0.5, 0.5], [-1.0, 1.0]])  # m/s, m/s, rad/s, where the contract has none
 _EPISODE_SECONDS = 20.0  # where neither a motion nor the configuration says how long
-
-_EVERY = {"action_change": -0.02, "effort_share": -0.05, "joint_stops": -2.0}
 _ANCHORED = ("anchor_position", "anchor_orientation")
-_VELOCITY = {"vertical_velocity": -1.0, "rocking": -0.05, "lean": -1.0, "alive": 0.5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,52 +34,28 @@ class TaskKind:
     """A task, for any robot that it fits."""
 
     rewards: Mapping[str, float]
-    """Weights, 1/s, of rows of `METRICS`."""
+    """Weights, 1/s, of rows of `METRICS`, beside those of `_EVERY`."""
     reference: str = ""
     """Term of the reference that it follows, to the motion's end; empty: none, for a time."""
-    standing: float = 1.0
-    """Share of the velocity commands that are zero; 1: there are none."""
-    absent: float = 0.0
-    """Share of the other commands in which a component is zero."""
+    is_commanded: bool = False
+    """Velocity commands are drawn."""
 
 
+_EVERY = {"action_change": -0.02, "effort_share": -0.05, "joint_stops": -2.0}
+_TRACKING = {"body_position": 1.0, "body_orientation": 0.5}
+_MOTION = {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 0.5}
+_PIANO = {"recall": 0.5, "no_wrong_key": 0.5, "power": -0.0005}
+_VELOCITY = {"linear_velocity": 1.0, "yaw_rate": 0.5}
+_UPRIGHT = {"vertical_velocity": -1.0, "rocking": -0.05, "lean": -1.0, "alive": 0.5}
 TASKS: Mapping[str, TaskKind] = MappingProxyType(
     {
-        "tracking": TaskKind({"body_position": 1.0, "body_orientation": 0.5, **_EVERY}, "motion_body_pos_b"),
-        "motion": TaskKind(
-            {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 0.5, **_EVERY},
-            "reference_joint_pos",
-        ),
-        "piano": TaskKind(
-            {"keys_hit": 0.5, "no_wrong_key": 0.5, "reach": 0.25, "power": -0.0005, "low_wrist": -5.0, **_EVERY},
-            "target_keys",
-        ),
-        "velocity": TaskKind({"linear_velocity": 1.0, "yaw_rate": 0.5, **_VELOCITY, **_EVERY}, standing=0.1),
-        "walking": TaskKind(
-            {
-                "linear_velocity_sharp": 4.0,
-                "yaw_rate_sharp": 2.0,
-                "foot_height": 1.5,
-                "foot_slide": -2.0,
-                "foot_slap": -1.0,
-                "foot_tilt": -1.0,
-                "lean": -3.0,
-                "sinking": -20.0,
-                "vertical_velocity": -0.5,
-                "rocking": -0.1,
-                "posture": -0.3,
-                "stillness": -0.02,
-                "strain": -1.0,
-                "alive": 0.5,
-                **_EVERY,
-            },
-            standing=0.25,
-            absent=0.25,
-        ),
-        "balance": TaskKind({"alive": 1.0, "joint_speed": -0.001, **_EVERY}),
+        "tracking": TaskKind(_TRACKING, "motion_body_pos_b"),
+        "motion": TaskKind(_MOTION, "reference_joint_pos"),
+        "piano": TaskKind(_PIANO, "target_keys"),
+        "velocity": TaskKind({**_VELOCITY, **_UPRIGHT}, is_commanded=True),
+        "balance": TaskKind({"alive": 1.0, "joint_speed": -0.001}),
     }
 )
-"""By name. `walking` is `velocity` with a gait on the contract's clock, for a robot of two feet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,38 +82,34 @@ class Task:
         """
         self.context = context
         contract, reference, robot = context.contract, context.reference, context.description
-        self.name, kind = _kind(config.task, context)
-        self._values: dict[str, Values] = {}
-        self._rates: dict[str, float] = {}
-        for name, given in {**kind.rewards, **config.rewards}.items():
+        kind = _kind(config.task, context)
+        self._terms: list[tuple[str, float, Values]] = []
+        for name, given in {**kind.rewards, **_EVERY, **config.rewards}.items():
             if name in _ANCHORED and name not in config.rewards and not context.has("motion with an anchor"):
                 continue
             weight, function = given if isinstance(given, tuple) else (given, None)
             if not math.isfinite(weight):
                 raise InputError(f"rewards: weight of {name} is {weight}, expected a finite number")
             if weight:
-                self._values[name] = self._metric("rewards", name) if function is None else _users(name, function)
-                self._rates[name] = weight * contract.policy_dt
+                values = self._metric("rewards", name) if function is None else _users(name, function)
+                self._terms.append((name, weight * contract.policy_dt, values))
         ends = config.terminations
         if ends is None:
             follows = kind.reference in ("motion_body_pos_b", "reference_joint_pos") and context.has("motion")
             ends = (*(["strayed"] if follows else []), *(["fallen"] if robot.is_floating else []))
         self._ends = [self._metric("terminations", name) for name in ends]
         self._follows_motion = bool(kind.reference)
-        limit = config.max_episode_steps
+        steps = config.max_episode_steps or round(_EPISODE_SECONDS / contract.policy_dt)
         if kind.reference:
             longest = max(reference.lengths or (reference.frame_count,)) - 1
-            steps = longest if limit is None else min(limit, longest)
-        else:
-            steps = round(_EPISODE_SECONDS / contract.policy_dt) if limit is None else limit
+            steps = min(config.max_episode_steps or longest, longest)
         self.episode_steps = steps
         """Policy steps after which an episode is truncated; of several motions, those of the longest."""
-        self._kind = kind
         ranges = _RANGES if contract.command_ranges is None else contract.command_ranges
         self._low, self._width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
         self._hold = max(round(_COMMAND_SECONDS / contract.policy_dt), 1)
-        self._command_count = 1 if kind.standing == 1.0 else -(-self.episode_steps // self._hold)
-        self.command_draws = 0 if kind.standing == 1.0 else 4 * self._command_count
+        self._command_count = -(-self.episode_steps // self._hold) if kind.is_commanded else 0
+        self.command_draws = 4 * self._command_count
         """Random numbers that the commands of an episode take."""
 
     def _metric(self, where: str, name: str) -> Values:
@@ -151,10 +121,8 @@ class Task:
         """Return the velocity commands of an episode, shape (..., k, 3), for random numbers (..., command_draws)."""
         if not self.command_draws:
             return np.zeros((*numbers.shape[:-1], 1, 3))
-        drawn, absent = numbers.reshape(*numbers.shape[:-1], self._command_count, 4), self._kind.absent
-        share = np.clip((drawn[..., :3] - absent) / (1.0 - absent), 0.0, 1.0)
-        command = np.where(drawn[..., :3] < absent, 0.0, self._low + self._width * share)
-        return np.where(drawn[..., 3:] < self._kind.standing, 0.0, command)
+        drawn = numbers.reshape(*numbers.shape[:-1], self._command_count, 4)
+        return np.where(drawn[..., 3:] < _STANDING, 0.0, self._low + self._width * drawn[..., :3])
 
     def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
         """Return the command in force after `step` policy steps, shape (..., 3)."""
@@ -166,15 +134,14 @@ class Task:
 
     def judge(self, sample: StepSample) -> Judgement:
         """Return the reward, and whether the episode is over."""
-        terms = {name: self._rates[name] * values(self.context, sample) for name, values in self._values.items()}
+        terms = {name: rate * values(self.context, sample) for name, rate, values in self._terms}
         reward = np.zeros(sample.torque.shape[:-1])
         for term in terms.values():
             reward = reward + term
-        terminated = self.failed(sample)
         is_last = np.asarray(sample.step) >= self.episode_steps
         if self._follows_motion:
             is_last = is_last | (np.asarray(sample.frame) >= self.context.reference.last(sample.frame))
-        return Judgement(reward, terms, terminated, is_last)
+        return Judgement(reward, terms, self.failed(sample), is_last)
 
     def failed(self, sample: StepSample) -> BoolArray:
         """Return which robots have failed, shape (...)."""
@@ -188,7 +155,7 @@ class Task:
         return describe_failure(self.context, sample, i)
 
 
-def _kind(name: str, context: StepContext) -> tuple[str, TaskKind]:
+def _kind(name: str, context: StepContext) -> TaskKind:
     """Return the task of that name; `auto`: the one that the contract and its motion were made for."""
     require_known("task", [name], ("auto", *TASKS), "task: ")
     terms = context.reference.terms
@@ -199,7 +166,7 @@ def _kind(name: str, context: StepContext) -> tuple[str, TaskKind]:
     kind = TASKS[name]
     if kind.reference and kind.reference not in terms:
         raise InputError(f"task: {name} needs a motion with {kind.reference}, and the policy's has none")
-    return name, kind
+    return kind
 
 
 def _users(name: str, function: Callable[[StepSample], FloatArray | float]) -> Values:

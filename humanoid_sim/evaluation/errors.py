@@ -14,20 +14,17 @@ from humanoid_sim.mit import FloatArray
 
 def total(values: npt.NDArray[Any]) -> FloatArray:
     """Return the sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""
-    summed: FloatArray = np.add.reduce(values, axis=-1, dtype=np.float64)
-    return summed
+    return np.asarray(np.add.reduce(values, axis=-1, dtype=np.float64))
 
 
 def length(vectors: FloatArray) -> FloatArray:
     """Return the length of vectors along the last axis."""
-    result: FloatArray = np.sqrt(total(vectors * vectors))
-    return result
+    return np.asarray(np.sqrt(total(vectors * vectors)))
 
 
 def rms(values: FloatArray) -> FloatArray:
     """Return the root mean square over the last axis."""
-    result: FloatArray = np.sqrt(total(values * values) / values.shape[-1])
-    return result
+    return np.asarray(np.sqrt(total(values * values) / values.shape[-1]))
 
 
 def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -36,18 +33,15 @@ def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
     From the chord 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product.
     """
     chord = a - np.copysign(1.0, total(a * b))[..., None] * b
-    angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0))
-    return angle
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseError:
     """Reference pose of a body, seen from its own."""
 
-    offset: FloatArray
-    """Shape (..., 3), m, world frame."""
-    rotation: FloatArray
-    """Shape (..., 4), w x y z, from the body's orientation to the reference's."""
+    offset: FloatArray  # shape (..., 3), m, world frame
+    rotation: FloatArray  # shape (..., 4), w x y z, from the body's orientation to the reference's
 
     @property
     def distance(self) -> FloatArray:
@@ -57,14 +51,12 @@ class PoseError:
     @property
     def angle(self) -> FloatArray:
         """Shape (...), rad, in [0, π]."""
-        angle: FloatArray = 2.0 * np.arctan2(length(self.rotation[..., 1:]), np.abs(self.rotation[..., 0]))
-        return angle
+        return np.asarray(2.0 * np.arctan2(length(self.rotation[..., 1:]), np.abs(self.rotation[..., 0])))
 
     @property
     def tilt(self) -> FloatArray:
         """Shape (...), rad, in [0, π]: the angle without the heading."""
-        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(length(self.rotation[..., 1:3]), 1.0))
-        return tilt
+        return np.asarray(2.0 * np.arcsin(np.minimum(length(self.rotation[..., 1:3]), 1.0)))
 
 
 def pose_error(pose: FloatArray, position: FloatArray, quaternion: FloatArray) -> PoseError:

@@ -14,20 +14,13 @@ from humanoid_sim.simulation.floating_base import BaseState
 Index = int | tuple[()]
 """Index of a robot of a batch; () for the only one."""
 
-FALLEN_TILT = 1.0
-"""rad between the vertical and the axis of a floating base that points up where the robot stands."""
-FALLEN_HEIGHT = 0.6
-"""Share of the standing height of the centre of mass above the floor. The base's frame may lie anywhere on a robot."""
-STRAYED_DISTANCE = 0.3
-"""m between a tracked body and its reference in the base frame."""
-STRAYED_HEIGHT = 0.35
-"""m between the anchor body and its reference, along the vertical."""
-STRAYED_TILT = 1.2
-"""rad between the two, without the heading: a reference that is not aligned is not yet a loss."""
-_RUNAWAY = 100.0
-"""rad/s: no motor of a humanoid is as fast; a simulation that is about to diverge is."""
-_TOPPLED = math.radians(45.0)
-"""rad of tilt from which a fall is described as one by tilt."""
+FALLEN_TILT = 1.0  # rad between the vertical and the axis of a floating base that points up where the robot stands
+FALLEN_HEIGHT = 0.6  # share of the standing height of the centre of mass: the base's frame may lie anywhere on a robot
+STRAYED_DISTANCE = 0.3  # m between a tracked body and its reference in the base frame
+STRAYED_HEIGHT = 0.35  # m between the anchor body and its reference, along the vertical
+STRAYED_TILT = 1.2  # rad between the two, without the heading: a reference that is not aligned is not yet a loss
+_RUNAWAY = 100.0  # rad/s: no motor of a humanoid is as fast; a simulation that is about to diverge is
+_TOPPLED = math.radians(45.0)  # rad of tilt from which a fall is described as one by tilt
 
 DEFINITIONS: Mapping[str, str] = {
     "fall": f"the centre of mass is below {FALLEN_HEIGHT:g} of the height above the floor at which it stands, or "
@@ -49,8 +42,7 @@ def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArra
 
     `standing_height`, shape (...) or scalar, m, is that of the centre of mass above the floor where the robot stands.
     """
-    fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height)
-    return fallen
+    return np.asarray((base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height))
 
 
 def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index = ()) -> str:
@@ -64,14 +56,12 @@ def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index
 
 def has_run_away(joint_velocity: FloatArray) -> BoolArray:
     """Return which robots' joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault."""
-    fastest: BoolArray = np.abs(joint_velocity).max(axis=-1) > _RUNAWAY
-    return fastest
+    return np.asarray(np.abs(joint_velocity).max(axis=-1) > _RUNAWAY)
 
 
 def has_strayed(error: PoseError) -> BoolArray:
     """Return which anchor bodies are too far from the motion, shape (...); NaN is."""
-    strayed: BoolArray = ~((np.abs(error.offset[..., 2]) <= STRAYED_HEIGHT) & (error.tilt <= STRAYED_TILT))
-    return strayed
+    return np.asarray(~((np.abs(error.offset[..., 2]) <= STRAYED_HEIGHT) & (error.tilt <= STRAYED_TILT)))
 
 
 def describe_stray(error: PoseError, i: Index = ()) -> str:
@@ -84,8 +74,7 @@ def describe_stray(error: PoseError, i: Index = ()) -> str:
 
 def body_has_strayed(distance: FloatArray) -> BoolArray:
     """Return whether any tracked body, distances (..., b), m, is too far from the motion, shape (...); NaN is."""
-    strayed: BoolArray = ~(np.maximum.reduce(distance, axis=-1) <= STRAYED_DISTANCE)
-    return strayed
+    return np.asarray(~(np.maximum.reduce(distance, axis=-1) <= STRAYED_DISTANCE))
 
 
 def describe_body_stray(distance: FloatArray, bodies: tuple[str, ...]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BoolArray, FloatArray
 
 ONSET_TOLERANCE = 0.1
 """s, between a note's start and the stroke that plays it. Twice that of transcription: a key takes time to go down."""
@@ -32,16 +32,11 @@ class Ratio:
 class PianoScore:
     """Figures of one performance."""
 
-    steps: Ratio
-    """Mean over the time steps."""
-    notes: Ratio
-    """Over all strokes and notes."""
-    note_count: int
-    """Notes that the song asks for."""
-    hit_count: int
-    """Those that were struck in time."""
-    false_count: int
-    """Strokes that no note asked for."""
+    steps: Ratio  # mean over the time steps
+    notes: Ratio  # over all strokes and notes
+    note_count: int  # notes that the song asks for
+    hit_count: int  # those that were struck in time
+    false_count: int  # strokes that no note asked for
 
 
 class PlayedKeys:
@@ -64,12 +59,12 @@ class PlayedKeys:
             self._pressed[frame], self._seen[frame] = keys > 0.5, True
 
     @property
-    def pressed(self) -> npt.NDArray[np.bool_]:
+    def pressed(self) -> BoolArray:
         """Shape (T, K), whether a key was down, in the T frames that were shown."""
         return self._pressed[self._seen]
 
     @property
-    def wanted(self) -> npt.NDArray[np.bool_]:
+    def wanted(self) -> BoolArray:
         """Shape (T, K), whether it should have been."""
         return self._goals[self._seen]
 
@@ -83,49 +78,38 @@ def score(
 ) -> PianoScore:
     """Score a performance: shape (T, K) each, 1 where a key was down and should have been, one row every `step` s."""
     down, goal = np.asarray(pressed) > 0.5, np.asarray(wanted) > 0.5
-    precision, recall, f1 = step_ratios(down, goal)
-    hits = _matched(strokes(down), strokes(goal), round(onset_tolerance / step))
-    struck, notes = len(strokes(down)), len(strokes(goal))
-    counts = np.array([struck, notes, struck + notes])
+    precision, recall, f1 = (float(ratio.mean()) for ratio in step_ratios(down, goal))
+    struck, notes = _strokes(down), _strokes(goal)
+    hits = _matched(struck, notes, round(onset_tolerance / step))
+    counts = np.array([len(struck), len(notes), len(struck) + len(notes)])
     shares = _share(np.array([hits, hits, 2 * hits], dtype=np.float64), counts).tolist()
-    return PianoScore(
-        steps=Ratio(float(precision.mean()), float(recall.mean()), float(f1.mean())),
-        notes=Ratio(shares[0], shares[1], shares[2]),
-        note_count=notes,
-        hit_count=hits,
-        false_count=struck - hits,
-    )
+    return PianoScore(Ratio(precision, recall, f1), Ratio(*shares), len(notes), hits, len(struck) - hits)
 
 
-def step_ratios(down: npt.NDArray[np.bool_], goal: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def step_ratios(down: BoolArray, goal: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Precision, recall and F1, shape (...) each, of time steps: which keys are down and which should be, (..., K)."""
     right = (down & goal).sum(axis=-1).astype(np.float64)
     pressed, wanted = down.sum(axis=-1), goal.sum(axis=-1)
     return _share(right, pressed), _share(right, wanted), _share(2.0 * right, pressed + wanted)
 
 
-def strokes(down: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _share(part: FloatArray, whole: npt.NDArray[np.number]) -> FloatArray:
+    return np.where(whole > 0, part / np.where(whole > 0, whole, 1), 1.0)
+
+
+def _strokes(down: BoolArray) -> list[tuple[int, int]]:
     """Return where keys go down, as (step, key) in order of time; `down` is shape (T, K)."""
     before = np.vstack([np.zeros((1, down.shape[1]), dtype=np.bool_), down[:-1]])
     return [(int(step), int(key)) for step, key in np.argwhere(down & ~before)]
 
 
-def _share(part: FloatArray, whole: npt.NDArray[np.number]) -> FloatArray:
-    safe = np.where(whole > 0, whole, 1)
-    shares: FloatArray = np.where(whole > 0, part / safe, 1.0)
-    return shares
-
-
 def _matched(struck: list[tuple[int, int]], notes: list[tuple[int, int]], tolerance: int) -> int:
-    """Say how many strokes play a note: in order of time each takes the earliest of its key that it can still play."""
-    waiting: dict[int, list[int]] = {}
-    for step, key in notes:
-        waiting.setdefault(key, []).append(step)
-    hits = 0
+    """Return how many strokes play a note: in order of time each takes the earliest of its key that it can play."""
+    waiting, hits = list(notes), 0
     for step, key in struck:
-        for i, start in enumerate(waiting.get(key, [])):
-            if abs(start - step) <= tolerance:
-                del waiting[key][i]
+        for note in waiting:
+            if note[1] == key and abs(note[0] - step) <= tolerance:
+                waiting.remove(note)
                 hits += 1
                 break
     return hits

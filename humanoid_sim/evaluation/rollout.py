@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
-from typing import TypeAlias, TypeVar
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.live_inputs import LiveInputs
-from humanoid_sim.controllers.phase import shown_phase
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
-from humanoid_sim.controllers.reference import Alignment, Frame
+from humanoid_sim.controllers.policy_step import PolicyWiring
+from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import (
     VELOCITY_COMMAND,
@@ -28,11 +27,9 @@ from humanoid_sim.mit import (
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.sim_robot import SimRobot
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
-
 Robots: TypeAlias = SimRobot | BatchSim
 """One robot, arrays of shape (…), or N of them, (N, …), whose control period is one policy step."""
+_NOBODY = np.zeros((), dtype=np.bool_)
 
 
 class ClosedLoop:
@@ -71,7 +68,7 @@ class ClosedLoop:
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
         self.command = velocity
         """Shape (..., 3): the commands in the latest step."""
-        self.tripped: BoolArray = np.zeros((), dtype=np.bool_)
+        self.tripped: BoolArray = _NOBODY
         """Shape (...), or () for none: robots whose guard tripped in the latest step. They did not move in it."""
         self.alarms: Mapping[int, str] = {}
         """What those guards saw, by robot; 0 for the only one."""
@@ -83,16 +80,16 @@ class ClosedLoop:
         `velocity`, (N, 3), has the commands of all, `frame`, (k,), the reference's frames to begin with; None: 0.
         """
         self.velocity = velocity
-        self.command = _with(self.command, chosen, velocity[chosen])
         self.state = self._read()
-        rows = _state_rows(self.state, chosen)
+        rows = _rows(self.state, chosen)
         observation, memory = self.wiring.observe(self.wiring.activate(rows, frame), rows)
         if self.guards is not None:
             self._watched = self.guards.restarted(self._watched, chosen)
-        self.observation = _with(self.observation, chosen, observation)
-        self.memory = _memory_with(self.memory, chosen, memory)
-        self.action = _with(self.action, chosen, memory.last_action)
-        self.previous = _with(self.previous, chosen, memory.last_action)
+        self.command = _with_rows(self.command, chosen, velocity[chosen])
+        self.observation = _with_rows(self.observation, chosen, observation)
+        self.memory = _with_rows(self.memory, chosen, memory)
+        self.action = _with_rows(self.action, chosen, memory.last_action)
+        self.previous = _with_rows(self.previous, chosen, memory.last_action)
 
     def act(
         self,
@@ -109,8 +106,10 @@ class ClosedLoop:
         """
         self.previous, self.command, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
+        self.tripped = _NOBODY
         if self.guards is not None:
             self._watched = self.guards.watch(self._watched, self.state, command)
+        if self.guards is not None and self._watched is not None:
             self.tripped = self.guards.tripped(self._watched)
             if self.tripped.any():
                 self.alarms = self.guards.problems(self._watched, self.state, command)
@@ -134,53 +133,38 @@ class ClosedLoop:
 
 
 def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.integer]) -> StepSample:
-    """Return the latest step as it truly was. `step`, shape (...), counts the policy steps since the start."""
+    """Return the latest step. `step`, shape (...), counts the policy steps since the start."""
     position, quaternion = robots.body_poses(in_base=True)
-    contract = loop.wiring.contract
-    phase = None
-    if contract.phase is not None:
-        phase = shown_phase(contract.phase, loop.memory.walked, loop.velocity, contract.policy_dt)
     return StepSample(
         state=robots.state(),
+        frame=loop.memory.frame,
         action=loop.action,
         previous_action=loop.previous,
         torque=robots.effort,
-        frame=loop.memory.frame,
         step=step,
         body_position=position,
         body_quaternion=quaternion,
         command=loop.command,
         base=robots.base,
         alignment=loop.memory.alignment,
-        phase=phase,
     )
 
 
-def _state_rows(state: MITState, indices: IndexArray) -> MITState:
+def _rows(state: MITState, indices: IndexArray) -> MITState:
     """Return the reports of k of the N robots."""
     arrays = {f.name: getattr(state, f.name)[indices] for f in fields(state) if f.name != "extern"}
     live = {name: replace(value, value=value.value[indices]) for name, value in state.extern.items()}
     return MITState(**arrays, extern=live)
 
 
-def _memory_with(memory: PolicyMemory, indices: IndexArray, rows: PolicyMemory) -> PolicyMemory:
-    """Return a memory of shape (N, …) with k robots' rows, shape (k, …), replaced."""
-    alignment, history = memory.alignment, memory.history
-    if alignment is not None and rows.alignment is not None:
-        yaw, offset = alignment.yaw, alignment.offset
-        alignment = Alignment(_with(yaw, indices, rows.alignment.yaw), _with(offset, indices, rows.alignment.offset))
-    if history is not None and rows.history is not None:
-        history = _with(history, indices, rows.history)
-    return PolicyMemory(
-        frame=_with(np.asarray(memory.frame), indices, rows.frame),
-        last_action=_with(memory.last_action, indices, rows.last_action),
-        history=history,
-        walked=_with(np.asarray(memory.walked), indices, rows.walked),
-        alignment=alignment,
-    )
-
-
-def _with(array: npt.NDArray[Scalar], indices: IndexArray, rows: npt.ArrayLike) -> npt.NDArray[Scalar]:
-    changed = array.copy()
+def _with_rows(whole: Any, indices: IndexArray, rows: Any) -> Any:
+    """Return an array of shape (N, …), or a dataclass of such, with k robots' rows, shape (k, …), replaced."""
+    if whole is None:
+        return None
+    if is_dataclass(whole) and not isinstance(whole, type):
+        names = [each.name for each in fields(whole)]
+        parts = {name: _with_rows(getattr(whole, name), indices, getattr(rows, name)) for name in names}
+        return replace(whole, **parts)
+    changed = np.array(whole)
     changed[indices] = rows
     return changed

@@ -26,10 +26,7 @@ from humanoid_sim.simulation.kinematics import ForwardKinematics
 
 _SETTLING = 2.0
 """s after release that means and the largest tilt leave out: the robot starts from rest, and sags as it is let go."""
-_AT_LIMIT = 1.0 - 1e-9
-"""Share of an effort limit from which on a torque is at it."""
-
-
+_AT_LIMIT = 1.0 - 1e-9  # share of an effort limit from which on a torque is at it
 _OF_BODIES = "body_position_error", "body_orientation_error", "hand_position_error", "hand_orientation_error"
 _OF_ANCHOR = "joint_error", "anchor_position_error", "anchor_orientation_error"
 
@@ -43,7 +40,7 @@ class MotionErrors:
         bodies = self._context.tracked
         self._kinematics = ForwardKinematics(description, bodies) if bodies else None
         self.names = _OF_BODIES if bodies else _OF_ANCHOR
-        """Rows of `step_metrics.METRICS`."""
+        """Rows of `step_metrics.METRICS`, k of them."""
         self.latest: FloatArray | None = None
         """Shape (k,), of the latest policy step; None before any, and once the motion is over."""
         self.samples = 0
@@ -88,10 +85,11 @@ class MotionErrors:
         """Return the errors so far, JSON: by row unit, mean, rms and max; None if nothing was compared."""
         if not self.samples:
             return None
-        columns = {"mean": self._sum / self.samples, "rms": np.sqrt(self._squares / self.samples), "max": self._largest}
+        means, squares = self._sum / self.samples, np.sqrt(self._squares / self.samples)
+        columns = zip(self.names, means.tolist(), squares.tolist(), self._largest.tolist(), strict=True)
         errors = {
-            name: {"unit": METRICS[name].unit, **{column: float(values[i]) for column, values in columns.items()}}
-            for i, name in enumerate(self.names)
+            name: {"unit": METRICS[name].unit, "mean": mean, "rms": rms, "max": largest}
+            for name, mean, rms, largest in columns
         }
         return {"samples": self.samples, "errors": errors}
 
@@ -105,8 +103,6 @@ class BaseMotion:
     standing_height: float = 0.0
     """m, of the centre of mass, as of `has_fallen`."""
     last: float = 0.0
-    height: tuple[float, float, float] = (math.inf, 0.0, -math.inf)
-    """m, of the base's origin above the floor from landing on: least, sum, greatest."""
     lowest: float = math.inf
     """Share of its standing height that the centre of mass had at least."""
     tilt_max: float | None = None
@@ -114,9 +110,10 @@ class BaseMotion:
     fall: float | None = None
     """s after release at which the robot fell; None if it did not."""
     fell: str = ""
-    _count: int = 0
+    height: tuple[float, float, float, int] = (math.inf, 0.0, -math.inf, 0)
+    """m, of the base's origin above the floor from landing on: least, sum, greatest, count."""
     _has_landed: bool = False
-    _speed: tuple[FloatArray, int] | None = None
+    _speed: tuple[FloatArray | float, int] = (0.0, 0)
 
     def release(self, time: float, standing_height: float) -> None:
         """Begin once the base is let go; `time` in s, robot's clock."""
@@ -127,36 +124,35 @@ class BaseMotion:
         assert self.released is not None
         if self.fall is not None:
             return ""
-        self.last, since, height = time, time - self.released, float(base.height)
+        self.last, since = time, time - self.released
+        height, mass_height = float(base.height), float(base.mass_height)
         if not self._has_landed:
-            self._has_landed = since >= _SETTLING or float(base.mass_height) <= self.standing_height
-            self.height, self._count = (math.inf, 0.0, -math.inf), 0
-        low, total, high = self.height
-        self.height = (min(low, height), total + height, max(high, height))
-        self._count += 1
-        self.lowest = min(self.lowest, float(base.mass_height) / self.standing_height)
+            self._has_landed = since >= _SETTLING or mass_height <= self.standing_height
+            self.height = (math.inf, 0.0, -math.inf, 0)
+        low, total, high, count = self.height
+        self.height = (min(low, height), total + height, max(high, height), count + 1)
+        self.lowest = min(self.lowest, mass_height / self.standing_height)
         if since >= _SETTLING:
             self.tilt_max = max(self.tilt_max or 0.0, float(base.tilt))
         if has_fallen(base, self.standing_height):
             self.fall, self.fell = since, describe_fall(base, self.standing_height)
             return self.fell
         if since >= _SETTLING:
-            speed, count = self._speed or (np.zeros(3), 0)
-            self._speed = speed + base.planar_velocity, count + 1
+            self._speed = self._speed[0] + base.planar_velocity, self._speed[1] + 1
         return ""
 
     def summary(self) -> dict[str, Any] | None:
         """Return the figures, JSON; speeds are means from 2 s after release. None if the base was never free."""
-        if self.released is None or not self._count:
+        low, total, high, count = self.height
+        if self.released is None or not count:
             return None
-        speed = None if self._speed is None else self._speed[0] / self._speed[1]
-        low, total, high = self.height
+        forward, left, turning = (self._speed[0] / self._speed[1]).tolist() if self._speed[1] else (None,) * 3
         return {
             "released": self.released,
             "duration": self.last - self.released,
-            "velocity": None if speed is None else (float(speed[0]), float(speed[1])),
-            "yaw_rate": None if speed is None else float(speed[2]),
-            "height": (low, total / self._count, high),
+            "velocity": None if forward is None else (forward, left),
+            "yaw_rate": turning,
+            "height": (low, total / count, high),
             "lowest": self.lowest,
             "tilt_max": self.tilt_max,
             "fall": self.fall,
@@ -169,9 +165,10 @@ class JointUse:
 
     def __init__(self, names: Sequence[str], effort_limit: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
         """Start empty, for n joints; limits are (n,), N·m and rad, infinite where there is none."""
+        n = len(names)
         self._names, self._limit, self._lower, self._upper = tuple(names), np.asarray(effort_limit), lower, upper
-        self._effort, self._speed = np.zeros((2, len(self._names)))
-        self._lowest, self._highest = np.full(len(self._names), np.inf), np.full(len(self._names), -np.inf)
+        self._effort, self._speed = np.zeros(n), np.zeros(n)
+        self._lowest, self._highest = np.full(n, np.inf), np.full(n, -np.inf)
         self.saturated = 0
         """States in which a joint was at its effort limit."""
 
@@ -221,14 +218,10 @@ def _finite(value: float) -> float | None:
 
 def describe_effort(figures: dict[str, Any]) -> str:
     """Return `JointUse.effort` in a line: `37.1 of 88 N·m at left_knee_joint, 0 ticks at an effort limit`."""
-    at = f"N·m at {figures['joint']}"
-    if figures["limit"] is None:
-        text = f"{figures['effort']:.1f} {at}"
-    else:
-        ticks = figures["saturated_ticks"]
-        text = f"{figures['effort']:.1f} of {figures['limit']:g} {at}, {ticks} ticks at an effort limit"
-    if figures["without_limit"]:
-        text += (
-            f"; NO EFFORT LIMIT KNOWN for {len(figures['without_limit'])} joints (give effort_limit in the contract)"
-        )
+    text, missing = f"{figures['effort']:.1f} N·m at {figures['joint']}", len(figures["without_limit"])
+    if figures["limit"] is not None:
+        of = f"{figures['effort']:.1f} of {figures['limit']:g} N·m at {figures['joint']}"
+        text = f"{of}, {figures['saturated_ticks']} ticks at an effort limit"
+    if missing:
+        text += f"; NO EFFORT LIMIT KNOWN for {missing} joints (give effort_limit in the contract)"
     return text

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rotation import rotate
 from humanoid_sim.evaluation.errors import PoseError, length, pose_error, quaternion_angle, rms, total
 from humanoid_sim.evaluation.failure import (
     body_has_strayed,
@@ -24,25 +23,19 @@ from humanoid_sim.evaluation.failure import (
 )
 from humanoid_sim.evaluation.piano_score import step_ratios
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
 _STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
-_SPARE_EFFORT = 0.8  # share of a joint's effort limit from which on its torque is strain
-_LIFT = 0.06  # m by which a foot is lifted in the middle of its swing
-_NEAR_FLOOR = 0.02  # m above the floor over which a foot's speed ceases to count
-_REACH = 0.05  # m from a key within which a finger is near
-_WRIST_HEIGHT = 0.05  # m above the white keys, below which a forearm would come onto them
 
 Values = Callable[[StepContext, StepSample], FloatArray]
-Needs = Literal["", "motion", "motion with joints", "motion with an anchor", "floating base", "song", "gait"]
+Needs = Literal["", "motion", "motion with joints", "motion with an anchor", "floating base", "song"]
 
 
 @dataclass(frozen=True, slots=True)
 class StepMetric:
     """A figure of a policy step."""
 
-    name: str
     unit: str
     formula: str
     better: Literal["lower", "higher"]
@@ -61,17 +54,10 @@ def metric(
     """Add the function to the table under its own name."""
 
     def add(values: Values) -> Values:
-        name = getattr(values, "__name__", "")
-        METRICS[name] = StepMetric(name, unit, formula, better, values, needs)
+        METRICS[values.__name__] = StepMetric(unit, formula, better, values, needs)
         return values
 
     return add
-
-
-def _near(error: FloatArray, scale: float) -> FloatArray:
-    """Return exp(-(error / scale)²): 1 without an error."""
-    near: FloatArray = np.exp(error * error / -(scale * scale))
-    return near
 
 
 def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
@@ -85,13 +71,13 @@ def body_distance(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), m, of the tracked bodies from the motion, base frame."""
     if "body_distance" not in s.shared:
         target = c.body_target[0][c.reference.clamp(s.frame)]
-        s.shared["body_distance"] = length(s.body_position[..., : len(c.tracked), :] - target)
+        s.shared["body_distance"] = length(s.body_position - target)
     return s.shared["body_distance"]
 
 
 def body_angle(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), rad, between the tracked bodies and the motion."""
-    return quaternion_angle(s.body_quaternion[..., : len(c.tracked), :], c.body_target[1][c.reference.clamp(s.frame)])
+    return quaternion_angle(s.body_quaternion, c.body_target[1][c.reference.clamp(s.frame)])
 
 
 def anchor_error(c: StepContext, s: StepSample) -> PoseError:
@@ -207,11 +193,6 @@ def effort_share(c: StepContext, s: StepSample) -> FloatArray:
     return _squares(s.torque * c.inverse_effort)
 
 
-@metric("1", "sum of the squares of |torque| / effort limit beyond 0.8")
-def strain(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(np.maximum(np.abs(s.torque) * c.inverse_effort - _SPARE_EFFORT, 0.0))
-
-
 @metric("action²", "sum of the squared change of the raw action")
 def action_change(c: StepContext, s: StepSample) -> FloatArray:
     return _squares(s.action - s.previous_action)
@@ -228,72 +209,6 @@ def joint_speed(c: StepContext, s: StepSample) -> FloatArray:
     return _squares(s.state.joint_velocity)
 
 
-# ---- gaits: the left foot swings while the sine of the clock's phase is positive, the right one while it is negative
-
-
-def _stands(s: StepSample) -> BoolArray:
-    """Shape (...): clock or command say to stand."""
-    assert s.phase is not None
-    stands: BoolArray = np.isnan(s.phase[..., 0]) | (s.command == 0.0).all(axis=-1)
-    return stands
-
-
-def _sole_height(c: StepContext, s: StepSample) -> FloatArray:
-    """Shape (..., 2), m, of the soles above the floor."""
-    base = _base(s)
-    position = rotate(base.quaternion[..., None, :], s.body_position[..., -2:, :])
-    height: FloatArray = position[..., 2] + base.height[..., None] - c.feet.sole
-    return height
-
-
-def _foot_velocity(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray]:
-    """Velocity of the feet, shape (..., 2, 3), m/s, and its weight by their height, shape (..., 2), 0 to 1."""
-    velocity = np.stack([s.state.extern[point_velocity(foot)].value for foot in c.feet.bodies], axis=-2)
-    return velocity, np.exp(np.maximum(_sole_height(c, s), 0.0) / -_NEAR_FLOOR)
-
-
-@metric("1", "mean over feet of exp(-((height - 0.06 m · sine in swing, else 0) / 0.03 m)²)", "gait", "higher")
-def foot_height(c: StepContext, s: StepSample) -> FloatArray:
-    assert s.phase is not None
-    swing = np.where(_stands(s)[..., None], 0.0, np.sin(s.phase[..., :1]) * np.array([1.0, -1.0]))
-    mean: FloatArray = np.mean(_near(_sole_height(c, s) - _LIFT * np.maximum(swing, 0.0), 0.03), axis=-1)
-    return mean
-
-
-@metric("m²/s²", "squared horizontal speed of the feet, faded out over 0.02 m of height", "gait")
-def foot_slide(c: StepContext, s: StepSample) -> FloatArray:
-    velocity, weight = _foot_velocity(c, s)
-    return total(_squares(velocity[..., :2]) * weight)
-
-
-@metric("m²/s²", "squared downward speed of the feet, faded out likewise", "gait")
-def foot_slap(c: StepContext, s: StepSample) -> FloatArray:
-    velocity, weight = _foot_velocity(c, s)
-    return total(np.minimum(velocity[..., 2], 0.0) ** 2 * weight)
-
-
-@metric("1", "sum over feet of the squared sine of their tilt", "gait")
-def foot_tilt(c: StepContext, s: StepSample) -> FloatArray:
-    up = rotate(_base(s).quaternion[..., None, :], rotate(s.body_quaternion[..., -2:, :], c.feet.up))
-    return total(up[..., 0] ** 2 + up[..., 1] ** 2)
-
-
-@metric("m²", "squared difference of the base's height from standing, beyond 0.02 m", "gait")
-def sinking(c: StepContext, s: StepSample) -> FloatArray:
-    return np.asarray(np.maximum(np.abs(_base(s).height - c.feet.base_height) - 0.02, 0.0) ** 2)
-
-
-@metric("rad²", "squared distance of yaw and roll joints from the default pose, summed", "gait")
-def posture(c: StepContext, s: StepSample) -> FloatArray:
-    away = s.state.joint_position - c.default_pose
-    return total(c.steady_joints * away * away)
-
-
-@metric("rad²/s²", "joint_speed while the command is to stand", "gait")
-def stillness(c: StepContext, s: StepSample) -> FloatArray:
-    return np.where(_stands(s), joint_speed(c, s), 0.0)
-
-
 # ---- pianos; the first two are the key press reward of RoboPianist (Zakka et al. 2023)
 
 
@@ -302,35 +217,10 @@ def pressed_and_wanted(c: StepContext, s: StepSample) -> tuple[BoolArray, BoolAr
     return np.asarray(s.state.extern[KEY_PRESSED].value > 0.5), c.song[c.reference.clamp(s.frame)]
 
 
-def _mean_of_song(c: StepContext, s: StepSample, values: npt.NDArray[np.generic]) -> FloatArray:
-    """Return the mean of values, shape (..., 88), over the song's present keys; 1 where it has none."""
-    wanted = pressed_and_wanted(c, s)[1]
-    count = wanted.sum(axis=-1)
-    return np.where(count > 0, total(np.where(wanted, values, 0.0)) / np.maximum(count, 1), 1.0)
-
-
-@metric("1", "share of the song's present keys that are down; 1 where it asks for none", "song", "higher")
-def keys_hit(c: StepContext, s: StepSample) -> FloatArray:
-    return _mean_of_song(c, s, pressed_and_wanted(c, s)[0])
-
-
 @metric("1", "1 where no other key is down", "song", "higher")
 def no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
     pressed, wanted = pressed_and_wanted(c, s)
     return np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0)
-
-
-@metric("1", "mean over the song's keys of exp(-(distance to the nearest fingertip / 0.05 m)²)", "song", "higher")
-def reach(c: StepContext, s: StepSample) -> FloatArray:
-    tips = s.body_position[..., -2:, :] + rotate(s.body_quaternion[..., -2:, :], c.fingers[1])
-    nearest = _squares(tips[..., None, :, :] - c.strike_points[:, None, :]).min(axis=-1)
-    return _mean_of_song(c, s, np.exp(nearest / -(_REACH**2)))
-
-
-@metric("m", "how far wrists are less than 0.05 m above the white keys, summed", "song")
-def low_wrist(c: StepContext, s: StepSample) -> FloatArray:
-    lowest = float(c.strike_points[:, 2].min()) + _WRIST_HEIGHT
-    return total(np.maximum(lowest - s.body_position[..., -2:, 2], 0.0))
 
 
 @metric("share", "of the keys that are down, those that should be", "song", "higher")
@@ -338,7 +228,7 @@ def precision(c: StepContext, s: StepSample) -> FloatArray:
     return step_ratios(*pressed_and_wanted(c, s))[0]
 
 
-@metric("share", "of the keys that should be down, those that are", "song", "higher")
+@metric("share", "of the keys that should be down, those that are; 1 where there are none", "song", "higher")
 def recall(c: StepContext, s: StepSample) -> FloatArray:
     return step_ratios(*pressed_and_wanted(c, s))[1]
 
@@ -348,16 +238,15 @@ def f1(c: StepContext, s: StepSample) -> FloatArray:
     return step_ratios(*pressed_and_wanted(c, s))[2]
 
 
-def _closeness(name: str, of: str, *scales: float) -> None:
-    """Add the row of that name: the mean over some scales of exp(-(error / scale)²), 1 without an error."""
-    row = METRICS[of]
-    formula = " + ".join(f"exp(-({of} / {scale:g} {row.unit})²)" for scale in scales)
+def _closeness(name: str, of: str, scale: float) -> None:
+    """Add the row of that name: exp(-(error / scale)²), 1 without an error."""
+    error, minus = METRICS[of], -(scale * scale)
 
     def values(c: StepContext, s: StepSample) -> FloatArray:
-        error = row.values(c, s)
-        return sum((_near(error, scale) for scale in scales[1:]), start=_near(error, scales[0])) / len(scales)
+        off = error.values(c, s)
+        return np.asarray(np.exp(off * off / minus))
 
-    METRICS[name] = StepMetric(name, "1", formula, "higher", values, row.needs)
+    METRICS[name] = StepMetric("1", f"exp(-({of} / {scale:g} {error.unit})²)", "higher", values, error.needs)
 
 
 _closeness("body_position", "body_position_error", 0.1)
@@ -367,8 +256,6 @@ _closeness("anchor_position", "anchor_position_error", 0.3)
 _closeness("anchor_orientation", "anchor_orientation_error", 0.4)
 _closeness("linear_velocity", "velocity_error", 0.25)
 _closeness("yaw_rate", "yaw_rate_error", 0.5)
-_closeness("linear_velocity_sharp", "velocity_error", 0.15, 0.5)
-_closeness("yaw_rate_sharp", "yaw_rate_error", 0.2, 0.8)
 
 
 def describe_failure(c: StepContext, s: StepSample, i: int | tuple[()] = ()) -> str:

@@ -6,9 +6,7 @@ import gymnasium
 import msgspec
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
-from models import contract_of
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
 LITE, BIPED, PIANO = (f"humanoid_sim/{name}-v0" for name in ("LiteTracking", "BipedVelocity", "LitePiano"))
@@ -31,22 +29,6 @@ def hasty(name: str = "lite") -> RobotDescription:
         for field in ("standby_controller_a", "standby_controller_b")
     }
     return msgspec.structs.replace(robot, **standby)
-
-
-def following(robot: RobotDescription) -> PolicyContract:
-    """A contract that follows the pelvis and the joints of a motion, in the robot's order."""
-    return contract_of(
-        robot.joint_names,
-        task_type="tracking",
-        joint_stiffness=robot.stiffness,
-        joint_damping=robot.damping,
-        default_joint_pos=robot.initial_position,
-        observation=("command", "motion_anchor_pos_b", "motion_anchor_ori_b", "joint_pos", "last_action"),
-        command_names=("motion",),
-        action_scale=0.25,
-        body_names=("pelvis",),
-        anchor_body="pelvis",
-    )
 
 
 def both(name: str, count: int, **options: Any) -> tuple[Any, SyncVectorEnv]:

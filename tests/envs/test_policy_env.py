@@ -58,8 +58,6 @@ def test_a_configuration_and_keywords_make_the_same_environment():
         ({"rewards": {"alive": float("nan")}}, "weight of alive is nan"),
         ({"terminations": ("fallen",)}, "fallen: needs a floating base"),
         ({"max_episode_steps": 0, "config": TRACKING}, "max_episode_steps: is 0, expected a whole number >= 1"),
-        ({"reference_start": 1.5}, "reference_start: is 1.5, expected a finite number from 0 to 1"),
-        ({"reference_start": 0.5}, "reference_start: is > 0, but the policy follows no motion with joints"),
         ({"joint_noise": -1.0}, "joint_noise: is -1.0"),
         ({"action_limit": 0.0}, "action_limit: is 0.0"),
         ({"motion": "polka"}, "polka"),

@@ -95,7 +95,6 @@ BASE = BaseState(
         ("yaw_rate_error", 0.2),
         ("linear_velocity", np.exp(-(0.1**2) / 0.25**2)),
         ("yaw_rate", np.exp(-(0.2**2) / 0.5**2)),
-        ("linear_velocity_sharp", 0.5 * (np.exp(-(0.1**2) / 0.15**2) + np.exp(-(0.1**2) / 0.5**2))),
         ("vertical_velocity", 0.04),
         ("rocking", 0.05),
         ("lean", 0.0),
@@ -128,7 +127,6 @@ def test_joints_at_their_stops_and_at_their_effort_limit():
     assert value(context, step, "joint_stops") == pytest.approx(0.03 + 0.06)
     limited = replace(step, torque=0.9 * np.array(ROBOT.effort_limit))
     assert value(context, limited, "effort_share") == pytest.approx(len(NAMES) * 0.81)
-    assert value(context, limited, "strain") == pytest.approx(len(NAMES) * 0.01)
 
 
 def test_bodies_of_a_motion():
@@ -142,7 +140,7 @@ def test_bodies_of_a_motion():
     position = np.array([[0.03, 0.0, 0.04], [0.0, 0.0, 0.0]])
     quaternion = np.stack([about(0.2, (0.0, 0.0, 1.0)), -about(0.0, (0.0, 0.0, 1.0))])
     step = replace(sample(14), body_position=position, body_quaternion=quaternion)
-    assert context.bodies == ("left_hand", "right_hand")
+    assert context.tracked == ("left_hand", "right_hand")
     assert value(context, step, "body_position_error") == pytest.approx(0.05 / np.sqrt(2))
     assert value(context, step, "body_orientation_error") == pytest.approx(0.2 / np.sqrt(2))
     assert value(context, step, "body_position") == pytest.approx(np.exp(-(0.05**2) / 2 / 0.1**2))
@@ -180,20 +178,12 @@ def test_keys_of_a_song():
     song = np.zeros((2, 88))
     song[1, [40, 44]] = 1.0
     context = StepContext(robot, contract, MotionReference(2, {"target_keys": song}))
-    context.require("reach", METRICS["reach"].needs)
     pressed = np.zeros(88)
     pressed[[40, 50]] = 1.0
     state = replace(MITState.unknown(14), extern={KEY_PRESSED: Extern(pressed, 0.0)})
-    at = context.strike_points[40] - context.fingers[1][0]  # the left fingertip on key 40, the right one far away
-    wrists = np.stack([at, at + np.array([0.0, 0.0, 5.0])])
-    step = replace(sample(14), state=state, body_position=wrists, body_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))
-    assert value(context, step, "keys_hit") == 0.5
+    step = replace(sample(14), state=state)
     assert value(context, step, "no_wrong_key") == 0.0
     assert [value(context, step, name) for name in ("precision", "recall", "f1")] == [0.5, 0.5, 0.5]
-    away = np.linalg.norm(context.strike_points[44] - context.strike_points[40])
-    assert value(context, step, "reach") == pytest.approx(0.5 * (1.0 + np.exp(-(away**2) / 0.05**2)))
-    lowest = context.strike_points[:, 2].min() + 0.05
-    assert value(context, step, "low_wrist") == pytest.approx(max(lowest - at[2], 0.0))
 
 
 def test_a_metric_that_does_not_fit_is_refused():
@@ -206,13 +196,12 @@ def test_a_metric_that_does_not_fit_is_refused():
 def test_feet_are_found_and_slide():
     feet = find_feet(ROBOT)
     assert feet.bodies == ("left_foot", "right_foot")
-    np.testing.assert_allclose(feet.up, [[0.0, -1.0, 0.0]] * 2, atol=0.01)
-    assert feet.base_height == pytest.approx(0.77, abs=0.01)
-    ball = Feet(("foot",), (0,), np.zeros((1, 3)), np.array([0.03]), 0.0, np.zeros(1), np.zeros((1, 3)), 0.0)
-    rolled = np.array([[[0.0, 0.0, 0.03]]])
-    moved = rolled + np.array([0.6, 0.8, 0.0]) * 0.5 * 0.02
-    assert ball.slip(rolled, moved, 0.02) == pytest.approx([0.5])
-    assert np.isnan(ball.slip(rolled + np.array([0.0, 0.0, 0.02]), moved, 0.02)).all(), "in the air it does not slide"
+    assert feet.foot.count(0) == feet.foot.count(1) > 0
+    sole = Feet(("foot",), (0,), np.zeros((1, 3)), 0.0)
+    before = np.zeros((1, 1, 3))
+    moved = before + np.array([0.6, 0.8, 0.0]) * 0.5 * 0.02
+    assert sole.slip(before, moved, 0.02) == pytest.approx([0.5])
+    assert np.isnan(sole.slip(before + np.array([0.0, 0.0, 0.02]), moved, 0.02)).all(), "in the air it does not slide"
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi])
