@@ -6,8 +6,9 @@
     python -m humanoid_sim.play --robot lite_biped --policy walk.onnx --command 0.3,0,0
 
 Ctrl-C and SIGTERM end it after the iteration, with an export. Commands and falls are those of the task `velocity`; its
-rewards are weighted anew, and torques near the motors' limits cost. Two things make it learn within hours on a few cores: the network corrects a simple gait on the contract's
-clock, and sees the mirror image while the right leg swings, so each step trains both legs.
+rewards are weighted anew, and torques near the motors' limits cost. Two things make it learn within hours on a few
+cores: the network corrects a simple gait on the contract's clock, and sees the mirror image while the right leg swings,
+so each step trains both legs.
 """
 
 from __future__ import annotations

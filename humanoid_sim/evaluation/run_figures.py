@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -113,7 +113,7 @@ class BaseMotion:
     height: tuple[float, float, float, int] = (math.inf, 0.0, -math.inf, 0)
     """m, of the base's origin above the floor from landing on: least, sum, greatest, count."""
     _has_landed: bool = False
-    _speed: tuple[FloatArray | float, int] = (0.0, 0)
+    _speed: tuple[FloatArray, int] = field(default_factory=lambda: (np.zeros(3), 0))
 
     def release(self, time: float, standing_height: float) -> None:
         """Begin once the base is let go; `time` in s, robot's clock."""
