@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import needing
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.rendering.backend import choose_backend
+from humanoid_sim.rendering.backend import choose_opengl
 
 with needing("dm-env", "dm", "humanoid_sim.envs.dm"):
     import dm_env
@@ -62,7 +62,7 @@ class DmEnv(dm_env.Environment):
         """Return the simulation, for `dm_control.viewer`; physics and robot share their data."""
         if not hasattr(self, "_physics"):
             # dm_control loads an OpenGL when it is imported, by itself one that may not be there
-            opengl = choose_backend().opengl
+            opengl = choose_opengl()
             os.environ.setdefault("MUJOCO_GL", "disable" if opengl == "none" else opengl)
             from dm_control.mujoco import Physics, wrapper  # noqa: PLC0415
 

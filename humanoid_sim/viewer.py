@@ -15,9 +15,9 @@ from humanoid_sim.client import Sample
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.rendering.camera import update_pose
 from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.native_viewer import check_window, open_window
-from humanoid_sim.rendering.offscreen import update_pose
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 

@@ -147,7 +147,7 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
         with _printing(problems):
             console.print(f"{kind:<9}  {text}", markup=False)
 
-    outputs, setup = run.plan.outputs, run.plan.setup
+    outputs = run.plan.outputs
     for path in (recorder.path for recorder in run.recorders if recorder.path.exists()):
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
     if run.moments is not None:
@@ -159,13 +159,6 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
                         say(kind, text)
             except KeyboardInterrupt:
                 say(kind, "skipped")
-    if outputs.snapshot is not None:
-        with _noting(problems):
-            from humanoid_sim.rendering.video import save_snapshot  # noqa: PLC0415 - pictures' libraries are heavy
-
-            pose = setup.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
-            save_snapshot(outputs.snapshot, setup.model(), pose)
-            say("snapshot", outputs.snapshot)
     if outputs.summary is not None and outputs.summary.exists():
         say("summary", outputs.summary)
 

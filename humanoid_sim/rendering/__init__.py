@@ -1,1 +1,1 @@
-"""Pictures of a simulated robot: video, snapshot, window. With OpenGL where it works, in software everywhere else."""
+"""Pictures of a simulated robot: page, video, window."""

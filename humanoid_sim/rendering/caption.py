@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from humanoid_sim.messages import Mode, TickRecord
 
 MODE_COLOURS = {
@@ -21,15 +19,13 @@ MODE_COLOURS = {
 class Caption:
     """Words about one tick."""
 
-    time: float
-    """s"""
+    time: float  # s, robot's clock
     mode: Mode
     controller: str
     message: str = ""
 
     @classmethod
     def of(cls, record: TickRecord) -> Caption:
-        """Return the caption of a tick, at its time on the robot's clock."""
+        """Return the caption of a tick."""
         control = record.output.control_mode
-        time = float(np.ravel(record.input.state.time)[0])
-        return cls(time, control.mode, control.controller_name, control.status_message)
+        return cls(float(record.input.state.time), control.mode, control.controller_name, control.status_message)

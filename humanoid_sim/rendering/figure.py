@@ -11,8 +11,7 @@ from mjviser.conversions import is_fixed_body, merge_geoms
 from humanoid_sim.mit import FloatArray
 
 _OPACITY = 0.45
-_SHOWN_GROUPS = 3
-"""Groups of geoms that are drawn; those of the others are for collisions."""
+_SHOWN_GROUPS = 3  # groups of geoms that are drawn; those of the others are for collisions
 
 
 class Figure:
@@ -23,33 +22,26 @@ class Figure:
         self.root = server.scene.add_frame(f"/ghosts/{name}", show_axes=False)
         self.bodies: dict[int, Any] = {}
         """viser's handles, by body of the model."""
+        is_shown = (model.geom_group < _SHOWN_GROUPS) & (model.geom_rgba[:, 3] > 0.0)
         for body in range(1, model.nbody):
-            first = model.body_geomadr[body]
-            geoms = [
-                geom
-                for geom in range(first, first + model.body_geomnum[body])
-                if model.geom_group[geom] < _SHOWN_GROUPS and model.geom_rgba[geom, 3] > 0.0
-            ]
-            if not geoms or is_fixed_body(model, body):
-                continue
-            mesh = merge_geoms(model, geoms)
-            handle = server.scene.add_mesh_simple(
-                f"/ghosts/{name}/{body}",
-                np.asarray(mesh.vertices, np.float32),
-                np.asarray(mesh.faces, np.uint32),
-                color=color,
-                opacity=_OPACITY,
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            self.bodies[body] = handle
+            geoms = np.flatnonzero(is_shown & (model.geom_bodyid == body)).tolist()
+            if geoms and not is_fixed_body(model, body):
+                mesh = merge_geoms(model, geoms)
+                self.bodies[body] = server.scene.add_mesh_simple(
+                    f"/ghosts/{name}/{body}",
+                    np.asarray(mesh.vertices, np.float32),
+                    np.asarray(mesh.faces, np.uint32),
+                    color=color,
+                    opacity=_OPACITY,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
 
     def show(self, qpos: FloatArray, offset: FloatArray) -> None:
         """Draw it at `qpos`, shape (nq,), shifted by `offset`, shape (3,), m."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        self.root.position = offset
-        self.root.visible = True
+        self.root.position, self.root.visible = offset, True
         for body, handle in self.bodies.items():
             handle.position, handle.wxyz = self._data.xpos[body].copy(), self._data.xquat[body].copy()
 

@@ -11,6 +11,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand
 from humanoid_sim.policy.motion import body_poses
@@ -20,9 +21,9 @@ from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
 
 def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddresses) -> FloatArray | None:
-    """Return where a command pulls the robot, shape (nq,): joints with a K_p where commanded; None without any.
+    """Return `qpos`, shape (nq,), with the joints that have a stiffness where they are commanded; None without any.
 
-    All the rest is the robot's own pose, `qpos`, shape (nq,). The command's n joints have these addresses.
+    The command's n joints have these addresses.
     """
     pulled = (command.stiffness > 0.0) & np.isfinite(command.position)
     if not pulled.any():
@@ -35,11 +36,10 @@ def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddres
 class ShownReference:
     """Frame of its motion that a run's policy is shown, and where the motion is laid onto the robot, tick by tick."""
 
-    def __init__(self) -> None:
-        self.frame: int | None = None
-        """Frame of the latest policy step; None where the policy does not drive the robot."""
-        self.anchor: FloatArray | None = None
-        """Shape (7,), m and w x y z, world frame: the anchor body's pose at frame 0, where the motion begins."""
+    frame: int | None = None
+    """Frame of the latest policy step; None where the policy does not drive the robot."""
+    anchor: FloatArray | None = None
+    """Shape (7,), m and w x y z, world frame: the anchor body's pose at frame 0, where the motion begins."""
 
     def look(self, record: TickRecord) -> None:
         """Take a tick."""
@@ -56,16 +56,13 @@ class ReferenceGhost:
     """A motion as poses of the robot: its joints where it names them, inverse kinematics where it has bodies alone."""
 
     description: RobotDescription
-    joint_names: tuple[str, ...]
-    """Joints of the policy."""
-    body_names: tuple[str, ...]
-    """Bodies that the motion moves."""
+    joint_names: tuple[str, ...]  # of the policy
+    body_names: tuple[str, ...]  # that the motion moves
     anchor_body: str
-    is_aligned: bool
-    """True if the motion is laid onto the robot."""
+    is_aligned: bool  # True if the motion is laid onto the robot
     reference: MotionReference
     _kinematics: InverseKinematics | None = field(default=None, init=False)
-    _last: tuple[int, FloatArray] | None = field(default=None, init=False)
+    _last: tuple[int, FloatArray] | None = field(default=None, init=False)  # frame and its joints
     _alignment: Alignment | None = field(default=None, init=False)
 
     @classmethod
@@ -83,16 +80,23 @@ class ReferenceGhost:
 
     @property
     def has_place(self) -> bool:
-        """Return whether it is known where a base that moves freely should be."""
+        """True if it is known where a base that moves freely should be."""
         return not self.is_aligned or "anchor_pos" not in self.reference.terms or self._alignment is not None
 
     def pose(self, model: mujoco.MjModel, qpos: FloatArray, frame: int) -> FloatArray:
         """Return the ghost at a frame, shape (nq,): what the motion does not say is the robot's own pose, `qpos`."""
         ghost = qpos.copy()
-        addresses = joint_addresses(model, self.description.joint_names)
-        ghost[addresses.qpos] = self._joints(qpos[addresses.qpos], frame)
+        addresses = joint_addresses(model, self.description.joint_names).qpos
+        ghost[addresses] = self._joints(qpos[addresses], frame)
         if "anchor_pos" in self.reference.terms and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
-            ghost[:7] = self._base(model, ghost, frame)
+            data = mujoco.MjData(model)
+            data.qpos[:] = ghost
+            data.qpos[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+            mujoco.mj_kinematics(model, data)
+            anchor = data.body(self.anchor_body)
+            position, quaternion = self.reference.anchor(frame, self._alignment)
+            ghost[3:7] = multiply(quaternion, conjugate(anchor.xquat))
+            ghost[:3] = position - rotate(ghost[3:7], anchor.xpos)
         return ghost
 
     def _joints(self, present: FloatArray, frame: int) -> FloatArray:
@@ -103,26 +107,10 @@ class ReferenceGhost:
             joints[order] = self.reference.term("reference_joint_pos", frame)
             return joints
         if self._last is None or self._last[0] != frame:
-            bodies = self.body_names
-            if self._kinematics is None:
-                self._kinematics = InverseKinematics(self.description, bodies)
-            terms = (self.reference.term(name, frame) for name in ("motion_body_pos_b", "motion_body_ori_b"))
-            position, rotation = body_poses(np.concatenate(list(terms))[None].astype(np.float64), len(bodies))
+            self._kinematics = self._kinematics or InverseKinematics(self.description, self.body_names)
+            terms = [self.reference.term(name, frame) for name in ("motion_body_pos_b", "motion_body_ori_b")]
+            frames = np.concatenate(terms)[None].astype(np.float64)
+            position, rotation = body_poses(frames, len(self.body_names))
             start = present if self._last is None else self._last[1]
             self._last = frame, self._kinematics.solve(position[0], rotation[0], start, posture=present)
         return self._last[1]
-
-    def _base(self, model: mujoco.MjModel, ghost: FloatArray, frame: int) -> FloatArray:
-        """Return where the base (7,) must be for the anchor body to be the motion's, with the ghost's joints."""
-        data = mujoco.MjData(model)
-        data.qpos[:] = ghost
-        data.qpos[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-        mujoco.mj_kinematics(model, data)
-        anchor = data.body(self.anchor_body)
-        position, quaternion = self.reference.anchor(frame, self._alignment)
-        inverse, offset, base = np.empty(4), np.empty(3), np.empty(7)
-        mujoco.mju_negQuat(inverse, anchor.xquat)
-        mujoco.mju_mulQuat(base[3:], quaternion, inverse)
-        mujoco.mju_rotVecQuat(offset, anchor.xpos, base[3:])
-        base[:3] = position - offset
-        return base

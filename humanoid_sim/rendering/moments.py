@@ -17,25 +17,19 @@ from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.session.sinks import Sink
 
-RATE = 25.0
-"""Hz"""
-_LONGEST_PAUSE = 1.0
-"""s. A longer jump of the robot's clock is shortened to this."""
+RATE = 25.0  # Hz
+_LONGEST_PAUSE = 1.0  # s, to which a longer jump of the robot's clock is shortened
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
     """One pose of a run."""
 
-    time: float
-    """s since the first one, pauses shortened."""
-    qpos: FloatArray
-    """Shape (nq,)."""
+    time: float  # s since the first one, pauses shortened
+    qpos: FloatArray  # shape (nq,)
     caption: Caption
-    frame: int | None = None
-    """Index of the motion's frame, while the policy drives the robot."""
-    anchor: FloatArray | None = None
-    """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
+    frame: int | None = None  # index of the motion's frame, while the policy drives the robot
+    anchor: FloatArray | None = None  # pose (7,), m and w x y z, of the anchor body when frame 0 was shown
 
 
 class Moments(Sink):
@@ -58,16 +52,15 @@ class Moments(Sink):
 
     def tick(self, record: TickRecord) -> None:
         """Keep the pose, if one is due."""
-        time = record.input.state.time
-        if record.qpos is None or not isinstance(time, float):
+        if record.qpos is None:
             return
+        time = float(record.input.state.time)
         self._clock += min(max(0.0, time - self._last_time), _LONGEST_PAUSE)  # NaN, and backwards: 0
         self._last_time = time
         self._shown.look(record)
         if self._clock < self._due:
             return
-        shown, caption = self._shown, Caption.of(record)
-        self.kept.append(Moment(self._clock, record.qpos, caption, shown.frame, shown.anchor))
+        self.kept.append(Moment(self._clock, record.qpos, Caption.of(record), self._shown.frame, self._shown.anchor))
         if len(self.kept) >= self._most:
             self.kept, self.rate = self.kept[::2], self.rate / 2.0
         self._due = (math.floor(self._clock * self.rate + 1e-6) + 1) / self.rate - 1e-6
@@ -79,24 +72,18 @@ class Moments(Sink):
 
     def ghosts(self, model: mujoco.MjModel) -> Iterator[FloatArray | None]:
         """Yield for each pose the motion's, shape (nq,); None where the policy follows none."""
-        anchor: FloatArray | None = None
         for moment in self.kept:
-            ghost = self.ghost
-            if ghost is None or moment.frame is None:
-                yield None
-                continue
-            if moment.anchor is not None and moment.anchor is not anchor:
-                anchor = moment.anchor
-                ghost.align(anchor)
-            yield ghost.pose(model, moment.qpos, moment.frame) if ghost.has_place else None
+            ghost, pose = self.ghost, None
+            if ghost is not None and moment.frame is not None:
+                if moment.anchor is not None:
+                    ghost.align(moment.anchor)
+                pose = ghost.pose(model, moment.qpos, moment.frame) if ghost.has_place else None
+            yield pose
 
 
 @contextmanager
 def pose_progress(console: Console, label: str) -> Iterator[Callable[[int, int], None]]:
     """Show a bar on a terminal while poses are drawn; yields what takes their number so far and their total."""
-    if not console.is_terminal:  # where rich would print an empty line
-        yield lambda done, total: None  # noqa: ARG005
-        return
-    with Progress(console=console, transient=True) as bar:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(label, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

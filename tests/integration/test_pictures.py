@@ -1,19 +1,17 @@
-"""Pictures that OpenGL draws: a video, a snapshot, a motion's ghost, and what environments render."""
+"""Pictures that OpenGL draws: a video, a motion's ghost, and what environments render."""
 
 import av
 import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from PIL import Image
 
 import humanoid_sim.envs  # noqa: F401 - registers the environments
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.rendering.moments import Moments
 from humanoid_sim.rendering.offscreen import PoseRenderer
-from humanoid_sim.rendering.video import save_snapshot, write_video
+from humanoid_sim.rendering.video import write_video
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
@@ -49,19 +47,6 @@ def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum):
         assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
     assert [time for time, _ in frames] == pytest.approx(np.arange(26) / 25)
     assert np.abs(frames[0][1] - frames[25][1]).max() > 60, "the pendulum has moved"
-
-
-def test_a_snapshot_is_a_picture_of_the_pose(tmp_path, pendulum):
-    pictures = []
-    for angle in (0.0, 1.0, np.nan):
-        save_snapshot(tmp_path / "run.png", pendulum, np.array([angle]), size=(160, 120))
-        with Image.open(tmp_path / "run.png") as image:
-            assert (image.size, image.format) == ((160, 120), "PNG")
-            pictures.append(np.asarray(image, dtype=np.int64))
-    assert np.abs(pictures[0] - pictures[1]).max() > 60
-    np.testing.assert_array_equal(pictures[0], pictures[2])
-    with pytest.raises(InputError, match=r"snapshot: is '.*\.bmp', expected a name that ends in \.png or "):
-        save_snapshot(tmp_path / "run.bmp", pendulum, np.zeros(1))
 
 
 def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
