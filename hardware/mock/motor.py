@@ -1,4 +1,4 @@
-"""What a mock motor senses, and what its control loop does."""
+"""Measurements of a mock motor's sensors, and the command that its control loop executes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ SUPPLY_VOLTAGE = 48.0  # V
 
 @dataclass(slots=True)
 class Sensed:
-    """Readings of a motor's own sensors, in rad, s, N·m, °C and V."""
+    """Measurements of a motor, in rad, s, N·m, °C and V, motor frame."""
 
-    shaft: float = 0.0
-    """Angle of the shaft with all its turns, motor frame."""
+    shaft: float = 0.0  # with all its turns
     velocity: float = 0.0
     torque: float = 0.0
     temperature: float = ROOM_TEMPERATURE
@@ -23,14 +22,12 @@ class Sensed:
 
 
 class Drive(NamedTuple):
-    """The MIT command in force, motor frame, in rad, s and N·m; zero gains and effort without power."""
+    """The MIT command in force, in rad, s and N·m, motor frame; all zero but the last two without power."""
 
     position: float = 0.0
     velocity: float = 0.0
     effort: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
-    limit: float = 0.0
-    """Bound of the torque."""
-    origin: float = 0.0
-    """The shaft's angle that counts as position 0."""
+    limit: float = 0.0  # bound of the torque
+    origin: float = 0.0  # the shaft's angle that counts as position 0

@@ -1,9 +1,8 @@
 """A mock Sito motor.
 
-There is no public manual. Assumed, and compared with no motor: a disabled motor takes gains and commands unless it
-`is_deaf`; both outlive a reset and not the power; its two feedback frames leave together while it is enabled; its
-encoder is absolute within one turn; a motor that protects itself goes limp and silent; nothing stops a motor whose host
-has fallen silent.
+There is no public manual. Assumed, and compared with no motor: a disabled motor takes gains and commands; both outlive
+a reset and not the power; its two feedback frames leave together while it is enabled; its encoder is absolute within
+one turn; a motor that protects itself goes limp and silent; nothing stops a motor whose host has fallen silent.
 """
 
 from __future__ import annotations
@@ -12,19 +11,7 @@ import math
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.motor import Drive, Sensed
-from humanoid_sim.hardware.sito.protocol import (
-    Command,
-    Feedback,
-    Gains,
-    Mode,
-    MotorMessage,
-    PositionFeedback,
-    Reset,
-    SelectMode,
-    decode,
-    encode,
-    split_identifier,
-)
+from humanoid_sim.hardware.sito import protocol
 from humanoid_sim.robots.motors import MotorModel
 
 _VOLTAGES = 12.0, 60.0  # V, assumed as for the other motors of the robot
@@ -37,14 +24,13 @@ class SitoMotor:
     def __init__(self, model: MotorModel, can_id: int) -> None:
         self.model, self.can_id = model, can_id
         self.sensed = Sensed()
-        self.is_deaf = False  # true if it ignores gains and commands while it is disabled
         self.power_on()
 
     def power_on(self) -> tuple[Frame, ...]:
         """Boot, disabled: the first position is in ±π."""
         self.origin = self.sensed.shaft - math.remainder(self.sensed.shaft, 2.0 * math.pi)
-        self.gains = Gains(self.can_id, 0.0, 0.0)
-        self.command = Command(self.can_id, 0.0, 0.0, 0.0)
+        self.gains = protocol.Gains(self.can_id, 0.0, 0.0)
+        self.command = protocol.Command(self.can_id, 0.0, 0.0, 0.0)
         self.intervals = (0.0, 0.0)  # s between two frames of feedback 1 and 2; 0: none
         self.reset()
         return ()
@@ -56,45 +42,40 @@ class SitoMotor:
 
     def is_for(self, frame: Frame) -> bool:
         """Return whether a frame names this motor."""
-        parts = split_identifier(frame)
+        parts = protocol.split_identifier(frame)
         return parts is not None and parts[0] == self.can_id
 
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
         """Execute a frame that names it, at a time, s; nothing is answered."""
-        listens = self.is_running or not self.is_deaf
-        match decode(frame, self.model):
-            case Reset():
-                self.reset()
-            case SelectMode(mode=Mode.MIT, intervals=(first, second, _)) if not self.faults():
+        match protocol.decode(frame, self.model):
+            case protocol.SelectMode(mode=protocol.Mode.MIT, intervals=(first, second, _)) if not self.faults():
                 self.is_running, self.intervals = True, (first / 1000.0, second / 1000.0)
                 self.next_feedback = [time + interval if interval else math.inf for interval in self.intervals]
-            case SelectMode():
+            case protocol.Reset() | protocol.SelectMode():
                 self.reset()
-            case Gains() as gains if listens:
+            case protocol.Gains() as gains:
                 self.gains = gains
-            case Command() as command if listens:
+            case protocol.Command() as command:
                 self.command = command
         return ()
 
     def advance(self, time: float) -> tuple[Frame, ...]:
-        """Check protections and timeouts at a time, s; returns the frames that it sends unasked."""
+        """Check protections at a time, s; returns the feedback that is due."""
         if self.is_running and self.faults():
             self.reset()
-        sensed, frames = self.sensed, []
-        messages: tuple[MotorMessage, ...] = (
-            Feedback(self.can_id, _cut(sensed.velocity, self.model.velocity), _cut(sensed.torque, self.model.effort)),
-            PositionFeedback(self.can_id, _cut(sensed.shaft - self.origin, self.model.position)),
-        )
+        sensed, model = self.sensed, self.model
+        frames: list[Frame] = []
+        velocity = min(max(sensed.velocity, -model.velocity), model.velocity)
+        torque = min(max(sensed.torque, -model.effort), model.effort)
+        feedback = protocol.Feedback(self.can_id, velocity, torque)
+        position = protocol.PositionFeedback(self.can_id, sensed.shaft - self.origin)
+        messages: tuple[protocol.MotorMessage, ...] = (feedback, position)
         for i, message in enumerate(messages):
             if time >= self.next_feedback[i]:
-                frames.append(encode(message, self.model))
+                frames.append(protocol.encode(message, model))
                 periods = math.ceil((time - self.next_feedback[i]) / self.intervals[i] + 1e-9)
                 self.next_feedback[i] += self.intervals[i] * periods
         return tuple(frames)
-
-    def next_time(self) -> float:
-        """Return when `advance` has something to do, protections apart; infinity: never."""
-        return min(self.next_feedback)
 
     def drive(self) -> Drive:
         """Return the command of its control loop. Gains without a command hold position 0."""
@@ -106,17 +87,12 @@ class SitoMotor:
         return Drive(*target, gains.stiffness, gains.damping, limit, self.origin)
 
     def faults(self) -> str:
-        """Return its latched faults in words; empty without any."""
+        """Return its faults in words; empty without any."""
         sensed = self.sensed
         is_powered = _VOLTAGES[0] <= sensed.voltage <= _VOLTAGES[1]
         return "" if is_powered and sensed.temperature < _HOTTEST and not sensed.overcurrent else "protects itself"
 
     def zero_torque(self) -> tuple[Frame, ...]:
         """Return the frames with which another computer commands no torque."""
-        messages = Gains(self.can_id, 0.0, 0.0), Command(self.can_id, 0.0, 0.0, 0.0)
-        return tuple(encode(message, self.model) for message in messages)
-
-
-def _cut(value: float, limit: float) -> float:
-    """Return what the frame's integer makes of a value beyond it."""
-    return min(max(value, -limit), limit)
+        messages = protocol.Gains(self.can_id, 0.0, 0.0), protocol.Command(self.can_id, 0.0, 0.0, 0.0)
+        return tuple(protocol.encode(message, self.model) for message in messages)

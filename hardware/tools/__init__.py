@@ -10,17 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from humanoid_sim.cli import ExitStatus, complain
-
-__all__ = ["main"]
+from humanoid_sim.cli import ExitStatus, complain, parse
+from humanoid_sim.hardware.tools import options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
-    from humanoid_sim.cli import parse
-    from humanoid_sim.hardware.tools.options import TOOLS
-
-    chosen = parse(TOOLS, "hardware", arguments)
+    chosen = parse(options.TOOLS, "hardware", arguments)
     from humanoid_sim.hardware.tools.bench import SilentMotorError
 
     try:
@@ -32,39 +28,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(chosen: Any) -> int:
     """Run the tool of these options, which is imported now: `--help` must be quick."""
-    from humanoid_sim.hardware.tools import options
+    from humanoid_sim.hardware.tools import calibrate, discover, emulate, identify, only_motor, param
 
     match chosen:
         case options.Discover():
-            from humanoid_sim.hardware.tools.discover import discover
-
-            return discover(chosen)
+            return discover.discover(chosen)
         case options.Ping():
-            from humanoid_sim.hardware.tools.param import ping
-
-            return ping(chosen)
+            return param.ping(chosen)
         case options.Param():
-            from humanoid_sim.hardware.tools.param import param
-
-            return param(chosen)
+            return param.param(chosen.command)
         case options.Identify():
-            from humanoid_sim.hardware.tools.identify import identify
-
-            return identify(chosen)
+            return identify.identify(chosen)
         case options.Calibrate():
-            from humanoid_sim.hardware.tools.calibrate import calibrate
-
-            return calibrate(chosen)
+            return calibrate.calibrate(chosen)
         case options.SetId():
-            from humanoid_sim.hardware.tools.only_motor import set_id
-
-            return set_id(chosen)
+            return only_motor.set_id(chosen)
         case options.SetZero():
-            from humanoid_sim.hardware.tools.only_motor import set_zero
-
-            return set_zero(chosen)
-        case options.Emulate():
-            from humanoid_sim.hardware.tools.emulate import emulate
-
-            return emulate(chosen)
-    raise AssertionError(chosen)
+            return only_motor.set_zero(chosen)
+    return emulate.emulate(chosen)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from rich import box
 from rich.console import Console
@@ -12,69 +12,56 @@ from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
-from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
+from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, Command, DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter
-from humanoid_sim.robots.motors import MOTORS, MotorModel
-
-_ANY_MODEL = MOTORS["rs-00"]
-"""Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
+from humanoid_sim.robots.motors import MOTORS
 
 
 class SilentMotorError(HumanoidSimError):
     """A motor does not answer: the tool ends with a status of its own."""
 
 
-def some_motors(
-    places: Sequence[tuple[int, int]], sources: Sequence[str], model: MotorModel = _ANY_MODEL
-) -> MotorGroup:
+def some_motors(places: Sequence[tuple[int, int]], sources: Sequence[str]) -> MotorGroup:
     """Return motors that no robot description names, by their channels' indices and ids."""
     zeros = (0.0,) * len(places)
     return MotorGroup(
         names=tuple(f"motor {motor_id} on {sources[channel]}" for channel, motor_id in places),
         channel=tuple(channel for channel, _ in places),
         motor_id=tuple(motor_id for _, motor_id in places),
-        model=(model,) * len(places),
+        model=(MOTORS["rs-00"],) * len(places),  # scales the values of statuses, which are not shown
         torque_limit=zeros,
         current_limit=zeros,
     )
 
 
 @contextlib.contextmanager
-def open_bench(
-    addresses: Sequence[BusAddress], host_id: int, motors: MotorGroup, open_channel: OpenBus = open_bus
-) -> Iterator[RobstrideLink]:
+def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None) -> Iterator[RobstrideLink]:
     """Open channels for this tool alone. Raises `RobotError` if one is in use, or cannot be opened."""
-    if not 0 <= host_id <= 0xFF:
-        raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
     checks, locks = CheckList(), Locks()
-    try:
+    with contextlib.ExitStack() as opened:
+        opened.callback(locks.release)
         locks.take(addresses, checks)
-        line = OpenChannels(addresses, checks, open_bus=open_channel, locks=locks.descriptors)
-        try:
-            link = RobstrideLink(line, motors, host_id)
-            line.listeners.append(link.receive)
-            yield link
-        finally:
-            line.close()
-    finally:
-        locks.release()
+        line = OpenChannels(addresses, checks, locks=locks.descriptors)
+        opened.callback(line.close)
+        link = RobstrideLink(line, motors or some_motors([], []), DEFAULT_HOST_ID)
+        line.listeners.append(link.receive)
+        yield link
 
 
 @contextlib.contextmanager
-def open_motor(channel: str, motor_id: int, host_id: int) -> Iterator[RobstrideLink]:
+def open_motor(channel: str, motor_id: int) -> Iterator[RobstrideLink]:
     """Open the channel of one motor, of any model."""
     if not 1 <= motor_id <= LARGEST_MOTOR_ID:
         raise InputError(f"motor id: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
     address = parse_address(channel)
-    with open_bench([address], host_id, some_motors([(0, motor_id)], [str(address)])) as link:
+    with open_bench([address], some_motors([(0, motor_id)], [str(address)])) as link:
         yield link
 
 
@@ -107,32 +94,22 @@ def enabled(
             raise RobotError(f"{names}: not confirmed to be disabled: switch the power off")
 
 
-def require_up(link: RobstrideLink) -> None:
-    """Raise `RobotError` if a channel is down."""
-    for source, channel in zip(link.sources, link.channels, strict=True):
-        if channel.down:
-            raise RobotError(f"{source}: {channel.down}")
+def check_channels(link: RobstrideLink) -> None:
+    """Raise `RobotError` if a channel is down, or another master speaks to these motors."""
+    checks = CheckList()
+    link.line.check(checks)
+    checks.refuse()
 
 
-def silence(link: RobstrideLink, channel: int, text: str) -> HumanoidSimError:
-    """Return the error for a channel on which `no motor answers`, or one does not, with what may explain it."""
-    source = link.sources[channel]
-    if link.channels[channel].down:
-        return RobotError(f"{source}: {link.channels[channel].down}")
-    hints = [*link.line.troubles(channel), _advice(link.channels[channel].address)]
-    return SilentMotorError(f"{text} on {source} ({'; '.join(hints)})")
+def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
+    """Return the error for a channel on which `no motor answers`, with what was received there instead."""
+    check_channels(link)
+    troubles = "; ".join(link.line.troubles(channel))
+    return SilentMotorError(f"{text} on {link.sources[channel]}" + f" ({troubles})" * bool(troubles))
 
 
-def _advice(address: BusAddress) -> str:
-    match address.interface:
-        case "virtual":
-            return "a virtual channel exists in one program only; emulate motors on udp_multicast:239.74.163.2"
-        case "udp_multicast":
-            return f"python -m humanoid_sim.hardware emulate --channel {address}"
-        case "slcan":
-            return "does the adapter speak SLCAN? The vendor's USB adapter speaks AT frames"
-        case _:
-            return "check supply, plugs, terminators (60 Ω between CAN high and low), and 1 Mbit/s"
+def _silent_motor(link: RobstrideLink, motor: int) -> SilentMotorError:
+    return silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
 
 
 def ask_uid(link: RobstrideLink, motor: int = 0) -> bytes:
@@ -140,14 +117,14 @@ def ask_uid(link: RobstrideLink, motor: int = 0) -> bytes:
     question = GetDeviceId(link.motors.motor_id[motor], host_id=link.host_id)
     found = link.ask({motor: [question]}, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
     if motor not in found:
-        raise _silent(link, motor)
+        raise _silent_motor(link, motor)
     return found[motor]
 
 
 def command_motor(link: RobstrideLink, command: Command) -> None:
     """Send a command that is answered by a status to the only motor."""
     if not link.until_status({0: [command]}, lambda _: True):
-        raise _silent(link, 0)
+        raise _silent_motor(link, 0)
 
 
 def read_value(link: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
@@ -159,18 +136,13 @@ def write_value(link: RobstrideLink, parameter: Parameter, value: float, motor: 
     """Write a parameter and verify it."""
     found = _known(link, motor, link.write(parameter, {motor: value}))
     if found is None or not parameter.is_same(found, value):
-        reads = "nothing" if found is None else f"{found:g}"
-        raise RobotError(f"{link.motors.names[motor]}: {parameter.name} reads {reads} after {value:g} was written")
+        raise RobotError(f"{link.motors.names[motor]}: {parameter.name} reads {found} after {value:g} was written")
 
 
 def _known(link: RobstrideLink, motor: int, found: Mapping[int, float | None]) -> float | None:
     if motor not in found:
-        raise _silent(link, motor)
+        raise _silent_motor(link, motor)
     return found[motor]
-
-
-def _silent(link: RobstrideLink, motor: int) -> HumanoidSimError:
-    return silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
 
 
 def shown(parameter: Parameter, value: float | None) -> str:
@@ -188,16 +160,16 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
         return
     if not sys.stdin.isatty():
         raise InputError("--yes: is needed where standard input is not a terminal")
-    if answer(question) != "yes":
+    if not answers_yes(question):
         raise InputError(f"{otherwise}: not confirmed")
 
 
-def answer(question: str) -> str:
-    """Return what an operator types, in lower case."""
+def answers_yes(question: str) -> bool:
+    """Return whether an operator types yes."""
     try:
-        return input(f"{question} Type yes: ").strip().lower()
+        return input(f"{question} Type yes: ").strip().lower() == "yes"
     except EOFError:
-        return ""
+        return False
 
 
 def make_console() -> Console:
@@ -206,9 +178,9 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=200)
 
 
-def make_table(*headings: str, right: Sequence[str] = ()) -> Table:
-    """Return a table with these columns, of which those in `right` hold numbers."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
+def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Return a table of these rows."""
+    table = Table(*headings, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
     return table

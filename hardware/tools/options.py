@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-import tyro
+from tyro.conf import Positional, UseAppendAction, arg
 
-_Channel = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="Such as can0, or udp_multicast:239.74.163.2.")]
+_Channel = Annotated[str, Positional, arg(help="Such as can0, or udp_multicast:239.74.163.2.")]
 _Channels = Annotated[
-    str,
-    tyro.conf.Positional,
-    tyro.conf.arg(help="One channel for all motors, or one for each of the robot's buses: can0,can1."),
+    str, Positional, arg(help="One channel for all motors, or one for each of the robot's buses: can0,can1.")
 ]
-_MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID", help="1 to 127.")]
-_HostId = Annotated[int, tyro.conf.arg(help="Our own id on the bus, 253 (0xFD) in the vendor's tools.")]
-_Robot = Annotated[str, tyro.conf.arg(help="A shipped robot, or its YAML file.")]
-_Yes = Annotated[bool, tyro.conf.arg(help="Do not ask first.")]
-_Calibration = Annotated[Path, tyro.conf.arg(help="The calibration to write; its other joints are kept.")]
-ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
-_Kind = Annotated[ParameterKind | None, tyro.conf.arg(help="Type of the value, for an index without a name.")]
+_MotorId = Annotated[int, Positional, arg(metavar="MOTOR_ID", help="1 to 127.")]
+_Name = Annotated[str, Positional, arg(help="A name such as canTimeout, or its index such as 0x7028.")]
+_Robot = Annotated[str, arg(help="A shipped robot, or its YAML file.")]
+_Yes = Annotated[bool, arg(help="Do not ask first.")]
+_Calibration = Annotated[Path, arg(help="The calibration to write; its other joints are kept.")]
+_CALIBRATION = Path("calibration.yaml")
 
 
 @dataclass(frozen=True)
@@ -33,11 +30,6 @@ class Discover:
     channels: _Channels
     robot: str | None = None
     """Name the joints of this robot, and its missing motors."""
-    last: int = 127
-    """Last id to ask."""
-    firmware: bool = False
-    """Ask for the firmware's version as well. A motor that does not know this question takes it for a stop."""
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -46,9 +38,6 @@ class Ping:
 
     channel: _Channel
     motor_id: _MotorId
-    count: int = 10
-    """Times to ask."""
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -57,10 +46,8 @@ class Get:
 
     channel: _Channel
     motor_id: _MotorId
-    names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Names such as canTimeout, or indices such as 0x7028. Default: all that have a name."""
-    type: _Kind = None
-    host_id: _HostId = 0xFD
+    names: Annotated[tuple[str, ...], Positional] = ()
+    """Names such as canTimeout, or indices such as 0x7028. Default: all."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +56,8 @@ class Set:
 
     channel: _Channel
     motor_id: _MotorId
-    name: Annotated[str, tyro.conf.Positional]
-    """A name such as canTimeout, or an index such as 0x7028."""
-    value: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="VALUE")]
-    """In the parameter's own unit."""
-    type: _Kind = None
-    host_id: _HostId = 0xFD
+    name: _Name
+    value: Annotated[float, Positional, arg(metavar="VALUE", help="In the parameter's own unit.")]
 
 
 @dataclass(frozen=True)
@@ -83,7 +66,6 @@ class Save:
 
     channel: _Channel
     motor_id: _MotorId
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -102,20 +84,19 @@ class Identify:
     """
 
     channels: _Channels
-    joint: Annotated[str, tyro.conf.Positional]
+    joint: Annotated[str, Positional]
     """The joint's name."""
     robot: _Robot = "lite"
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
     """N·m at most."""
-    output: _Calibration = Path("calibration.yaml")
-    yes: Annotated[bool, tyro.conf.arg(help="Do not ask before it moves. Nothing is stored without a person.")] = False
+    output: _Calibration = _CALIBRATION
+    yes: Annotated[bool, arg(help="Do not ask before it moves. Nothing is stored without a person.")] = False
     allow_no_timeout: bool = False
     """Move a motor too that nothing but a watchdog stops when this program dies, such as a Sito's."""
     accept_firmware: tuple[str, ...] = ()
     """Versions that no document mentions, such as 0.2.3.20, with which the motor is to be driven all the same."""
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -129,7 +110,7 @@ class Calibrate:
 
     channels: _Channels
     robot: _Robot = "lite"
-    output: _Calibration = Path("calibration.yaml")
+    output: _Calibration = _CALIBRATION
     joints: tuple[str, ...] = ()
     """Only these. Default: all."""
     tolerance: float = 0.2
@@ -139,7 +120,6 @@ class Calibrate:
     duration: float | None = None
     """s after which the sweep ends by itself."""
     yes: _Yes = False
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -147,10 +127,8 @@ class SetId:
     """Give the only motor on a bus another id. Exit status 3 if none answers."""
 
     channel: _Channel
-    new_id: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="NEW_ID")]
-    """1 to 127."""
+    new_id: Annotated[int, Positional, arg(metavar="NEW_ID", help="1 to 127.")]
     yes: _Yes = False
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
@@ -159,33 +137,28 @@ class SetZero:
 
     channel: _Channel
     yes: _Yes = False
-    host_id: _HostId = 0xFD
 
 
 @dataclass(frozen=True)
 class Emulate:
     """Emulate a robot's motors on CAN channels that other programs can use, until Ctrl-C.
 
-    `play --hardware virtual:lite` starts its own. `--fault help` lists the faults.
+    `play --hardware virtual:lite` starts its own.
     """
 
-    channel: str = ""
-    """Required. One channel for all motors, such as `vcan0` or `udp_multicast:239.74.163.2`, or one for each of the
-    robot's buses, separated by commas."""
+    channel: str
+    """One channel for all motors, such as vcan0 or udp_multicast:239.74.163.2, or one for each of the robot's buses."""
     robot: _Robot = "lite"
-    fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s:
-    `over_temperature:left_elbow_pitch@5+2`, `silent=0.2`, `silent:14`. May be repeated."""
-    firmware: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""
-    calibration: str | None = None
+    fault: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """A fault to inject, KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s: over_temperature:left_elbow_pitch@5+2.
+    May be repeated. Kinds: silent late garbage wrong_id reset motor_fault over_temperature brown_out stuck encoder_jump
+    second_master bus_off."""
+    calibration: Path | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
     duration: float | None = None
     """s after which to end; none: never."""
-    seed: int = 0
-    """Seed of the faults that happen by chance."""
     quiet: bool = False
     """Do not print what happens to the motors."""
 

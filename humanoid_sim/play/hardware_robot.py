@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -16,7 +17,6 @@ from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addres
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
-from humanoid_sim.hardware.mock.motors import MockSettings
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride.firmware import parse_version
@@ -60,7 +60,7 @@ def real_robot(
     motors: MockServer | None = None
     if all(is_virtual):
         with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
-            motors = MockServer(description, addresses, settings=MockSettings(homing_offset=offsets))
+            motors = MockServer(description, addresses, homing_offset=offsets)
         left.callback(motors.close)
     imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
     if imu is None and motors is not None:
@@ -73,6 +73,7 @@ def real_robot(
         calibration=offsets,
         unconfirmed=unconfirmed,
         control_period=control_period,
+        clock=time.monotonic if motors is None else motors.clock,
         imu=imu,
         anchor=anchor,
         live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
@@ -158,11 +159,11 @@ def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
 
 
 def _figures(robot: HardwareRobot, motors: MockServer | None) -> Mapping[str, Any]:
-    """Return the robot's figures, and for how long, s, mock motors stood still: they seem silent then."""
-    figures, slipped = robot.figures(), 0.0 if motors is None else motors.slipped
-    if slipped:
-        figures["lines"].append(f"the mock motors stood still for {slipped:.2f} s: this computer was too slow")
-    return {**figures, "emulation_stood_still": slipped}
+    """Return the robot's figures, and for how long, s, the clock of mock motors stood still."""
+    figures, stood_still = robot.figures(), 0.0 if motors is None else motors.stood_still
+    if stood_still:
+        figures["lines"].append(f"the mock motors stood still for {stood_still:.2f} s: this computer was too slow")
+    return {**figures, "emulation_stood_still": stood_still}
 
 
 class MeasuredPose:

@@ -228,7 +228,7 @@ class RealRig(Rig):
         with punctual_threads(behind=10):
             self.motors = MockServer(lite(), [channel])
         self._measures.enter_context(real_time())
-        super().__init__(channel, time.monotonic, self.motors.open_bus)
+        super().__init__(channel, self.motors.clock, self.motors.open_bus)
         self._deadline = 0.0
 
     def wait(self, duration=PERIOD):
@@ -240,7 +240,7 @@ class RealRig(Rig):
 
     def inject(self, fault):
         began = self.robot.time + 0.007
-        self.motors.inject(replace_start(fault, self.motors.time))
+        self.motors.inject(replace_start(fault, self.motors.clock()))
         return began
 
     def look(self, action):

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from humanoid_sim.hardware.mock.faults import Fault
-from humanoid_sim.hardware.mock.motors import Arrival, MockMotors, MockSettings
+from humanoid_sim.hardware.mock.motors import Arrival, MockMotors
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
-from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Reply, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
 from humanoid_sim.robots.description import load_robot
@@ -25,8 +24,8 @@ IDS = [motor.can_id for motor in _MOTORS]
 MODELS = {motor.can_id: MOTORS[motor.model] for motor in _MOTORS}
 
 
-def robstride(version: str = "0.2.3.9", shaft: float = 0.0) -> RobstrideMotor:
-    motor = RobstrideMotor(MOTORS["rs-02"], ID, parse_version(version), bytes(range(8)))
+def robstride(shaft: float = 0.0) -> RobstrideMotor:
+    motor = RobstrideMotor(MOTORS["rs-02"], ID, bytes(range(8)))
     motor.sensed.shaft = shaft
     motor.power_on()
     return motor
@@ -80,8 +79,8 @@ class Lone:
 class Bench:
     """The motors of a Lite; all that arrives is kept in `log`."""
 
-    def __init__(self, buses: int = 1, settings: MockSettings | None = None, faults: Sequence[Fault] = ()) -> None:
-        self.mock = MockMotors(LITE, buses, settings)
+    def __init__(self, buses: int = 1, faults: Sequence[Fault] = (), **options) -> None:
+        self.mock = MockMotors(LITE, buses, **options)
         for fault in faults:
             self.mock.inject(fault)
         self.log: list[Arrival] = []

@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from mock_rig import IDS, LITE, MODELS, Bench
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.mock.faults import FAULTS, Fault, describe_faults, parse_fault
-from humanoid_sim.hardware.mock.motors import MockMotors, MockSettings
+from humanoid_sim.hardware.mock.faults import Fault, parse_fault
+from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
 from humanoid_sim.hardware.robstride.messages import (
@@ -18,7 +16,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Enable,
     MotorMode,
     OperationControl,
-    Status,
     StatusFault,
     WriteParameter,
 )
@@ -70,7 +67,7 @@ def test_the_physics_are_those_of_the_simulated_robot_under_the_quantised_comman
 
 def test_offsets_and_directions_hide_nothing_but_the_motor_frame():
     offsets = {name: 0.1 * i - 0.5 for i, name in enumerate(LITE.joint_names)}
-    bench = Bench(settings=MockSettings(homing_offset=offsets))
+    bench = Bench(homing_offset=offsets)
     for status in bench.ask(Enable):
         i = IDS.index(status.motor_id)
         expected = DIRECTION[i] * LITE.initial_position[i] + offsets[LITE.joint_names[i]]
@@ -90,42 +87,20 @@ def test_shafts_turn_as_the_calibration_says():
     np.testing.assert_allclose(truth.joint_effort, np.full(14, 3.0), atol=1e-12)
 
 
-def test_a_hand_leads_a_joint_past_its_limp_motor():
-    plant = MotorPlant(LITE, {})
-    joint = LITE.joints[LITE.joint_names.index(ELBOW)]
-    plant.lead({ELBOW: 0.5 * (joint.lower + joint.upper)})
-    for _ in range(2000):
-        plant.step(np.zeros(14))
-    position = plant.truth(0.0).joint_position[LITE.joint_names.index(ELBOW)]
-    assert position == pytest.approx(0.5 * (joint.lower + joint.upper), abs=0.1)
-
-
 def test_the_torque_limit_is_the_written_one(bench):
     bench.submit(WriteParameter(15, 0x700B, np.float32(4.0).tobytes()))
     bench.command(duration=0.01, effort=5.0)
     assert abs(bench.torque()[IDS.index(15)]) == pytest.approx(4.0, rel=1e-6)
 
 
-def test_old_firmware_multiplies_the_gains():
-    torques = []
-    for version in ("0.2.3.5", "0.2.3.6"):
-        bench = Bench(settings=MockSettings(firmware={"rs-02": version}))
-        bench.enable()
-        bench.mock.plant.jam(0, True)
-        bench.submit(OperationControl(11, 6.0, 0.0, 0.0, 10.0, 0.0))
-        bench.advance(0.01)
-        torques.append(bench.mock.plant.torque[0])
-    assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
-
-
 def test_a_floating_base_is_held_and_let_go():
     motors = MockMotors(load_robot("lite_biped"))
     motors.advance(0.1)
-    height = motors.plant.qpos[2]
+    height = motors.plant.data.qpos[2]
     assert motors.plant.supported
     motors.plant.set_support(False)
     motors.advance(0.4)
-    assert motors.plant.qpos[2] < height - 0.02, "without torque its knees give way"
+    assert motors.plant.data.qpos[2] < height - 0.02, "without torque its knees give way"
 
 
 # --- faults
@@ -140,7 +115,7 @@ def test_a_floating_base_is_held_and_let_go():
         (Fault("reset", (ELBOW,), duration=0.05), StatusFault(0)),
         (Fault("brown_out", (ELBOW,), duration=0.005, value=3.0), StatusFault(0)),
     ],
-    ids=str,
+    ids=["hot", "low supply", "overcurrent", "reset", "no supply"],
 )
 def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(fault, bits, bench):
     bench.mock.inject(fault)
@@ -156,14 +131,6 @@ def test_a_motor_without_supply_says_nothing_and_announces_itself_when_it_boots(
     bench.advance(0.01)
     assert len(bench.command(duration=0.02)) == 13
     assert [reply.motor_id for reply in bench.advance(0.1) if isinstance(reply, DeviceId)] == [ELBOW_ID]
-
-
-def test_a_stuck_joint_trips_the_overload_protection_of_its_motor(bench):
-    bench.mock.inject(Fault("stuck", (ELBOW,)))
-    for _ in range(5):
-        bench.command(duration=0.5, effort=20.0)
-    (status,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == ELBOW_ID]
-    assert status.faults == StatusFault.STALL_OVERLOAD
 
 
 def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(bench):
@@ -231,8 +198,7 @@ def test_the_same_frames_and_faults_give_the_same_answers():
     ("text", "fault"),
     [
         ("stuck", Fault("stuck")),
-        ("silent:14", Fault("silent", (ELBOW,))),
-        ("silent=0.2:left_elbow_pitch,24", Fault("silent", (ELBOW, "right_elbow_pitch"), value=0.2)),
+        ("silent=0.2:left_elbow_pitch,right_elbow_pitch", Fault("silent", (ELBOW, "right_elbow_pitch"), value=0.2)),
         ("over_temperature=150:left_elbow_pitch@5+2", Fault("over_temperature", (ELBOW,), 5.0, 2.0, 150.0)),
         ("encoder_jump=-1e-1@.5", Fault("encoder_jump", (), 0.5, math.inf, -0.1)),
         (" bus_off@3 ", Fault("bus_off", start=3.0)),
@@ -242,24 +208,16 @@ def test_a_fault_is_read(text, fault):
     assert parse_fault(text, LITE) == fault
 
 
-@given(st.sampled_from(sorted(FAULTS)), st.sets(st.sampled_from(LITE.joint_names)), st.integers(0, 100))
-def test_a_written_fault_is_read_again(kind, joints, start):
-    fault = Fault(kind, tuple(joints), float(start))
-    assert parse_fault(str(fault), LITE) == fault
-    assert kind in describe_faults()
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", ["KIND[=VALUE]"]),
-        ("silent:14@x", ["KIND[=VALUE]"]),
+        ("silent:left_elbow_pitch@x", ["KIND[=VALUE]"]),
         ("broken", ["broken", "known: silent, late"]),
-        ("stuck=3", ["3", "no value"]),
+        ("stuck=3", ["no value"]),
         ("silent=1.5", ["1.5", "0 to 1"]),
         ("silent=nan", ["nan", "0 to 1"]),
         ("silent:elbow", ["elbow", "left_shoulder_pitch"]),
-        ("silent:99", ["99", "11, 12"]),
     ],
 )
 def test_a_refused_fault_says_why(text, words):
@@ -269,20 +227,13 @@ def test_a_refused_fault_says_why(text, words):
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("buses", "options", "words"),
     [
-        MockSettings(firmware={"rs-99": "0.2.3.5"}),
-        MockSettings(firmware={"rs-02": "five"}),
-        MockSettings(homing_offset={"elbow": 0.1}),
-        MockSettings(alone="elbow"),
+        (1, {"homing_offset": {"elbow": 0.1}}, "elbow"),
+        (1, {"alone": "elbow"}, "elbow"),
+        (3, {}, "3 channels, expected 1 or 2"),
     ],
 )
-def test_settings_that_do_not_fit_the_robot_are_refused(settings):
-    with pytest.raises(InputError):
-        MockMotors(LITE, 1, settings)
-
-
-def test_the_buses_are_one_or_the_robots():
-    with pytest.raises(InputError, match="3 channels, expected 1 or 2"):
-        MockMotors(LITE, 3)
-    assert isinstance(Bench(2).ask(Enable)[0], Status)
+def test_options_that_do_not_fit_the_robot_are_refused(buses, options, words):
+    with pytest.raises(InputError, match=words):
+        MockMotors(LITE, buses, **options)

@@ -75,3 +75,15 @@ def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors, bus, log
     with pytest.raises(can.CanOperationError) as refused:
         _send(bus, Enable(14))
     assert refused.value.error_code == errno.ENETDOWN
+
+
+def test_the_shared_clock_waits_for_motors_that_are_late(motors):
+    ahead = []
+
+    def hold_up(mock):
+        time.sleep(0.1)
+        ahead.append(motors.clock() - mock.time)
+
+    motors.call(hold_up)
+    assert ahead[0] == pytest.approx(0.05), "s, and no more"
+    until(lambda: motors.stood_still > 0.03)

@@ -64,15 +64,6 @@ def test_gains_hold_until_others_come_and_outlive_a_reset():
     assert bench.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_a_deaf_one_starts_as_its_last_host_left_it():
-    bench = Bench()
-    bench.motor.is_deaf = True
-    bench.tell(ENABLE, protocol.Gains(22, 20.0, 1.0), protocol.Reset(22), protocol.Gains(22, 0.0, 0.0), ENABLE)
-    assert bench.motor.drive().stiffness == pytest.approx(20.0)
-    bench.tell(protocol.Gains(22, 0.0, 0.0))
-    assert bench.motor.drive().stiffness == 0.0
-
-
 @pytest.mark.parametrize(("sensor", "value"), [("temperature", 150.0), ("voltage", 11.0), ("overcurrent", True)])
 def test_one_that_protects_itself_falls_silent(sensor, value):
     bench = Bench()

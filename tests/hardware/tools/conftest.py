@@ -63,7 +63,7 @@ def inject():
 
     def begin(motors, fault):
         motors.inject(fault)
-        injected, seen = motors.time, [0.0]
+        injected, seen = motors.clock(), [0.0]
         while seen[-1] <= injected:
             motors.call(lambda mock: seen.append(mock.time))
             time.sleep(0.001)
@@ -78,4 +78,3 @@ def quick_scans(monkeypatch):
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
     for name in ("_QUIET", "_LISTENING"):
         monkeypatch.setattr(only_motor, name, 0.04)
-    monkeypatch.setattr(only_motor, "_STILL_TIME", 0.02)

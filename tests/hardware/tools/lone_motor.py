@@ -1,22 +1,22 @@
 """A bus with one of the Lite's motors, as it comes from the factory: the others have no power."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from types import MappingProxyType
 
-from humanoid_sim.hardware.mock.motors import MockMotors, MockSettings
+from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
 
 
 @contextmanager
 def lone_motors(
-    channel: str, motors: Sequence[int] = (3,), settings: MockSettings | None = None
+    channel: str, motors: Sequence[int] = (3,), homing_offset: Mapping[str, float] = MappingProxyType({})
 ) -> Iterator[MockServer]:
     """These motors, by index, with the factory's id; the fourth is the left elbow's rs-00."""
     lite = load_robot("lite")
-    alone = replace(settings or MockSettings(), alone=lite.joint_names[motors[0]])
-    with MockServer(lite, [channel], settings=alone) as virtual:
+    alone = lite.joint_names[motors[0]]
+    with MockServer(lite, [channel], homing_offset=homing_offset, alone=alone) as virtual:
         for motor in motors[1:]:
             cycle_power(virtual, motor)
         yield virtual

@@ -10,12 +10,12 @@ CHANNEL = "udp_multicast:239.74.163.62"
 
 
 def test_changes_of_motors_and_faults_are_printed(run):
-    faults = ("--fault", "over_temperature:14@0.05", "--fault", "silent@0.1")
+    faults = ("--fault", "over_temperature:left_elbow_pitch@0.05", "--fault", "silent@0.1")
     status, out, err = run("emulate", "--channel", CHANNEL, *faults, "--duration", "0.3")
     assert (status, err) == (0, "")
     assert out.startswith(f"14 motors of lite on {CHANNEL}; ")
     assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
-    assert "0.100 s  fault: silent@0.1" in out
+    assert "0.100 s  fault: silent of all" in out
 
 
 def test_a_calibration_assembles_the_motors(run, tmp_path):

@@ -28,9 +28,15 @@ def log():
     return []
 
 
+def pace_by(motors, monkeypatch):
+    """Let the tool wait for motors that a busy machine holds up."""
+    monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=motors.clock, sleep=time.sleep))
+
+
 @pytest.fixture
-def motors(log):
+def motors(log, monkeypatch):
     with MockServer(LITE, [CHANNEL], log=lambda _, text: log.append(text)) as motors:
+        pace_by(motors, monkeypatch)
         yield motors
 
 
@@ -38,6 +44,7 @@ def motors(log):
 def quick(monkeypatch, tmp_path):
     monkeypatch.setattr(tool, "_RAMP", 0.3)
     monkeypatch.setattr(tool, "_HOLD", 0.2)
+    monkeypatch.setattr(tool, "_PATIENCE", 20.0)
     monkeypatch.setattr(tool, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
     monkeypatch.chdir(tmp_path)
 
@@ -54,7 +61,7 @@ def test_a_confirmed_direction_is_stored_and_the_motor_is_left_as_it_was(run, ty
     assert entries() == {"left_wrist_yaw": CalibrationEntry(15, DIRECTION, None, direction_confirmed=True)}
     assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
     limits = []
-    motors.call(lambda mock: limits.append(mock.motors[4].value("limit_torque")))
+    motors.call(lambda mock: limits.append(mock.motors[4].parameters["limit_torque"]))
     assert limits == [5.5]
 
 
@@ -107,15 +114,16 @@ def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, motors, log, monkeyp
             raise KeyboardInterrupt
         time.sleep(seconds)
 
-    monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=time.monotonic, sleep=interrupted))
+    monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=motors.clock, sleep=interrupted))
     assert run(*WRIST, "--yes")[0] == 130
     assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
 
 
-def test_a_motor_without_a_timeout_is_moved_with_leave_only(run):
+def test_a_motor_without_a_timeout_is_moved_with_leave_only(run, monkeypatch):
     log, channel = [], "virtual:bench-identify-sito"
     words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--angle", "0.1", "--yes")
-    with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)):
+    with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)) as motors:
+        pace_by(motors, monkeypatch)
         status, _, complained = run(*words)
         assert (status, "--allow-no-timeout" in complained, log) == (2, True, [])
         status, printed, complained = run(*words, "--allow-no-timeout")
@@ -130,7 +138,7 @@ def test_lost_answers_do_not_make_the_motor_time_out(run, motors, log, monkeypat
 
     def lose_answers():
         until(lambda: "left_wrist_yaw: enabled" in log)
-        motors.inject(Fault("silent", ("left_wrist_yaw",), motors.time + 0.2, 0.25))
+        motors.inject(Fault("silent", ("left_wrist_yaw",), motors.clock() + 0.2, 0.25))
 
     thread = threading.Thread(target=lose_answers)
     thread.start()
