@@ -16,7 +16,7 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, act
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term
-from humanoid_sim.doctor.trial import Simulations, Subject
+from humanoid_sim.doctor.trial import PREDICTION_TIMESTEP, Simulations, Subject
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
@@ -151,7 +151,10 @@ class Samples:
         description, trace = self._subject.description, self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
         try:
-            wiring, robots = self.wiring(contract), simulations.robots(contract, len(steps))
+            wiring, robots = (
+                self.wiring(contract),
+                simulations.robots(contract, len(steps), timestep=PREDICTION_TIMESTEP),
+            )
         except (FieldError, InputError):
             return math.inf
         if "qpos" not in self._file:

@@ -35,7 +35,8 @@ Command = tuple[float, float, float]
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_TIMESTEP = 0.005  # s, of physics at most: damping is integrated implicitly, so any gains are stable
+_TIMESTEP = 0.005  # s, of physics in episodes, at most: damping is integrated implicitly, so any gains are stable
+PREDICTION_TIMESTEP = 0.001  # s, where single steps are compared with the trainer's: light joints need it
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
@@ -144,18 +145,20 @@ class Simulations:
         self._subject = subject
         self._robots: dict[tuple[object, ...], BatchSim] = {}
 
-    def robots(self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = ()) -> BatchSim:
+    def robots(
+        self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = (), timestep: float = _TIMESTEP
+    ) -> BatchSim:
         """Return robots in the contract's default pose, whose gains come with every command."""
         order, limits = np.argsort(contract.joint_names), contract.effort_limit
         key = (
-            *(count, bodies, contract.policy_dt, contract.anchor_body, contract.velocity_points),
+            *(count, bodies, timestep, contract.policy_dt, contract.anchor_body, contract.velocity_points),
             contract.default_joint_pos[order].tobytes(),
             None if limits is None else limits[order].tobytes(),
         )
         if key not in self._robots:
             config = SimConfig(
                 control_period=contract.policy_dt,
-                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / _TIMESTEP - 1e-6),
+                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / timestep - 1e-6),
                 anchor_body=contract.anchor_body,
                 velocity_at=contract.velocity_points,
                 height_scan=contract.height_scan,
