@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.robot`: what is read of a robot, a robot file to change some of it, an MJCF of a URDF."""
+"""`python -m humanoid_sim.robot`: what is read of a robot, and an MJCF of a URDF."""
 
 from __future__ import annotations
 
@@ -11,30 +11,20 @@ from typing import Annotated, Literal
 import tyro
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
 
 
 @dataclass(frozen=True)
 class Describe:
-    """Show what is read of a robot: joints, limits, dynamics, the model's own actuators, IMU, base, rates.
-
-    With --output also write a YAML file that is the same robot, to be changed.
-    """
+    """Show what is read of a robot: joints, limits, dynamics, the model's own actuators, IMU, base, rates."""
 
     robot: tyro.conf.Positional[str]
     """An MJCF, a robot's YAML file, a shipped robot, or robot_descriptions:NAME."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """YAML file to write; only for an MJCF."""
-    imu_site: str | None = None
-    """The site or body of the MJCF that is the IMU. Default: its gyro's."""
-    overwrite: bool = False
-    """Replace the output if it exists."""
 
 
 @dataclass(frozen=True)
 class Convert:
-    """Make an MJCF of a URDF, and list what it does not say.
+    """Make an MJCF of a URDF.
 
     A URDF leaves open whether the robot's base floats; MuJoCo alone would fix it to the world.
     """
@@ -62,12 +52,11 @@ def _convert(options: Convert) -> int:
 
     output = options.source.with_suffix(".xml") if options.output is None else options.output
     output_file(output, "--output", ".xml", overwrite=options.overwrite)
-    text, gaps = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
+    text = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
     with whole_file(output) as file:
         file.write(text.encode())
     print(f"wrote {output}")
-    if gaps:
-        print("the URDF does not say:", *gaps, sep="\n  ")
+    print("a URDF has no armature, and often no ranges and effort limits: see `robot describe`, and complete the file")
     return 0
 
 
@@ -79,21 +68,14 @@ def _describe(options: Describe) -> int:
     from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
     from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415
 
-    if options.output is not None:
-        if Path(options.robot).suffix != ".xml":
-            raise InputError(f"--output: is for an MJCF (.xml), and '{options.robot}' is none")
-        output_file(options.output, "--output", ".yaml", ".yml", overwrite=options.overwrite)
-    robot = load_robot(options.robot, options.imu_site)
+    robot = load_robot(options.robot)
     model, console = bare_model(robot), make_console()
     console.print(describe.joint_table(robot, model))
     if model.nu:
         console.print(describe.actuator_table(model))
-    for name, text in describe.lines(robot, model):
-        console.print(f"[bold]{name}[/bold]  {escape(text)}", soft_wrap=True)
-    if options.output is not None:
-        with whole_file(options.output) as file:
-            file.write(describe.robot_yaml(robot, model, options.output.resolve().parent).encode())
-        print(f"wrote {options.output}")
+    for name, text in describe.lines(robot, model).items():
+        if text:
+            console.print(f"[bold]{name}[/bold]  {escape(text)}", soft_wrap=True)
     return 0
 
 

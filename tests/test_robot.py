@@ -35,7 +35,6 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     assert joints["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.02", "0.1", "0.25", "0.2"]
     assert actuators["knee"] == ["servo", "100", "3", "any", "0.2 to 2"]
     assert actuators["hip"] == ["motor", "0", "0", "-20 to 20", "any"]
-    assert "position_clip: joint_limits for 1 of 2 joints" in texts["position clip"]
     assert texts["base"] == "floating, body 'trunk', starts with its lowest part on the floor"
     assert texts["IMU"] == "site 'my_imu' on the base 'trunk' (the site of a gyro)"
     assert texts["CAN motors"].startswith("none")
@@ -50,22 +49,10 @@ def test_motors_of_a_shipped_robot_are_shown(capsys):
     assert texts["CAN motors"] == "6 rs-06, 2 rs-02, 4 rs-00, 2 rs-05"
 
 
-def test_the_written_file_is_the_same_robot_and_each_line_can_be_used(hopper, capsys):
-    output = hopper.parent / "mine.yaml"
-    described(capsys, hopper, "-o", output)
-    assert load_robot(output) == load_robot(hopper)
-    lines = output.read_text().splitlines()[4:]  # after the head
-    output.write_text("\n".join(line.removeprefix("# ") for line in lines))
-    assert load_robot(output).joints == load_robot(hopper).joints
-
-
 @pytest.mark.parametrize(
     ("words", "error"),
     [
         (["describe", "nobody"], "unknown robot 'nobody'; known: "),
-        (["describe", "lite", "-o", "x.yaml"], "--output: is for an MJCF (.xml), and 'lite' is none"),
-        (["describe", "{hopper}", "-o", "x.txt"], "--output: "),
-        (["describe", "{hopper}", "--imu-site", "head"], "imu of 'hopper': unknown site or body 'head'; known: my_imu"),
         (["convert", "{hopper}", "--base", "fixed", "-o", "x.xml"], "is not a .urdf"),
     ],
 )
@@ -114,17 +101,13 @@ def test_a_converted_urdf_floats_and_keeps_every_link(urdf, tmp_path, capsys):
     robot = load_robot(output)
     assert (robot.is_floating, robot.base.body, robot.imu) == (True, "pelvis", "imu")
     assert robot.joints[0].effort_limit == 40.0
-    printed = capsys.readouterr().out
-    assert "armature: 1 joints have none" in printed
-    assert "contacts: 3 geoms collide with everything" in printed
-    assert "IMU" not in printed
+    assert "a URDF has no armature" in capsys.readouterr().out
 
 
-def test_a_fixed_base_stays_where_it_is(urdf, capsys):
+def test_a_fixed_base_stays_where_it_is(urdf):
     assert main(["convert", str(urdf), "--base", "fixed"]) == 0
     assert load_robot(urdf.with_suffix(".xml")).is_floating is False
     assert mujoco.MjModel.from_xml_path(str(urdf.with_suffix(".xml"))).nv == 1
-    assert "IMU: no site; --imu LINK adds one" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.actuators import own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, prefix_line
+from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import SimConfig, build_model
@@ -168,9 +168,5 @@ def simulated_robot(
         check_policy=check_policy,
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
-        notices=(
-            *((note,) if (note := prefix_line(description.mjcf_path)) else ()),
-            *imu,
-            *robot.warnings,
-        ),
+        notices=(*imu, *robot.warnings),
     )

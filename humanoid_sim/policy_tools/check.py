@@ -28,7 +28,7 @@ from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, prefix_line
+from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -86,8 +86,6 @@ def check_checkpoint(
             findings += _stability_findings(contract, description)
             if unwatched := describe_unwatched(with_contract_physics(description, contract)):
                 findings.append(Finding("info", "guards", unwatched.removeprefix("guards: ")))
-        if prefix := prefix_line(description.mjcf_path):
-            findings.append(Finding("info", "robot", prefix))
         if description.is_floating:
             findings.append(Finding("info", "imu", imu_line(bare, description)))
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))

@@ -28,13 +28,11 @@ class OwnActuator:
     """What the actuators of a model itself do to a joint, at the joint."""
 
     joint: str
-    kind: Literal["servo", "motor", "other"]
-    """`servo`: its control is a target of a position or a velocity; `motor`: its control is a force."""
+    kind: Literal["servo", "motor", "other"]  # its control is a target of position or velocity, or a force
     stiffness: float  # N·m/rad, K_p; 0 for a motor
     damping: float  # N·m·s/rad, K_d; 0 for a motor
     force_range: tuple[float, float]  # N·m
-    target_range: tuple[float, float]
-    """rad, to which a servo clips its target (`ctrlrange`, `inheritrange`); `NO_RANGE` where it does not."""
+    target_range: tuple[float, float]  # rad, to which a servo clips its target (`ctrlrange`, `inheritrange`)
 
 
 def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
@@ -69,7 +67,7 @@ def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
 
 
 def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
-    """Several actuators of one joint, such as one of its position and one of its velocity."""
+    """Join several actuators of one joint, such as one of its position and one of its velocity."""
     return replace(
         one if one.stiffness >= other.stiffness else other,
         stiffness=one.stiffness + other.stiffness,

@@ -1,20 +1,17 @@
-"""Checks of a robot description between its fields: lengths of lists, poses within limits, motors of their family."""
+"""Checks of a robot description between its fields: lengths of lists, poses within limits, motors and their ids."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import MotorDescription, RobotDescription
+from humanoid_sim.robots.schema import RobotDescription
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
     """Yield everything that is wrong, as `joints[3].upper: what is wrong`."""
-    if not re.fullmatch("([A-Za-z][A-Za-z0-9_]*)?", robot.topic_prefix):
-        yield f"topic_prefix: is '{robot.topic_prefix}', expected letters, digits and _, a letter first"
     if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected the body with the free joint"
     for i, joint in enumerate(robot.joints):
@@ -33,26 +30,25 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
 
 def _list_problems(robot: RobotDescription) -> Iterator[str]:
     """Yield lists that are not as long as the joints, and poses beyond limits."""
-    following, speed = robot.guards.following, robot.guards.speed
-    optional = {
+    lists: dict[str, tuple[float | None, ...]] = {
         "damping_controller.damping": robot.damping_controller.damping,
         "remote_policy_controller.damping": robot.remote_policy_controller.damping,
-        "guards.following.effort": following.effort if following else (),
-        "guards.speed.limit": speed.limit if speed else (),
+        "guards.following_effort": robot.guards.following_effort,
+        "guards.speed": robot.guards.speed or (),
     }
-    lengths = {place: len(values) for place, values in optional.items() if values}
+    lists = {place: values for place, values in lists.items() if values}  # these may be left out
     poses = {"initial_position": robot.initial_position}
     for name in ("standby_controller_a", "standby_controller_b"):
         standby = getattr(robot, name)
-        lengths[f"{name}.target_stiffness"] = len(standby.target_stiffness)
-        lengths[f"{name}.target_damping"] = len(standby.target_damping)
+        lists[f"{name}.target_stiffness"] = standby.target_stiffness
+        lists[f"{name}.target_damping"] = standby.target_damping
         poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
         count, expected = len(standby.pose_segments), len(standby.segment_durations)
         if count != expected:
             yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
-    for place, count in (lengths | {place: len(pose) for place, pose in poses.items()}).items():
-        if count != robot.joint_count:
-            yield f"{place}: has {count} values, expected {robot.joint_count}, one per joint"
+    for place, values in (lists | poses).items():
+        if len(values) != robot.joint_count:
+            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
     for place, pose in poses.items():
         for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
             if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
@@ -62,31 +58,21 @@ def _list_problems(robot: RobotDescription) -> Iterator[str]:
 
 def _motor_problems(robot: RobotDescription) -> Iterator[str]:
     motors = {i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None}
-    families = {motor.family for motor in motors.values()} & set(FAMILIES)
+    families = {MOTORS[motor.model].family for motor in motors.values() if motor.model in MOTORS}
     owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
     for i, motor in motors.items():
-        for problem in _family_problems(motor, families):
-            yield f"joints[{i}].motor{problem}"
+        if motor.model not in MOTORS:
+            yield f"joints[{i}].motor.model: {known_names('motor model', motor.model, MOTORS)}"
+            continue
+        family = FAMILIES[MOTORS[motor.model].family]
+        if problem := id_problem(family, motor.can_id, families):
+            yield f"joints[{i}].motor.can_id: {problem}"
+        for name, value in (("torque_limit", motor.torque_limit), ("current_limit", motor.current_limit)):
+            if family.has_torque_limit and value is None:
+                yield f"joints[{i}].motor: misses '{name}'"
+            elif not family.has_torque_limit and value:
+                yield f"joints[{i}].motor.{name}: is {value:g}, but no such limit of {family.name} motors is known"
         first = owner.setdefault(motor.can_id, i)
         if first != i:
             name = robot.joints[first].name
             yield f"joints[{i}].motor.can_id: is {motor.can_id}, which is the id of joints[{first}] ({name})"
-
-
-def _family_problems(motor: MotorDescription, families: set[str]) -> Iterator[str]:
-    """Yield what does not fit the motor's family, or the others of the robot."""
-    family, model = FAMILIES.get(motor.family), MOTORS.get(motor.model)
-    if family is None:
-        yield f".family: {known_names('family', motor.family, FAMILIES)}"
-        return
-    if model is not None and model.family != family.name:  # the adapter refuses a model that does not exist
-        yield f".family: is {family.name}, but a {motor.model} is of {model.family}"
-        return
-    if problem := id_problem(family, motor.can_id, families):
-        yield f".can_id: {problem}"
-    for name in ("torque_limit", "current_limit"):
-        value = getattr(motor, name)
-        if family.has_torque_limit and value is None:
-            yield f": misses '{name}'"
-        elif not family.has_torque_limit and value:
-            yield f".{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"

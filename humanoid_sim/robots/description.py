@@ -19,9 +19,8 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.files import is_file, regular_file
-from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.public import PREFIX, near_public, public_mjcf
+from humanoid_sim.robots.public import PREFIX, public_mjcf
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
@@ -33,6 +32,7 @@ __all__ = [
     "with_contract_physics",
     "with_joint_limits",
 ]
+_STANDBYS = ("standby_controller_a", "standby_controller_b")
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -58,7 +58,9 @@ def load_robot(name_or_path: str | Path, imu_site: str | None = None) -> RobotDe
 
         robot = describe_mjcf(path)
     else:
-        robot = _described(read_yaml(path, label), label, path.resolve().parent)
+        document = read_yaml(path, label)
+        with blaming(label, InputError):
+            robot = _described(document, path.resolve().parent)
     return robot if imu_site is None else replace(robot, imu=imu_site)
 
 
@@ -70,36 +72,31 @@ def _robot_file(name_or_path: str) -> tuple[Path, str]:
     if name_or_path.startswith(PREFIX):
         return public_mjcf(name_or_path), name_or_path
     if not os.path.exists(name_or_path):
-        unknown = f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists"
-        public = "" if near_miss(name_or_path, known) else near_public(name_or_path)
-        raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
+        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
     return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
 
 
-def _described(document: Any, label: str, folder: Path) -> RobotDescription:
-    with blaming(label, InputError):
-        if not isinstance(document, dict):
-            raise InputError("is no robot description, expected a mapping with name, mjcf, joints, …")
-        if "folder" in document:
-            raise InputError("folder: is not a field of the file; give 'mjcf' relative to the file instead")
-        with blaming("holds a number that is not finite", ValueError):
-            json.dumps(document, allow_nan=False, default=str)
-        mjcf = document.get("mjcf")
-        if isinstance(mjcf, str):
-            if not is_file(folder / mjcf):
-                raise InputError(f"mjcf: '{mjcf}' is not a file beside the description")
-            if isinstance(document.get("joints", {}), dict):
-                document = _completed(document, folder / mjcf)
-        try:
-            robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
-        except msgspec.ValidationError as error:
-            raise InputError(schema_problem(error)) from None
-        if problems := list(description_problems(robot)):
-            raise InputError("; ".join(problems))
-        return robot
-
-
-_POSE = "initial_position"
+def _described(document: Any, folder: Path) -> RobotDescription:
+    """Return the robot of a YAML file in a folder, its fields checked."""
+    if not isinstance(document, dict):
+        raise InputError("is no robot description, expected a mapping with name, mjcf, joints, …")
+    if "folder" in document:
+        raise InputError("folder: is not a field of the file; give 'mjcf' relative to the file instead")
+    with blaming("holds a number that is not finite", ValueError):
+        json.dumps(document, allow_nan=False, default=str)
+    mjcf = document.get("mjcf")
+    if isinstance(mjcf, str):
+        if not is_file(folder / mjcf):
+            raise InputError(f"mjcf: '{mjcf}' is not a file beside the description")
+        if isinstance(document.get("joints", {}), dict):
+            document = _completed(document, folder / mjcf)
+    try:
+        robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
+    except msgspec.ValidationError as error:
+        raise InputError(schema_problem(error)) from None
+    if problems := list(description_problems(robot)):
+        raise InputError("; ".join(problems))
+    return robot
 
 
 def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
@@ -114,13 +111,14 @@ def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
         if not isinstance(fields, dict) or "name" in fields:
             raise InputError(f"joints.{name}: is {fields!r}, expected fields to change, such as {{effort_limit: 60}}")
         whole["joints"][described.joint_names.index(name)].update(fields)
-    if isinstance(changes.get(_POSE), dict):
-        require_known("joint", changes[_POSE], described.joint_names, f"{_POSE}: ")
-        pose = dict(zip(described.joint_names, described.initial_position, strict=True))
-        changes[_POSE] = list((pose | changes[_POSE]).values())
-    if _POSE in changes:  # the robot's standby pose is where it starts
-        for standby in ("standby_controller_a", "standby_controller_b"):
-            whole[standby]["pose_segments"] = [changes[_POSE]]
+    pose = changes.get("initial_position")
+    if isinstance(pose, dict):
+        require_known("joint", pose, described.joint_names, "initial_position: ")
+        own = dict(zip(described.joint_names, described.initial_position, strict=True))
+        pose = changes["initial_position"] = list((own | pose).values())
+    if pose is not None:  # the robot's standby pose is where it starts
+        for standby in _STANDBYS:
+            whole[standby]["pose_segments"] = [pose]
     return _merged(whole, changes)
 
 
@@ -145,28 +143,18 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
     pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
     limited = with_contract_physics(description, contract)
-
-    def standby(own: StandbySettings) -> StandbySettings:
-        duration = sum(own.segment_durations)
-        return replace(
-            own,
-            target_stiffness=stiffness,
-            target_damping=damping,
-            segment_durations=(duration,),
-            pose_segments=(pose,),
-        )
-
+    standbys = {
+        name: StandbySettings(stiffness, damping, (sum(getattr(description, name).segment_durations),), (pose,))
+        for name in _STANDBYS
+    }
+    joints = zip(limited.joints, stiffness, damping, strict=True)
     return replace(
         limited,
-        joints=tuple(
-            replace(joint, stiffness=k_p, damping=k_d)
-            for joint, k_p, k_d in zip(limited.joints, stiffness, damping, strict=True)
-        ),
+        joints=tuple(replace(joint, stiffness=k_p, damping=k_d) for joint, k_p, k_d in joints),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
-        standby_controller_a=standby(description.standby_controller_a),
-        standby_controller_b=standby(description.standby_controller_b),
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
+        **standbys,
     )
 
 
@@ -186,13 +174,12 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
         replace(joint, effort_limit=min(joint.effort_limit, limits.get(joint.name, math.inf)))
         for joint in description.joints
     )
-    following = description.guards.following
-    if description.is_floating and joints != description.joints and following is not None and not following.effort:
-        own = (following.effort_share * description.effort_limit).tolist()
+    guards = description.guards
+    if description.is_floating and joints != description.joints and guards.following and not guards.following_effort:
+        own = (guards.following * description.effort_limit).tolist()
         effort = tuple(bound if math.isfinite(bound) else None for bound in own)
-        guards = replace(description.guards, following=replace(following, effort=effort))
-        description = replace(description, guards=guards)
-    return replace(description, joints=joints)
+        guards = replace(guards, following_effort=effort)
+    return replace(description, joints=joints, guards=guards)
 
 
 def with_joint_limits(contract: PolicyContract, description: RobotDescription) -> PolicyContract:

@@ -7,7 +7,7 @@ import numpy as np
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS
-from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
+from humanoid_sim.robots.schema import RobotDescription
 
 _FOLLOWING_TIME = {"fixed": 0.15, "floating": 0.3}  # s
 """Of six policies that walked, on rough ground too, and were pushed, none that stayed up held a joint off for so long.
@@ -25,25 +25,24 @@ def guards_of(robot: RobotDescription) -> Guards | None:
     A following guard needs an effort limit, a limit guard limits, a speed guard limits or a known motor: joints without
     are not watched by it.
     """
-    settings, off = robot.guards, np.full(robot.joint_count, np.inf)
-    if not (settings.following or settings.limit or settings.speed):
+    given, off = robot.guards, np.full(robot.joint_count, np.inf)
+    if given.following is None and given.limit is None and given.speed is None:
         return None
-    following, limit = settings.following or FollowingGuard(), settings.limit or LimitGuard()
-    effort = following.effort_share * robot.effort_limit
-    if following.effort:
-        effort = np.array([np.inf if bound is None else bound for bound in following.effort])
+    effort = off if given.following is None else given.following * robot.effort_limit
+    if given.following is not None and given.following_effort:
+        effort = np.array([np.inf if bound is None else bound for bound in given.following_effort])
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
         upper=robot.upper,
-        following_effort=effort if settings.following else off,
-        following_time=following.time or _FOLLOWING_TIME[robot.base.type],
-        following_progress=following.progress,
+        following_effort=effort,
+        following_time=given.following_time or _FOLLOWING_TIME[robot.base.type],
+        following_progress=given.following_progress,
         following_within=robot.is_floating,
-        limit_margin=np.full(robot.joint_count, limit.margin) if settings.limit else off,
-        limit_time=limit.time,
-        speed_limit=speed_limit(robot) if settings.speed else off,
-        speed_time=(settings.speed or SpeedGuard()).time,
+        limit_margin=off if given.limit is None else np.full(robot.joint_count, given.limit),
+        limit_time=given.limit_time,
+        speed_limit=off if given.speed is None else _speed_limit(robot, given.speed),
+        speed_time=given.speed_time,
     )
 
 
@@ -65,23 +64,22 @@ def describe_unwatched(robot: RobotDescription) -> str:
     return f"guards: {'; '.join(texts)}" if texts else ""
 
 
-def speed_limit(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: the description's, else the whole range in the crossing time, within the motor's speeds."""
+def _speed_limit(robot: RobotDescription, given: tuple[float, ...]) -> FloatArray:
+    """Return rad/s, shape (n,): those given, else the whole range in the crossing time, within the motor's speeds."""
     reported, unloaded = _motor_speeds(robot)
     kind = robot.base.type
     crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
-    given = robot.guards.speed.limit if robot.guards.speed else ()
     limit: FloatArray = np.minimum(given or np.minimum(crossing, unloaded), _OF_SCALE * reported)
     return limit
 
 
 def rated_speed(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: the motor's without load, as far as it can report it; inf without a motor."""
+    """Return rad/s, shape (n,): the motor's without load, as far as it can report it; inf without a motor."""
     return np.minimum(*_motor_speeds(robot))
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
-    """Shape (n,) each, rad/s: the largest speed that a motor can report, and that without load; inf for no motor."""
+    """Return rad/s, shape (n,) each: the largest speed that a motor can report, and that without load; inf for none."""
     models = [MOTORS.get(joint.motor.model) if joint.motor else None for joint in robot.joints]
     reported = np.array([model.velocity if model else np.inf for model in models])
     return reported, np.array([model.no_load_velocity if model else np.inf for model in models])

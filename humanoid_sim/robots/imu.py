@@ -7,12 +7,9 @@ import numpy as np
 
 from humanoid_sim.robots.schema import RobotDescription
 
-_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
-_GYRO = (int(mujoco.mjtSensor.mjSENS_GYRO),)
-_FRAME = tuple(
-    int(getattr(mujoco.mjtSensor, f"mjSENS_{name}"))
-    for name in ("ACCELEROMETER", "FRAMEQUAT", "FRAMEZAXIS", "FRAMEANGVEL")
-)
+_SITE = mujoco.mjtObj.mjOBJ_SITE
+_SENSOR = mujoco.mjtSensor
+_FRAME = (_SENSOR.mjSENS_ACCELEROMETER, _SENSOR.mjSENS_FRAMEQUAT, _SENSOR.mjSENS_FRAMEZAXIS, _SENSOR.mjSENS_FRAMEANGVEL)
 """Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
 
 
@@ -28,7 +25,7 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     IMU; the only site on the robot with a sensor of an orientation; the base itself.
     """
     sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
-    gyros, frames = _with_sensor(model, sites, _GYRO), _with_sensor(model, sites, _FRAME)
+    gyros, frames = _with_sensor(model, sites, (_SENSOR.mjSENS_GYRO,)), _with_sensor(model, sites, _FRAME)
     named = [i for i in sites if "imu" in model.site(i).name.lower()]
     choices = (
         ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
@@ -44,9 +41,9 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
 
 
-def _with_sensor(model: mujoco.MjModel, sites: list[int], kinds: tuple[int, ...]) -> list[int]:
+def _with_sensor(model: mujoco.MjModel, sites: list[int], kinds: tuple[mujoco.mjtSensor, ...]) -> list[int]:
     """Return those of some sites that have such a sensor, in the order of the sensors."""
-    chosen = np.isin(model.sensor_type, kinds) & (model.sensor_objtype == _SITE)
+    chosen = np.isin(model.sensor_type, [int(kind) for kind in kinds]) & (model.sensor_objtype == int(_SITE))
     return [i for i in dict.fromkeys(model.sensor_objid[chosen].tolist()) if i in sites]
 
 
@@ -56,8 +53,7 @@ def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
     name, (found, why) = description.imu, find_imu(model, base)
     site = mujoco.mj_name2id(model, _SITE, name)
     body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
-    root, reason = model.body(base).name, why if name == found else "as it was given"
+    root = model.body(base).name
     owner = f"the base '{root}'" if body.id == base else f"'{body.name}', not the base '{root}'"
-    if site >= 0:
-        return f"site '{name}' on {owner} ({reason})"
-    return f"{owner} itself ({reason})" if body.id == base else f"body {owner} ({reason})"
+    frame = f"site '{name}' on {owner}" if site >= 0 else f"{owner} itself" if body.id == base else f"body {owner}"
+    return f"{frame} ({why if name == found else 'as it was given'})"

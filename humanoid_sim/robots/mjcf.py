@@ -45,29 +45,15 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     regular_file(path, "the robot's MJCF model")
     with blaming(f"{path}: not a valid {'URDF' if path.suffix == '.urdf' else 'MJCF model'}", _MUJOCO_ERRORS):
         spec = mujoco.MjSpec.from_file(str(path))
-        if prefix := _common_prefix(spec, path):
-            word, folder = re.compile(rf"(?<!\S){re.escape(prefix)}"), spec.modelfiledir
-            text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
-            spec = mujoco.MjSpec.from_string(text)
+        names = [name for joint in spec.joints for name in (joint.name, joint.parent.name) if name]
+        prefixes = {name[: name.find("/") + 1] for name in names}
+        text = path.read_text(encoding="utf-8") if path.suffix == ".xml" else ""
+        if len(prefixes) == 1 and "" not in prefixes and text and "<include" not in text:  # included names would stay
+            word, folder = re.compile(rf"(?<!\S){re.escape(prefixes.pop())}"), spec.modelfiledir
+            spec = mujoco.MjSpec.from_string(_ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), text))
             spec.modelfiledir = folder
     _find_files(spec, path)
     return spec
-
-
-def prefix_line(path: Path) -> str:
-    """Return the note on a prefix that `read_spec` removes, '' if there is none."""
-    prefix = _common_prefix(mujoco.MjSpec.from_file(str(path)), path)
-    return f"all names in {path.name} begin with '{prefix}', which is left out" if prefix else ""
-
-
-def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
-    """Return what the names of all joints, and of the bodies that have them, begin with up to a slash; '' mostly.
-
-    A file that includes others keeps its names: they are in several texts.
-    """
-    parts = {name[: name.find("/") + 1] for joint in spec.joints for name in (joint.name, joint.parent.name) if name}
-    prefix = parts.pop() if len(parts) == 1 else ""
-    return prefix if prefix and path.suffix == ".xml" and "<include" not in path.read_text(encoding="utf-8") else ""
 
 
 def _find_files(spec: mujoco.MjSpec, path: Path) -> None:
@@ -151,9 +137,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
     described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
     starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
     pose = tuple(min(max(value, joint.lower), joint.upper) for value, joint in starts)
-    standby = StandbySettings(
-        target_stiffness=zeros, target_damping=zeros, segment_durations=(_STANDBY_SECONDS,), pose_segments=(pose,)
-    )
+    standby = StandbySettings(zeros, zeros, (_STANDBY_SECONDS,), (pose,))
     is_floating = _has_free_joint(model, base)
     return RobotDescription(
         name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
@@ -162,7 +146,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
         joints=described,
         initial_position=pose,
         imu=find_imu(model, base)[0],
-        base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
+        base=BaseSettings("floating", model.body(base).name) if is_floating else BaseSettings(),
         simulation=SimulationSettings(physics_timestep=_timestep(model, is_floating)),
         damping_controller=DampingSettings(damping_scalar=0.0),
         standby_controller_a=standby,
@@ -176,8 +160,7 @@ def _describe_joint(model: mujoco.MjModel, i: int, own: OwnActuator | None) -> J
     effort = math.inf if own is None else max(abs(bound) for bound in own.force_range)
     if model.jnt_actfrclimited[i]:
         effort = min(effort, float(np.abs(model.jnt_actfrcrange[i]).max()))
-    name = model.joint(i).name
-    return JointDescription(name=name, lower=lower, upper=upper, effort_limit=effort, stiffness=0.0, damping=0.0)
+    return JointDescription(model.joint(i).name, lower, upper, effort, stiffness=0.0, damping=0.0)
 
 
 def _robot_joints(model: mujoco.MjModel) -> list[int]:

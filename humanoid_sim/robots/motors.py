@@ -1,15 +1,14 @@
 """Every motor model: its ratings, the ranges that its MIT frames can encode, and traits of its protocol.
 
 Ratings are from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233 and
-Berkeley-Humanoids, commit d74dd3f). A new model is one row of its family.
+Berkeley-Humanoids, commit d74dd3f). A new model is one row.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass
 
 from humanoid_sim.errors import InputError, known_names
 
@@ -23,30 +22,19 @@ class MotorModel:
     """One model. Ranges are full scale of its frames' fields, symmetric for position, velocity and effort."""
 
     name: str  # in robot descriptions: `rs-02`
+    family: str  # key of `FAMILIES`
     stiffness: float  # N·m/rad, range, from 0
     damping: float  # N·m·s/rad, range, from 0
     velocity: float  # rad/s, range; rs-03 and rs-04 can turn faster without load
     effort: float  # N·m, range
-    rated_torque: float  # N·m, continuous
     peak_torque: float  # N·m
     peak_current: float  # A, phase, peak
-    no_load_velocity: float  # rad/s
-    fault_temperature: float  # °C, reports over-temperature and stops; the lower of the manuals' languages
-    warning_temperature: float  # °C, warns in a fault report only
+    no_load_velocity: float = math.inf  # rad/s
+    fault_temperature: float = math.inf  # °C, stops; the lower of the manuals' languages
+    warning_temperature: float = math.inf  # °C, warns in a fault report only
     position: float = POSITION_RANGE  # rad, range
-    family: str = ""  # key of `FAMILIES`, set by the family's row
 
 
-_ROBSTRIDE = (
-    # ranges of K_p, K_d, velocity, effort; rated and peak torque, peak current, no-load velocity; fault, warning °C
-    MotorModel("rs-00", 500.0, 5.0, 33.0, 14.0, 5.0, 14.0, 15.5, 33.0, 145.0, 135.0),
-    MotorModel("rs-01", 500.0, 5.0, 44.0, 17.0, 6.0, 17.0, 23.0, 33.0, 103.0, 93.0),
-    MotorModel("rs-02", 500.0, 5.0, 44.0, 17.0, 6.0, 17.0, 23.0, 42.9, 135.0, 135.0),
-    MotorModel("rs-03", 5000.0, 100.0, 20.0, 60.0, 20.0, 60.0, 43.0, 20.9, 145.0, 135.0),
-    MotorModel("rs-04", 5000.0, 100.0, 15.0, 120.0, 40.0, 120.0, 90.0, 20.9, 145.0, 135.0),
-    MotorModel("rs-05", 500.0, 5.0, 50.0, 5.5, 1.6, 5.5, 11.0, 50.3, 135.0, 135.0),
-    MotorModel("rs-06", 5000.0, 100.0, 50.0, 36.0, 11.0, 36.0, 57.0, 50.3, 135.0, 135.0),
-)
 SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)  # of positions and velocities, at the output
 
 
@@ -55,10 +43,26 @@ def _sito(name: str, gear: int) -> MotorModel:
 
     Gains are float32 without a range: those here are about the largest that were ever tried. No data sheet is public.
     """
-    largest, unknown = 2**15 - 1, math.inf
-    velocity, effort = largest / SITO_COUNTS_PER_RAD, largest * 0.00009 * gear
-    ratings = unknown, effort, largest / 1000.0, unknown, unknown, unknown
-    return MotorModel(name, 500.0, 5.0, velocity, effort, *ratings, position=(2**31 - 1) / SITO_COUNTS_PER_RAD)
+    largest = 2**15 - 1
+    velocity, position = largest / SITO_COUNTS_PER_RAD, (2**31 - 1) / SITO_COUNTS_PER_RAD
+    effort = largest * 0.00009 * gear
+    return MotorModel(name, "sito", 500.0, 5.0, velocity, effort, effort, largest / 1000.0, position=position)
+
+
+_MODELS = (
+    # ranges of K_p, K_d, velocity, effort; peak torque and current, no-load velocity; fault, warning °C
+    MotorModel("rs-00", "robstride", 500.0, 5.0, 33.0, 14.0, 14.0, 15.5, 33.0, 145.0, 135.0),
+    MotorModel("rs-01", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 33.0, 103.0, 93.0),
+    MotorModel("rs-02", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 42.9, 135.0, 135.0),
+    MotorModel("rs-03", "robstride", 5000.0, 100.0, 20.0, 60.0, 60.0, 43.0, 20.9, 145.0, 135.0),
+    MotorModel("rs-04", "robstride", 5000.0, 100.0, 15.0, 120.0, 120.0, 90.0, 20.9, 145.0, 135.0),
+    MotorModel("rs-05", "robstride", 500.0, 5.0, 50.0, 5.5, 5.5, 11.0, 50.3, 135.0, 135.0),
+    MotorModel("rs-06", "robstride", 5000.0, 100.0, 50.0, 36.0, 36.0, 57.0, 50.3, 135.0, 135.0),
+    _sito("TA40-50", 51),
+    _sito("TA40-100", 101),
+)
+MOTORS: Mapping[str, MotorModel] = {model.name: model for model in _MODELS}
+"""By the model's name in robot descriptions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +70,6 @@ class MotorFamily:
     """Traits of all motors of one protocol."""
 
     name: str
-    models: tuple[MotorModel, ...]
     ids: range  # ids that its frames can address
     last_bytes: frozenset[int] = frozenset()
     """Last bytes of its host's identifiers, where that is no motor's id: a motor of a family that is addressed by this
@@ -79,13 +82,12 @@ class MotorFamily:
 
 
 _HOST_IDS = range(128, 256)  # Robstride's frames name their host in the byte where Sito's name the motor
-_FAMILIES = (
-    MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
+FAMILIES: Mapping[str, MotorFamily] = {
+    "robstride": MotorFamily("robstride", range(1, 128), has_questions=True),
     # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
     # and 0.5 (`humanoid_sim.hardware.sito.protocol`), its authors' page on the Prime robot has 688.58 and 1.125.
-    MotorFamily(
+    "sito": MotorFamily(
         "sito",
-        (_sito("TA40-50", 51), _sito("TA40-100", 101)),
         range(1, 256),
         frozenset({0x00, 0x01, 0x09, 0x45}),
         has_timeout=False,
@@ -93,12 +95,7 @@ _FAMILIES = (
         stiffness_doubt=688.58 / 500.0,
         damping_doubt=1.125 / 0.5,
     ),
-)
-FAMILIES: Mapping[str, MotorFamily] = MappingProxyType({family.name: family for family in _FAMILIES})  # by name
-MOTORS: Mapping[str, MotorModel] = MappingProxyType(
-    {model.name: replace(model, family=family.name) for family in _FAMILIES for model in family.models}
-)
-"""By the model's name in robot descriptions."""
+}
 
 
 def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:

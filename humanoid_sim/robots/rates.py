@@ -1,11 +1,10 @@
-"""Periods and delays in whole steps: physics step, control period, policy period."""
+"""Periods in whole steps: physics step, control period, policy period."""
 
 from __future__ import annotations
 
 from humanoid_sim.errors import InputError
 
 MOST_STEPS = 10_000  # of one period: more would take seconds to compute
-LONGEST_DELAY = 10.0  # s
 
 
 def steps_per_period(period: float, step: float, *, step_name: str = "physics_timestep") -> int:
@@ -23,17 +22,3 @@ def steps_per_period(period: float, step: float, *, step_name: str = "physics_ti
         near = f"the nearest that does is {period / nearest:g} s ({nearest} per period)"
         raise InputError(f"{step_name}: {step:g} s does not divide the control period of {period:g} s; {near}")
     return count
-
-
-def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
-    """Return a delay in physics steps; both times in s.
-
-    Raises `InputError` with the nearest delay that is a multiple of the physics step if this one is not.
-    """
-    if not 0.0 <= delay <= LONGEST_DELAY:
-        raise InputError(f"{name}: is {delay:g} s, expected 0 to {LONGEST_DELAY:g} s")
-    steps = round(delay / physics_timestep)
-    if abs(delay - steps * physics_timestep) > 1e-9:
-        near = f"the nearest is {steps * physics_timestep:g} s"
-        raise InputError(f"{name}: {delay:g} s is not a multiple of the physics step of {physics_timestep:g} s; {near}")
-    return steps

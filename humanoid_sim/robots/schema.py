@@ -1,7 +1,7 @@
 """Schema of a robot: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
 
 A description is one YAML file beside its MJCF model; `assets/robots/lite.yaml` is the example. The types say which
-values a field accepts, `humanoid_sim.robots.description` checks what has to hold between fields.
+values a field accepts, `humanoid_sim.robots.checks` what has to hold between fields.
 """
 
 from __future__ import annotations
@@ -24,20 +24,23 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 Key = Annotated[int, msgspec.Meta(ge=0, le=87)]  # 0 is A0, 87 is C8
 
 
-class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Part of a description."""
+
+
+class MotorDescription(_Part, frozen=True, kw_only=True, omit_defaults=True):
     """The motor that drives a joint, and where it is on the bus."""
 
-    family: Text = "robstride"  # key of `humanoid_sim.robots.motors.FAMILIES`
     bus: Annotated[int, msgspec.Meta(ge=0)]  # index into the robot's buses
     can_id: int  # 1 to 127; a Sito's up to 255 where all motors are Sitos
-    model: Text  # such as `rs-02`
+    model: Text  # key of `humanoid_sim.robots.motors.MOTORS`, such as `rs-02`
     direction: Literal[-1, 1]  # sign between motor and joint frame: of the design, not of one physical robot
     torque_limit: NotNegative | None = None
     """N·m, written to the firmware; 0 leaves the firmware's own. Required where the family has such a limit."""
     current_limit: NotNegative | None = None  # A, likewise
 
 
-class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class JointDynamics(_Part, frozen=True, omit_defaults=True):
     """Measured motor and gear of one joint, instead of the MJCF's; None leaves the MJCF's."""
 
     armature: NotNegative | None = None  # kg·m², inertia of motor and gear at the joint
@@ -47,7 +50,7 @@ class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     delay: NotNegative = 0.0  # s from a command to its effect; simulations have the mean of all joints
 
 
-class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class JointDescription(_Part, frozen=True):
     """One actuated joint, in the joint frame. Limits are infinite where a user's MJCF gives none."""
 
     name: Text  # in the MJCF, in policies and in every file
@@ -60,7 +63,7 @@ class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     dynamics: JointDynamics | None = None
 
 
-class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BaseSettings(_Part, frozen=True):
     """Base that carries the robot: welded to the world (`fixed`), or free to move and to fall (`floating`)."""
 
     type: Literal["fixed", "floating"] = "fixed"
@@ -68,7 +71,7 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     height: float | None = None  # m above the world's origin at the start; None: its lowest part touches the floor
 
 
-class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SimulationSettings(_Part, frozen=True):
     """Settings of the robot in simulation."""
 
     physics_timestep: Positive = 0.0005  # s
@@ -78,21 +81,21 @@ class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     """Keep the MJCF's own joint damping beside the commanded K_d, or set it to 0; a contract may decide otherwise."""
 
 
-class HardwareSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class HardwareSettings(_Part, frozen=True):
     """Settings of the real robot."""
 
     control_frequency: Positive = 50.0  # Hz
     rx_timeout_ms: Positive = 200.0  # ms without a status of a joint after which RX_TIMEOUT is reported
 
 
-class DampingSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class DampingSettings(_Part, frozen=True):
     """Parameters of `damping_controller`."""
 
     damping: tuple[NotNegative, ...] = ()  # N·m·s/rad, one per joint; empty: `damping_scalar` for all
     damping_scalar: NotNegative = 1.0  # N·m·s/rad
 
 
-class StandbySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class StandbySettings(_Part, frozen=True):
     """Parameters of one standby controller."""
 
     target_stiffness: tuple[NotNegative, ...]  # N·m/rad, one per joint
@@ -101,7 +104,7 @@ class StandbySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     pose_segments: tuple[tuple[float, ...], ...]  # rad, for each segment the pose at its end, one value per joint
 
 
-class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RemoteSettings(_Part, frozen=True):
     """Parameters of `remote_policy_controller`."""
 
     stale_command_policy: Literal["passive", "hold"] = "passive"
@@ -110,40 +113,22 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     damping_scalar: NotNegative | None = None  # N·m·s/rad; None: as DAMPING
 
 
-class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A joint that is pulled hard must come nearer to its commanded position."""
+class GuardSettings(_Part, frozen=True):
+    """Guards of the joints while a controller drives them; null in `following`, `limit` or `speed` turns it off."""
 
-    effort_share: Positive = 0.8  # of the effort limit: K_p times the error from which the joint is pulled hard
-    effort: tuple[Positive | None, ...] = ()
+    following: Positive | None = 0.8  # of the effort limit: K_p times the error from which a joint must come nearer
+    following_effort: tuple[Positive | None, ...] = ()
     """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
     limits here where a policy's contract lowers them."""
-    time: Positive | None = None  # s; None: 0.15 with a fixed base, 0.3 with a floating one, whose legs carry it
-    progress: Positive = 0.02  # rad by which it must come nearer in that time
+    following_time: Positive | None = None  # s; None: 0.15 with a fixed base, 0.3 with a floating one
+    following_progress: Positive = 0.02  # rad by which it must come nearer in that time
+    limit: Positive | None = 0.15  # rad beyond `lower` or `upper` where a joint must not be pushed further out
+    limit_time: NotNegative = 0.1  # s
+    speed: tuple[Positive, ...] | None = ()  # rad/s, one per joint; empty: from range and motor, see `robots.guards`
+    speed_time: NotNegative = 0.02  # s
 
 
-class LimitGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A joint beyond its limits must not be pushed further out."""
-
-    margin: Positive = 0.15  # rad beyond `lower` or `upper`
-    time: NotNegative = 0.1  # s
-
-
-class SpeedGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A joint must not be faster than its limit."""
-
-    limit: tuple[Positive, ...] = ()  # rad/s, one per joint; empty: from range and motor, see `robots.guards`
-    time: NotNegative = 0.02  # s
-
-
-class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Guards of the joints while a controller drives them; `null` turns a guard off."""
-
-    following: FollowingGuard | None = FollowingGuard()
-    limit: LimitGuard | None = LimitGuard()
-    speed: SpeedGuard | None = SpeedGuard()
-
-
-class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PianoSettings(_Part, frozen=True):
     """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
 
     fingers: tuple[str, str]  # MJCF sites in the middle of the tips that strike keys, the left hand's first
@@ -172,7 +157,7 @@ def _array(values: Iterable[float]) -> FloatArray:
     return array
 
 
-class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RobotDescription(_Part, frozen=True, kw_only=True):
     """A robot. Every per-joint list and array is in the order of `joints`."""
 
     name: Text
@@ -237,11 +222,9 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     def passive_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
         settings = self.remote_policy_controller
-        if settings.damping:
-            return _array(settings.damping)
-        if settings.damping_scalar is None:
+        if not settings.damping and settings.damping_scalar is None:
             return self.mode_damping
-        return _array((settings.damping_scalar,) * self.joint_count)
+        return _array(settings.damping or (settings.damping_scalar or 0.0,) * self.joint_count)
 
     def to_json(self) -> str:
         """Return the description as JSON on one line, without folder: what a recording keeps."""

@@ -6,9 +6,8 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import mujoco
@@ -45,8 +44,7 @@ def _joint_name(model: mujoco.MjModel, joint: int) -> str:
     return model.joint(joint).name or f"joint_{joint}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Link:
+class _Link(NamedTuple):
     """A link's frame with all joints at 0: its body's axes, its origin in its joint's anchor."""
 
     name: str
@@ -57,45 +55,41 @@ class _Link:
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     """Return the robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
 
-    A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. Geoms that MuJoCo's viewer
-    shows are `visual`, those that can collide are `collision`. The IMU is a link of its own. A floating base hangs on
-    the link `world` by a joint of type `floating`. Of a body with several joints, each has a link of its own.
+    Geoms are those that MuJoCo's viewer shows; a capsule is a cylinder and two spheres, a mesh or an ellipsoid the box
+    around it. The IMU is a link of its own. A floating base hangs on the link `world` by a joint of type `floating`. Of
+    a body with several joints, each has a link of its own.
     """
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, (_HINGE, _SLIDE))]] = 0.0
     mujoco.mj_kinematics(model, data)
-    limits = _limits(model, description)
-    root, joints = Element("robot", name=description.name), []
+    root = Element("robot", name=description.name)
     _add_geoms(SubElement(root, "link", name="world"), model, 0, _ORIGIN)
     links = [_Link("world", _ORIGIN, _LEVEL)]  # the last of each body
     for body in range(1, model.nbody):
         name, place, turn = model.body(body).name or f"body_{body}", data.xpos[body], data.xquat[body]
         link, first = links[model.body_parentid[body]], int(model.body_jntadr[body])
         own = range(first, first + int(model.body_jntnum[body])) or (-1,)  # -1: fixed to its parent
-        for joint in own:
-            parent, joint_name = link, _joint_name(model, joint) if joint >= 0 else f"{name}_fixed"
-            position = data.xanchor[joint] if joint >= 0 else place
-            link = _Link(name if joint == own[-1] else f"{name}_{joint_name}", position, turn)
-            kind = _kind(model, joint)
-            joints.append(_joint(joint_name, kind, parent, link))
-            if kind not in ("fixed", "floating"):
-                SubElement(joints[-1], "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[joint])))
-                SubElement(joints[-1], "limit", limits[joint_name])
-            element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, position - place)
-            if joint != own[-1]:
+        for i in own:
+            joint_name = _joint_name(model, i) if i >= 0 else f"{name}_fixed"
+            parent, anchor = link, data.xanchor[i] if i >= 0 else place
+            link = _Link(name if i == own[-1] else f"{name}_{joint_name}", anchor, turn)
+            joint = _add_joint(root, joint_name, _kind(model, i), parent, link)
+            if joint.get("type") not in ("fixed", "floating"):
+                SubElement(joint, "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[i])))
+                SubElement(joint, "limit", _limit(model, i, description))
+            element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, place - anchor)
+            if i != own[-1]:
                 _add_inertia(element, _SPECK, np.full(3, _SPECK), _ORIGIN, _LEVEL)
         if mass := float(model.body_mass[body]):
-            centre, axes = model.body_ipos[body] - shift, model.body_iquat[body]
-            _add_inertia(element, mass, model.body_inertia[body], centre, axes)
+            _add_inertia(element, mass, model.body_inertia[body], model.body_ipos[body] + shift, model.body_iquat[body])
         _add_geoms(element, model, body, shift)
         links.append(link)
-    root.extend(joints)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, description.imu)
     if site >= 0 and description.imu not in [link.name for link in links]:
         owner = int(model.site_bodyid[site])
         SubElement(root, "link", name=description.imu)
         imu = _Link(description.imu, data.site_xpos[site], multiply(data.xquat[owner], model.site_quat[site]))
-        root.append(_joint(f"{description.imu}_fixed", "fixed", links[owner], imu))
+        _add_joint(root, f"{description.imu}_fixed", "fixed", links[owner], imu)
     indent(root)
     return tostring(root, encoding="unicode")
 
@@ -108,8 +102,8 @@ def _kind(model: mujoco.MjModel, joint: int) -> str:
     return "prismatic" if model.jnt_type[joint] == _SLIDE else "floating"
 
 
-def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
-    joint = Element("joint", name=name, type=kind)
+def _add_joint(root: Element, name: str, kind: str, parent: _Link, child: _Link) -> Element:
+    joint = SubElement(root, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=parent.name)
     SubElement(joint, "child", link=child.name)
     place = rotate_inverse(parent.quaternion, child.position - parent.position)
@@ -117,18 +111,16 @@ def _joint(name: str, kind: str, parent: _Link, child: _Link) -> Element:
     return joint
 
 
-def _limits(model: mujoco.MjModel, description: RobotDescription) -> dict[str, dict[str, str]]:
-    """Return the limits of all joints by name; effort and velocity are 0 where they are not known."""
-    known = {_joint_name(model, i): (*model.jnt_range[i].tolist(), 0.0, 0.0) for i in range(model.njnt)}
-    for joint, speed in zip(description.joints, rated_speed(description).tolist(), strict=True):
-        known[joint.name] = (joint.lower, joint.upper, joint.effort_limit, speed)
-    limits = {}
-    for name, (lower, upper, effort, speed) in known.items():
-        bounds = {"lower": lower, "upper": upper} if math.isfinite(upper - lower) else {}
-        least = {"effort": effort, "velocity": speed}
-        values = bounds | {key: value if math.isfinite(value) else 0.0 for key, value in least.items()}
-        limits[name] = {key: _number(value) for key, value in values.items()}
-    return limits
+def _limit(model: mujoco.MjModel, i: int, description: RobotDescription) -> dict[str, str]:
+    """Return a joint's limits; effort and velocity are 0 where they are not known."""
+    (lower, upper), effort, speed = model.jnt_range[i].tolist(), 0.0, 0.0
+    if (name := _joint_name(model, i)) in description.joint_names:
+        place = description.joint_names.index(name)
+        joint, speed = description.joints[place], float(rated_speed(description)[place])
+        lower, upper, effort = joint.lower, joint.upper, joint.effort_limit
+    bounds = {"lower": lower, "upper": upper} if math.isfinite(upper - lower) else {}
+    values = {**bounds, "effort": effort, "velocity": speed}
+    return {key: _number(value if math.isfinite(value) else 0.0) for key, value in values.items()}
 
 
 def _add_inertia(element: Element, mass: float, inertia: FloatArray, centre: FloatArray, axes: FloatArray) -> None:
@@ -141,19 +133,15 @@ def _add_inertia(element: Element, mass: float, inertia: FloatArray, centre: Flo
 
 
 def _add_geoms(element: Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:
-    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
-        tags = ["visual"] if model.geom_group[geom] < _SHOWN_GROUPS else []
-        tags += ["collision"] if model.geom_contype[geom] | model.geom_conaffinity[geom] else []
-        position, quaternion = model.geom_pos[geom] - shift, model.geom_quat[geom]
+    for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group < _SHOWN_GROUPS)).tolist():
+        position, quaternion = model.geom_pos[geom] + shift, model.geom_quat[geom]
         material = int(model.geom_matid[geom])
         colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
         for shape, attributes, offset in _shapes(model, geom):
-            for tag in tags:
-                part = SubElement(element, tag)
-                _add_origin(part, position + rotate(quaternion, offset), quaternion)
-                SubElement(SubElement(part, "geometry"), shape, attributes)
-                if tag == "visual":
-                    SubElement(SubElement(part, "material", name=f"geom_{geom}"), "color", rgba=_numbers(colour))
+            part = SubElement(element, "visual")
+            _add_origin(part, position + rotate(quaternion, offset), quaternion)
+            SubElement(SubElement(part, "geometry"), shape, attributes)
+            SubElement(SubElement(part, "material", name=f"geom_{geom}"), "color", rgba=_numbers(colour))
 
 
 def _shapes(model: mujoco.MjModel, geom: int) -> Iterator[tuple[str, dict[str, str], FloatArray]]:
@@ -175,7 +163,7 @@ def _add_origin(element: Element, position: FloatArray, quaternion: FloatArray) 
 
 
 def _roll_pitch_yaw(quaternion: FloatArray) -> FloatArray:
-    """Shape (3,), rad, about the fixed axes x, y, z in this order: URDF's."""
+    """Return rad, shape (3,), about the fixed axes x, y, z in this order: URDF's."""
     rotation = matrix(np.asarray(quaternion, dtype=np.float64))
     level = math.hypot(rotation[0, 0], rotation[1, 0])
     pitch = math.atan2(-rotation[2, 0], level)
@@ -192,10 +180,8 @@ def _number(value: float) -> str:
     return repr(round(float(value), 12) + 0.0)
 
 
-def convert_urdf(
-    path: Path, base: Literal["floating", "fixed"], folder: Path, imu: str | None = None
-) -> tuple[str, list[str]]:
-    """Return the MJCF of a URDF for a file in `folder`, and a line for each thing that the URDF does not say.
+def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, imu: str | None = None) -> str:
+    """Return the MJCF of a URDF for a file in `folder`.
 
     Each link stays a body of its own; `base` gives the root link a free joint, or none; `imu` is the link with the IMU.
     Raises `InputError` if it is not a URDF, a mesh is missing, there is no such link, or it does not compile.
@@ -221,21 +207,6 @@ def convert_urdf(
         spec.body(imu).add_site(name="imu")
         spec.add_sensor(name="gyro", type=mujoco.mjtSensor.mjSENS_GYRO, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
     spec.modelfiledir = str(folder.resolve())
-    gaps = list(_gaps(compile_spec(spec, path), imu))
+    compile_spec(spec, path)
     text: str = spec.to_xml()
-    return text, gaps
-
-
-def _gaps(model: mujoco.MjModel, imu: str | None) -> Iterator[str]:
-    """Yield what a URDF cannot say, or this one does not."""
-    hinges = [i for i in range(model.njnt) if model.jnt_type[i] == _HINGE]
-    without = sum(model.dof_armature[model.jnt_dofadr[i]] == 0.0 for i in hinges)
-    if without:
-        yield f"armature: {without} joints have none; add rotor inertia · gear ratio² (kg m²), or damping chatters"
-    for what, limited in (("range", model.jnt_limited), ("effort limit", model.jnt_actfrclimited)):
-        if names := [model.joint(i).name for i in hinges if not limited[i]]:
-            yield f"{what}: none for {', '.join(names)}"
-    if imu is None:
-        yield "IMU: no site; --imu LINK adds one"
-    if colliding := int((model.geom_contype > 0).sum()):
-        yield f"contacts: {colliding} geoms collide with everything, the robot too; keep the feet, or <exclude> pairs"
+    return text

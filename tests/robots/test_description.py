@@ -58,11 +58,10 @@ def set_at(document, place, value):
 
 PER_JOINT = "expected 14, one per joint"
 STANDBY = "standby_controller_a"
-SITO = {"family": "sito", "bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
+SITO = {"bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 BAD_VALUES = [
     ("imu", "", "imu: Expected `str` of length >= 1"),
     ("mjcf", "nowhere.xml", "mjcf: 'nowhere.xml' is not a file"),
-    ("topic_prefix", "a/b", "topic_prefix: is 'a/b'"),
     ("folder", "/", "folder: is not a field of the file"),
     ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
     ("joints[3].lower", math.nan, "holds a number that is not finite"),
@@ -70,8 +69,7 @@ BAD_VALUES = [
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: Expected `float` > 0.0"),
     ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
-    ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
-    ("joints[6].motor.family", "etob", "joints[6].motor.family: unknown family 'etob'"),
+    ("joints[6].motor.model", "rs-20", "joints[6].motor.model: unknown motor model 'rs-20'"),
     ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
     ("joints[6].motor", SITO | {"torque_limit": 4.0}, "joints[6].motor.torque_limit: is 4, but no such limit of sito"),
     ("joints[6].motor", SITO | {"can_id": 200}, "joints[6].motor.can_id: is 200, expected 1 to 127 beside motors of"),
@@ -81,7 +79,7 @@ BAD_VALUES = [
     ("base", {"type": "floating"}, "base.body: is empty"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
     (f"{STANDBY}.pose_segments[1][3]", 1.0, f"{STANDBY}.pose_segments[1][3]: is 1, outside the limits of left_elbow"),
-    ("guards.following.effort", [1, None], f"guards.following.effort: has 2 values, {PER_JOINT}"),
+    ("guards.following_effort", [1, None], f"guards.following_effort: has 2 values, {PER_JOINT}"),
     ("stifness", 1.0, "Object contains unknown field `stifness`"),
 ]
 

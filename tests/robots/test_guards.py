@@ -10,7 +10,7 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract_physics
 from humanoid_sim.robots.guards import describe_unwatched, guards_of
-from humanoid_sim.robots.schema import FollowingGuard, GuardSettings, SpeedGuard
+from humanoid_sim.robots.schema import GuardSettings
 
 LITE = load_robot("lite")
 BIPED = load_robot("lite_biped")
@@ -40,7 +40,7 @@ def test_the_defaults_follow_from_the_limits():
 def test_a_speed_that_a_motor_cannot_report_is_too_fast():
     sito = load_robot("lite_sito")
     largest = 0.99 * 32767 / (65536 / (2 * np.pi))  # an int16, in counts/s
-    for robot in (sito, replace(sito, guards=GuardSettings(speed=SpeedGuard(limit=(20.0,) * 14)))):
+    for robot in (sito, replace(sito, guards=GuardSettings(speed=(20.0,) * 14))):
         assert of(robot).speed_limit[ROLL] == pytest.approx(largest)
 
 
@@ -69,8 +69,8 @@ def test_guards_that_do_not_watch_a_joint_are_named_with_the_reason():
 
 
 def test_the_description_decides():
-    following, speed = FollowingGuard(effort_share=0.5, time=1.0), SpeedGuard(limit=(3.0,) * 14)
-    guards = of(replace(LITE, guards=GuardSettings(following=following, limit=None, speed=speed)))
+    given = GuardSettings(following=0.5, following_time=1.0, limit=None, speed=(3.0,) * 14)
+    guards = of(replace(LITE, guards=given))
     assert (guards.following_effort[ELBOW], guards.following_time) == (7.0, 1.0)
     assert np.isinf(guards.limit_margin).all()
     assert guards.speed_limit.tolist() == [3.0] * 14

@@ -71,8 +71,7 @@ def test_a_robot_is_fetched_once_and_one_that_cannot_be_is_one_line(tmp_path):
         ("robot_descriptions:unitree_g1", "robot_descriptions:unitree_g1: unknown public robot; near: g1"),
         ("robot_descriptions:talso", "unknown public robot; near: talos"),
         ("robot_descriptions:zzzz", "unknown public robot; known: a1, "),
-        ("robot_descriptions:atlas_drc", "has this robot as a URDF only"),
-        ("Unitree-G1", "did you mean robot_descriptions:g1?"),
+        ("robot_descriptions:atlas_drc", "is there as a URDF only"),
         ("mine", "or a file that exists"),
     ],
 )

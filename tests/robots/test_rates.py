@@ -1,11 +1,11 @@
-"""Periods and delays in whole steps."""
+"""Periods in whole steps."""
 
 import math
 
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.rates import MOST_STEPS, delay_steps, steps_per_period
+from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 
 
 @pytest.mark.parametrize(
@@ -30,10 +30,3 @@ def test_refuses_a_step_that_does_not_divide_the_period(step, problem):
     with pytest.raises(InputError) as caught:
         steps_per_period(0.005, step)
     assert problem in str(caught.value)
-
-
-def test_delays_in_steps():
-    assert [delay_steps("delay", delay, 0.0005) for delay in (0.0, 0.0005, 0.0015, 0.1)] == [0, 1, 3, 200]
-    for delay, problem in ((-0.001, "expected 0 to 10 s"), (math.nan, "expected 0 to 10 s"), (0.0012, "is 0.001 s")):
-        with pytest.raises(InputError, match=problem):
-            delay_steps("delay", delay, 0.0005)

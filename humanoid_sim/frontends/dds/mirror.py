@@ -176,7 +176,7 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
         folder = Path(name)
         source, target = folder / "robot.urdf", folder / "robot.xml"
         source.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
-        text, _ = convert_urdf(source, "floating" if moves else "fixed", folder)
+        text = convert_urdf(source, "floating" if moves else "fixed", folder)
         target.write_text(text, encoding="utf-8")
         description = describe_mjcf(target)
         return description, bare_model(description)
