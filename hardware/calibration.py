@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import yaml
 
 from humanoid_sim.errors import InputError
@@ -22,16 +22,6 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_yaml
 
-_LARGEST_OFFSET = 8.0 * math.pi  # rad, the width of a motor's position range
-_FIELDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
-    "id": ("a whole number of 1 to 255", lambda value: type(value) is int and 1 <= value <= 255),
-    "direction": ("1 or -1", lambda value: type(value) is int and value in (-1, 1)),
-    "homing_offset": (
-        f"a number within ±{_LARGEST_OFFSET:.2f} rad",
-        lambda value: type(value) in (int, float) and abs(value) <= _LARGEST_OFFSET,  # NaN fails it
-    ),
-    "direction_confirmed": ("true or false", lambda value: type(value) is bool),
-}
 _HEADING = """\
 # One robot's homing offsets, rad: motor = direction * joint + homing_offset. Written by
 # `python -m humanoid_sim.hardware calibrate`, and by `identify`, where a person has confirmed a joint's direction.
@@ -42,32 +32,29 @@ _HEADING = """\
 class CalibrationEntry:
     """One joint's."""
 
-    id: int
-    """The motor's CAN id."""
-    direction: int
-    """±1"""
-    homing_offset: float | None
-    """rad, motor frame; None: its direction is confirmed, and it is not calibrated yet."""
-    direction_confirmed: bool = False
-    """True once a person has seen the joint move the way of a rising angle."""
+    id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
+    direction: Literal[-1, 1]
+    homing_offset: Annotated[float, msgspec.Meta(ge=-25.2, le=25.2)] | None = None  # rad, motor frame, within ±8π
+    direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
+
+
+_FIELDS = tuple(CalibrationEntry.__dataclass_fields__)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """A whole file."""
 
-    entries: Mapping[str, CalibrationEntry]
-    """By joint, in the file's order; joints that the robot does not have (a neck that is not mounted) are kept."""
-    warnings: tuple[str, ...] = ()
-    """Disagreements of the file with the robot description, one line each."""
+    entries: Mapping[str, CalibrationEntry]  # by joint, in the file's order; joints that the robot lacks are kept
+    warnings: tuple[str, ...] = ()  # disagreements of the file with the robot description, one line each
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
         """Return every joint's offset, in the robot's order: rad, motor frame; an `InputError` names missing ones."""
-        offsets = {name: entry.homing_offset for name, entry in self.entries.items()}
-        missing = [name for name in description.joint_names if offsets.get(name) is None]
+        known = {name: entry.homing_offset for name, entry in self.entries.items() if entry.homing_offset is not None}
+        missing = [name for name in description.joint_names if name not in known]
         if missing:
             raise InputError(f"calibration: lacks {', '.join(missing)}; run python -m humanoid_sim.hardware calibrate")
-        return {name: offset for name in description.joint_names if (offset := offsets[name]) is not None}
+        return {name: known[name] for name in description.joint_names}
 
     def unconfirmed(self, description: RobotDescription) -> tuple[str, ...]:
         """Return the joints whose present direction no person has confirmed."""
@@ -85,54 +72,37 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}
-    return Calibration(MappingProxyType(entries), tuple(_disagreements(path, entries, description)))
-
-
-def _entry(where: str, value: Any) -> CalibrationEntry:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: is {_shown(value)}, expected a mapping with {', '.join(_FIELDS)}")
-    required = ("id", "direction") if value.get("direction_confirmed") is True else ("id", "direction", "homing_offset")
-    for name in required:
-        if name not in value:
-            raise InputError(f"{where}: misses '{name}'")
-    for name, field in value.items():
-        if name not in _FIELDS:
-            raise InputError(f"{where}: unknown field {_shown(name)}; expected {', '.join(_FIELDS)}")
-        expected, is_right = _FIELDS[name]
-        if not is_right(field):
-            raise InputError(f"{where}: {name}: is {_shown(field)}, expected {expected}")
-    offset = value.get("homing_offset")
-    confirmed = value.get("direction_confirmed", False)
-    return CalibrationEntry(value["id"], value["direction"], None if offset is None else float(offset), confirmed)
-
-
-def _shown(value: object) -> str:
-    """Return a value for a message of one line."""
-    if isinstance(value, dict | list):
-        return "a mapping" if isinstance(value, dict) else "a list"
-    return f"a number of {value.bit_length()} bits" if isinstance(value, int) and value >> 64 else repr(value)[:80]
-
-
-def _disagreements(
-    path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry], description: RobotDescription
-) -> list[str]:
-    found = []
+    warnings = []
     motors = {joint.name: joint.motor for joint in description.joints}
     for name, entry in entries.items():
         motor = motors.get(name)
         if motor is None:
-            found.append(f"{path}: {name}: is not a driven joint of {description.name}; its entry is not used")
+            warnings.append(f"{path}: {name}: is not a driven joint of {description.name}; its entry is not used")
         elif entry.id != motor.can_id:
             raise InputError(
                 f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}: "
                 "another robot's calibration, or calibrate this joint anew"
             )
         elif entry.direction != motor.direction:
-            found.append(
+            warnings.append(
                 f"{path}: {name}: direction: is {entry.direction}, the robot description has {motor.direction}, "
                 "which is used; calibrate this joint anew if its direction was wrong before"
             )
-    return found
+    return Calibration(entries, tuple(warnings))
+
+
+def _entry(where: str, value: Any) -> CalibrationEntry:
+    where = f"{where}: is {str(value)[:120]}"
+    if isinstance(value, dict) and not value.keys() <= set(_FIELDS):
+        raise InputError(f"{where}, expected the fields {', '.join(_FIELDS)}")
+    try:
+        entry = msgspec.convert(value, CalibrationEntry)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {error}") from None
+    is_finite = entry.homing_offset is not None and math.isfinite(entry.homing_offset)
+    if not is_finite and not (entry.homing_offset is None and entry.direction_confirmed):
+        raise InputError(f"{where}, expected a finite homing_offset")
+    return entry
 
 
 def read_entries(path: Path, description: RobotDescription) -> Mapping[str, CalibrationEntry]:
@@ -148,12 +118,11 @@ def save_calibration(
     document: dict[str, dict[str, Any]] = {}
     for name in dict.fromkeys([*(name for name in first if name in entries), *entries]):
         entry = entries[name]
-        fields: dict[str, Any] = {"id": entry.id, "direction": entry.direction}
+        document[name] = {"id": entry.id, "direction": entry.direction}
         if entry.homing_offset is not None:
-            fields["homing_offset"] = round(entry.homing_offset, 6)
+            document[name]["homing_offset"] = round(entry.homing_offset, 6)
         if entry.direction_confirmed:
-            fields["direction_confirmed"] = True
-        document[name] = fields
+            document[name]["direction_confirmed"] = True
     with whole_file(path) as file:
         if path.exists():
             os.fchmod(file.fileno(), path.stat().st_mode & 0o777)
@@ -171,12 +140,9 @@ class Verdict(Enum):
 
     UNSWEPT = "unswept"
     GOOD = "good"
-    INCOMPLETE = "partial"
-    """Shorter than the joint's range: not both stops were reached, or they are nearer than the limits."""
-    BEYOND = "beyond"
-    """Longer than the joint's range: its stops are farther than its limits, or two motors answer as one."""
-    FLIPPED = "flipped"
-    """Outside the joint's range: its `direction` is wrong in the description, or its motor sits elsewhere."""
+    INCOMPLETE = "partial"  # shorter than the joint's range: not both stops were reached, or they are nearer
+    BEYOND = "beyond"  # longer: its stops are farther than its limits, or two motors answer as one
+    FLIPPED = "flipped"  # outside the range: its `direction` is wrong in the description, or its motor sits elsewhere
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,9 +159,7 @@ class Sweep:
 
     def with_angle(self, angle: float) -> Sweep:
         """Return the sweep with another angle in it, rad."""
-        return (
-            Sweep(angle, angle) if math.isnan(self.lowest) else Sweep(min(self.lowest, angle), max(self.highest, angle))
-        )
+        return Sweep(min(angle, self.lowest), max(angle, self.highest))  # NaN is not less than an angle: the angle
 
 
 def evaluate(
@@ -205,13 +169,8 @@ def evaluate(
 
     `homing_offset = ½ · ((lowest - lower) + (highest - upper)) · direction`, after the sweep was moved by whole turns
     to where its middle is nearest to that of the limits: a motor does not know its turn since it was switched on.
-
-    Args:
-        joint: whose limits are its stops.
-        direction: ±1, of its motor.
-        sweep: from stop to stop.
-        tolerance: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
-        any_offset: the motors' zeros were never set: a sweep outside the limits is not a flipped direction.
+    `tolerance`: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
+    `any_offset`: the motors' zeros were never set, and a sweep outside the limits is no flipped direction.
     """
     if sweep.width < THRESHOLD:
         return Verdict.UNSWEPT, None

@@ -4,36 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITState, frozen_array
+from humanoid_sim.mit import FloatArray, MITState
 
 SOURCE = "imu"
 OK = SafetyStatus(source=SOURCE)
 LABEL_UP = (0.0, 1.0, 0.0, 0.0)  # the mounting, w x y z, of a device that lies with its label up and its x axis forward
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuReading:
+class ImuReading(NamedTuple):
     """Latest reading of an IMU, in the frame that the robot's description calls its IMU's."""
 
-    quaternion: FloatArray
-    """Shape (4,), w x y z, IMU frame in a world frame whose z is up."""
-    angular_velocity: FloatArray
-    """Shape (3,), rad/s, IMU frame."""
-    linear_acceleration: FloatArray
-    """Shape (3,), m/s², IMU frame, gravity included: (0, 0, +9.81) at rest and upright."""
-    status: SafetyStatus = OK
-    """FAULT with RX_TIMEOUT after a silence: a policy that balances on the last values would fall."""
-
-    def __post_init__(self) -> None:
-        for name in ("quaternion", "angular_velocity", "linear_acceleration"):
-            object.__setattr__(self, name, frozen_array("ImuReading", name, getattr(self, name)))
+    quaternion: FloatArray  # shape (4,), w x y z, IMU frame in a world frame whose z is up
+    angular_velocity: FloatArray  # shape (3,), rad/s
+    linear_acceleration: FloatArray  # shape (3,), m/s², gravity included: (0, 0, +9.81) at rest and upright
+    status: SafetyStatus = OK  # FAULT after a silence: a policy that balances on the last values would fall
 
 
 class Imu(Protocol):
@@ -65,12 +55,6 @@ class SimulatedImu(Imu):
     def __init__(self, truth: Callable[[], MITState]) -> None:
         self._truth = truth
 
-    def open(self) -> None:
-        """Do nothing."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
     def read(self, time: float) -> ImuReading:
         """Return the simulation's present reading."""
         truth = self._truth()
@@ -91,17 +75,13 @@ def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None
     port, at, baud = rest.rpartition("@") if "@" in rest else (rest, "", "115200")
     if kind != "microstrain" or not port or (at and not baud.isdecimal()):
         raise InputError(f"--imu: is '{text}', expected none, microstrain:PORT or microstrain:PORT@BAUD")
+    try:
+        quaternion = tuple(float(part) for part in mounting.split(","))
+    except ValueError:
+        quaternion = ()
+    norm = math.hypot(*quaternion)
+    if len(quaternion) != 4 or not abs(norm - 1.0) < 1e-3:
+        raise InputError(f"--imu-mounting: is '{mounting}', expected w,x,y,z: a unit quaternion of four numbers")
     from humanoid_sim.hardware.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
 
-    return MicrostrainImu(port, int(baud), mounting=_quaternion(mounting), clock=clock)
-
-
-def _quaternion(text: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    norm = math.hypot(*values)
-    if len(values) != 4 or not abs(norm - 1.0) < 1e-3:
-        raise InputError(f"--imu-mounting: is '{text}', expected w,x,y,z: a unit quaternion of four numbers")
-    return tuple(value / norm for value in values)
+    return MicrostrainImu(port, int(baud), mounting=[value / norm for value in quaternion], clock=clock)

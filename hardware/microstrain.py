@@ -13,9 +13,7 @@ from __future__ import annotations
 import math
 import struct
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from time import monotonic
 from typing import NamedTuple
 
@@ -37,8 +35,7 @@ class Packet(NamedTuple):
     """A packet whose checksum was right."""
 
     descriptor_set: int
-    fields: Mapping[int, bytes]
-    """Data by descriptor."""
+    fields: Mapping[int, bytes]  # data by descriptor
 
 
 def checksum(data: bytes) -> bytes:
@@ -78,10 +75,8 @@ class PacketReader:
                 return packets
             whole = bytes(buffer[: 6 + buffer[3]])
             fields = _fields(whole[4:-2]) if checksum(whole[:-2]) == whole[-2:] else None
-            if fields is None:
-                del buffer[0]
-            else:
-                del buffer[: len(whole)]
+            del buffer[: 1 if fields is None else len(whole)]
+            if fields is not None:
                 packets.append(Packet(whole[2], fields))
 
 
@@ -108,20 +103,13 @@ class MicrostrainImu(Imu):
     def __init__(
         self,
         port: str,
-        baudrate: int = 115200,
+        baudrate: int = 115200,  # bit/s; devices on USB ignore it
         *,
-        rate: float = 100.0,
-        mounting: Sequence[float] = LABEL_UP,
-        clock: Callable[[], float] = monotonic,
+        rate: float = 100.0,  # Hz, of samples; 115200 bit/s carry 200 packets of 52 bytes a second
+        mounting: Sequence[float] = LABEL_UP,  # w x y z, the device's axes in the robot's IMU frame
+        clock: Callable[[], float] = monotonic,  # the robot's clock, s
     ) -> None:
-        """Open nothing yet.
-
-        Args:
-            baudrate: bit/s; devices on USB ignore it. 115200 carries 200 packets of 52 bytes a second.
-            rate: Hz, of samples.
-            mounting: w x y z, the device's axes in the robot's IMU frame.
-            clock: the robot's clock, s.
-        """
+        """Open nothing yet."""
         self._port, self._baudrate, self._rate, self._clock = port, baudrate, rate, clock
         self._mounting = np.array(mounting, dtype=np.float64)
         self._serial: serial.Serial | None = None
@@ -133,45 +121,38 @@ class MicrostrainImu(Imu):
     def open(self) -> None:
         """Configure the device and wait for a first sample."""
         self.close()
-        try:
-            self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise RobotError(f"{self._port}: the IMU's port cannot be opened: {error}") from None
-        try:
-            _configure(self._serial, self._rate)
-        except (serial.SerialException, OSError, RobotError) as error:
-            self.close()
-            raise RobotError(f"{self._port}: the IMU {error}") from None
         self._stop.clear()
         self._received.clear()
         self._latest, self._problem = None, ""
-        self._thread = threading.Thread(target=self._receive, args=(self._serial,), name="imu", daemon=True)
-        self._thread.start()
-        if not self._received.wait(_FIRST_SAMPLE):
-            problem = self._problem or f"acknowledges but sends no sample within {_FIRST_SAMPLE:g} s"
+        try:
+            self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
+            _configure(self._serial, self._rate)
+            self._thread = threading.Thread(target=self._receive, args=(self._serial,), name="imu", daemon=True)
+            self._thread.start()
+            if not self._received.wait(_FIRST_SAMPLE):
+                raise RobotError(self._problem or f"acknowledges but sends no sample within {_FIRST_SAMPLE:g} s")
+        except (serial.SerialException, OSError, ValueError, RobotError) as error:
             self.close()
-            raise RobotError(f"{self._port}: the IMU {problem}")
+            raise RobotError(f"{self._port}: the IMU {error}") from None
 
     def read(self, time: float) -> ImuReading:
         """Return the latest reading; its status is FAULT once it is older than 0.1 s."""
-        latest = self._latest
-        if latest is None:
+        if self._latest is None:
             return upright_at_rest(silent(f"{self._port}: the IMU has sent nothing yet"))
-        received, reading = latest
+        received, reading = self._latest
         if time - received <= _TIMEOUT:
             return reading
         problem = self._problem or f"is silent for more than {_TIMEOUT:g} s"
-        return replace(reading, status=silent(f"{self._port}: the IMU {problem}"))
+        return reading._replace(status=silent(f"{self._port}: the IMU {problem}"))
 
     def close(self) -> None:
         """Stop the thread and release the port."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
         if self._serial is not None:
             self._serial.close()
-            self._serial = None
+        self._thread = self._serial = None
 
     def _receive(self, port: serial.Serial) -> None:
         reader = PacketReader()
@@ -188,8 +169,7 @@ class MicrostrainImu(Imu):
                     self._received.set()
 
 
-_BASE, _3DM = 0x01, 0x0C
-"""Descriptor sets of commands."""
+_BASE, _3DM = 0x01, 0x0C  # descriptor sets of commands
 _ACK = 0xF1
 _WRITE = 0x01
 _ANSWER_TIME = 1.0  # s; the manual knows no command that takes longer among these
@@ -215,8 +195,8 @@ def _command(
 ) -> Mapping[int, bytes]:
     """Send a command; return the fields of the packet that acknowledges it."""
     line.write(encode_packet(descriptor_set, {descriptor: data}))
-    deadline = time.monotonic() + _ANSWER_TIME
-    while time.monotonic() < deadline:
+    deadline = monotonic() + _ANSWER_TIME
+    while monotonic() < deadline:
         for packet in reader.feed(line.read(256)):
             answer = packet.fields.get(_ACK, b"")
             if packet.descriptor_set == descriptor_set and len(answer) == 2 and answer[0] == descriptor:
@@ -227,16 +207,11 @@ def _command(
 
 
 _GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
-_NORM_TOLERANCE = 0.01
 _UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # the device's world has its z axis down
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
-    """Return the reading in a packet; None unless it holds all three measurements, finite.
-
-    Args:
-        mounting: shape (4,), w x y z, the device's axes in the robot's IMU frame.
-    """
+    """Return the reading in a packet; None unless it holds all three measurements, finite. `mounting` as above."""
     if packet.descriptor_set != SENSOR_DATA:
         return None
     values = []
@@ -247,7 +222,7 @@ def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
         values.append(np.array(struct.unpack(f">{count}f", data)))
     attitude, rate, force = values
     norm = math.sqrt(float((attitude * attitude).sum()))
-    if not abs(norm - 1.0) <= _NORM_TOLERANCE or not np.isfinite([*rate, *force]).all():  # NaN fails too
+    if not abs(norm - 1.0) <= 0.01 or not np.isfinite([*rate, *force]).all():  # NaN fails too
         return None
     return ImuReading(
         quaternion=multiply(multiply(_UP_FROM_DOWN, attitude / norm), conjugate(mounting)),
