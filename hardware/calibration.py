@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import yaml
@@ -33,7 +33,7 @@ class CalibrationEntry:
     """One joint's."""
 
     id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
-    direction: Literal[-1, 1]
+    direction: int  # ±1
     homing_offset: Annotated[float, msgspec.Meta(ge=-25.2, le=25.2)] | None = None  # rad, motor frame, within ±8π
     direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
 
@@ -99,6 +99,8 @@ def _entry(where: str, value: Any) -> CalibrationEntry:
         entry = msgspec.convert(value, CalibrationEntry)
     except msgspec.ValidationError as error:
         raise InputError(f"{where}: {error}") from None
+    if entry.direction not in (-1, 1):
+        raise InputError(f"{where}, expected a direction of 1 or -1")
     is_finite = entry.homing_offset is not None and math.isfinite(entry.homing_offset)
     if not is_finite and not (entry.homing_offset is None and entry.direction_confirmed):
         raise InputError(f"{where}, expected a finite homing_offset")

@@ -11,39 +11,55 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.messages import (
-    BROADCAST_ID,
-    DATA_LENGTH,
-    FaultBit,
     FrameType,
     Identifier,
     Ignored,
     Malformed,
-    MotorMode,
-    StatusFault,
-    WarningBit,
-    from_signed,
-    from_unsigned,
     join_identifier,
     split_identifier,
-    to_signed,
-    to_unsigned,
 )
 from humanoid_sim.robots.motors import MotorModel
 
 LARGEST_MOTOR_ID = 127
-_VERSION_REQUEST = b"\x00\xc4"  # first bytes of a stop frame that asks for the version instead
+UNSIGNED_STEPS = 65535
+SIGNED_STEPS = 32767  # from zero to full scale
+_VERSION = b"\x00\xc4"  # first bytes of a stop frame that asks for the version instead
 _VERSION_MARK = b"\x00\xc4\x56"  # of a version reply, a frame of type 2; as a status -12.49 rad, and 1050 °C
 _VERSION_END = len(_VERSION_MARK) + 4
 _COUNT = bytes(range(1, 9))  # data of a save; its first six bytes also precede the setting of type 24
 _WORDS = struct.Struct(">HHHH")
 _FAULTS = struct.Struct("<II")
 _PARAMETER = struct.Struct("<Hxx4s")
-_MODES = tuple(MotorMode)
-_STATUS_FAULTS = tuple(StatusFault(bits) for bits in range(64))  # quicker than making them for every status
+_MODES = tuple(messages.MotorMode)
+_STATUS_FAULTS = tuple(messages.StatusFault(bits) for bits in range(64))  # quicker than making them for every status
+
+
+def to_signed(value: float, limit: float) -> int:
+    """Return the raw field of a finite position, velocity or effort, cut off at ±limit: 0 to 65534.
+
+    The manuals' own formula has 65535 steps and no raw value for zero; by this one zero is exactly 32767. They differ
+    by half a step in the middle: a motor that reads with theirs takes 0 for -2e-4 rad and -3e-4 N·m (rs-02).
+    """
+    return math.trunc((min(max(value, -limit), limit) / limit + 1.0) * SIGNED_STEPS)
+
+
+def from_signed(raw: int, limit: float) -> float:
+    """Return the value of a raw field, 0 to 65535, the last of which lies beyond the limit by 0.003 %."""
+    return (raw / SIGNED_STEPS - 1.0) * limit
+
+
+def to_unsigned(value: float, limit: float) -> int:
+    """Return the raw field of a finite gain, cut off at 0 and at the limit: 0 to 65535."""
+    return math.trunc(min(max(value, 0.0), limit) / limit * UNSIGNED_STEPS)
+
+
+def from_unsigned(raw: int, limit: float) -> float:
+    """Return the gain of a raw field, 0 to 65535."""
+    return raw * limit / UNSIGNED_STEPS
 
 
 class _Row(NamedTuple):
-    """A host's command: its frame's type, its data, how many bytes of it a motor needs, and how it reads them."""
+    """A host's command: how it is written, the bytes that a motor needs of it, and how it reads them."""
 
     kind: FrameType
     command: type[messages.HostCommand]
@@ -56,47 +72,33 @@ _ROWS = (
     _Row(FrameType.GET_DEVICE_ID, messages.GetDeviceId),
     _Row(FrameType.ENABLE, messages.Enable),
     _Row(
-        FrameType.STOP,
-        messages.ReadVersion,
-        data=lambda _: _VERSION_REQUEST,
-        fields=lambda data: () if data[:2] == _VERSION_REQUEST else None,
+        FrameType.STOP, messages.ReadVersion, lambda _: _VERSION, 0, lambda data: () if data[:2] == _VERSION else None
     ),
-    _Row(
-        FrameType.STOP,
-        messages.Stop,
-        data=lambda command: bytes([command.clear_fault]),
-        fields=lambda data: (data[:1] == b"\x01",),
-    ),
-    _Row(
-        FrameType.SET_ZERO,
-        messages.SetZero,
-        data=lambda _: b"\x01",
-        least=1,
-        fields=lambda data: () if data[0] == 1 else None,
-    ),
+    _Row(FrameType.STOP, messages.Stop, lambda stop: bytes([stop.clear_fault]), 0, lambda data: (data[:1] == b"\1",)),
+    _Row(FrameType.SET_ZERO, messages.SetZero, lambda _: b"\1", 1, lambda data: () if data[0] == 1 else None),
+    _Row(FrameType.SET_DEVICE_ID, messages.SetDeviceId),  # its field is in the identifier
     _Row(
         FrameType.READ_PARAMETER,
         messages.ReadParameter,
-        data=lambda command: _PARAMETER.pack(command.index, b""),
-        least=DATA_LENGTH,
-        fields=lambda data: _PARAMETER.unpack(data)[:1],
+        lambda read: _PARAMETER.pack(read.index, b""),
+        8,
+        lambda data: _PARAMETER.unpack(data)[:1],
     ),
     _Row(
         FrameType.WRITE_PARAMETER,
         messages.WriteParameter,
-        data=lambda command: _PARAMETER.pack(command.index, command.payload),
-        least=DATA_LENGTH,
-        fields=_PARAMETER.unpack,
+        lambda write: _PARAMETER.pack(write.index, write.payload),
+        8,
+        _PARAMETER.unpack,
     ),
-    _Row(FrameType.SAVE_PARAMETERS, messages.SaveParameters, data=lambda _: _COUNT),
+    _Row(FrameType.SAVE_PARAMETERS, messages.SaveParameters, lambda _: _COUNT),
     _Row(
         FrameType.ACTIVE_REPORT,
         messages.SetActiveReport,
-        data=lambda command: _COUNT[:6] + bytes([command.is_on]),
-        least=7,
-        fields=lambda data: (data[6] == 1,) if data[6] <= 1 else None,
+        lambda report: _COUNT[:6] + bytes([report.is_on]),
+        7,
+        lambda data: (data[6] == 1,) if data[6] <= 1 else None,
     ),
-    _Row(FrameType.SET_DEVICE_ID, messages.SetDeviceId),  # its field is in the identifier
 )
 _BY_COMMAND = {row.command: row for row in _ROWS}
 
@@ -117,7 +119,7 @@ def encode_command(command: messages.Command, model: MotorModel) -> Frame:
         _check_id("SetDeviceId.new_id", high := command.new_id)
     row = _BY_COMMAND[type(command)]
     identifier = join_identifier(row.kind, high, command.host_id, command.motor_id)
-    return Frame(identifier, row.data(command).ljust(DATA_LENGTH, b"\0"))
+    return Frame(identifier, row.data(command).ljust(8, b"\0"))
 
 
 def _check_id(what: str, motor_id: int) -> None:
@@ -152,9 +154,9 @@ def decode_command(frame: Frame, motor_id: int, model: MotorModel) -> messages.C
     is_operation = kind == FrameType.OPERATION_CONTROL
     if destination != motor_id or not (rows or is_operation):
         return Ignored("unknown_device" if destination != motor_id else "unknown_type")
-    least = DATA_LENGTH if is_operation else rows[0].least
-    if not least <= len(data) <= DATA_LENGTH:
-        return Malformed(motor_id, f"type {kind} with {len(data)} bytes, expected {least} to {DATA_LENGTH}")
+    least = 8 if is_operation else rows[0].least
+    if not least <= len(data) <= 8:
+        return Malformed(motor_id, f"type {kind} with {len(data)} bytes, expected {least} to {8}")
     if is_operation:
         position, velocity, stiffness, damping = _WORDS.unpack(data)
         return messages.OperationControl(
@@ -213,8 +215,8 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
     if is_status and data.startswith(_VERSION_MARK) and len(data) >= _VERSION_END:
         first, second, third, fourth = data[len(_VERSION_MARK) : _VERSION_END]
         return messages.Version(motor_id, destination, (first, second, third, fourth))
-    if len(data) != DATA_LENGTH:
-        return Malformed(motor_id, f"{_NAMES[kind]} with {len(data)} bytes, expected {DATA_LENGTH}")
+    if len(data) != 8:
+        return Malformed(motor_id, f"{_NAMES[kind]} with {len(data)} bytes, expected {8}")
     if kind == FrameType.GET_DEVICE_ID:
         return messages.DeviceId(motor_id, data)
     if is_status:
@@ -233,7 +235,7 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
         )
     if kind == FrameType.FAULT_REPORT:
         faults, warnings = _FAULTS.unpack(data)
-        return messages.FaultReport(motor_id, destination, FaultBit(faults), WarningBit(warnings))
+        return messages.FaultReport(motor_id, destination, messages.FaultBit(faults), messages.WarningBit(warnings))
     index, payload = _PARAMETER.unpack(data)
     return messages.ParameterReply(motor_id, destination, index, payload, high == 0)
 
@@ -241,7 +243,7 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
 def _addressee(parts: Identifier, models: Mapping[int, MotorModel], host_id: int) -> str:
     """Return to whom a frame is, if it is no reply to this host; empty: it is one."""
     kind, _, motor_id, destination = parts
-    if kind == FrameType.GET_DEVICE_ID and destination in {BROADCAST_ID, host_id}:
+    if kind == FrameType.GET_DEVICE_ID and destination in {messages.BROADCAST_ID, host_id}:
         return ""
     if kind in (FrameType.STATUS, FrameType.FAULT_REPORT) or (kind in _BOTH and destination == host_id):
         known = "" if motor_id in models else "unknown_device"
@@ -256,7 +258,7 @@ def encode_reply(reply: messages.Reply, model: MotorModel) -> Frame:
     high = 0
     match reply:
         case messages.DeviceId():
-            return Frame(join_identifier(FrameType.GET_DEVICE_ID, 0, reply.motor_id, BROADCAST_ID), reply.uid)
+            return Frame(join_identifier(FrameType.GET_DEVICE_ID, 0, reply.motor_id, messages.BROADCAST_ID), reply.uid)
         case messages.Status():
             kind = FrameType.ACTIVE_REPORT if reply.is_report else FrameType.STATUS
             high = reply.mode << 6 | reply.faults
@@ -273,5 +275,5 @@ def encode_reply(reply: messages.Reply, model: MotorModel) -> Frame:
             data = _PARAMETER.pack(reply.index, reply.payload)
         case messages.Version():
             # An enabled motor's mode bits are not documented here; those of a stopped one are zero.
-            kind, data = FrameType.STATUS, (_VERSION_MARK + bytes(reply.version)).ljust(DATA_LENGTH, b"\0")
+            kind, data = FrameType.STATUS, (_VERSION_MARK + bytes(reply.version)).ljust(8, b"\0")
     return Frame(join_identifier(kind, high, reply.motor_id, reply.host_id), data)

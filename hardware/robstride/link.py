@@ -20,28 +20,9 @@ from humanoid_sim.hardware.bus.channel import NEVER, Note
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import ChannelNotes, OpenChannels
 from humanoid_sim.hardware.motor_link import MotorGroup, Readings
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
-from humanoid_sim.hardware.robstride.messages import (
-    BROADCAST_ID,
-    Command,
-    DeviceId,
-    Enable,
-    FaultReport,
-    FrameType,
-    GetDeviceId,
-    Identifier,
-    Ignored,
-    Malformed,
-    MotorMode,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    Reply,
-    Status,
-    WriteParameter,
-    flag_names,
-    split_identifier,
-)
+from humanoid_sim.hardware.robstride.messages import Command, FrameType, Identifier, MotorMode, Reply, split_identifier
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 
@@ -53,7 +34,7 @@ class Sample(NamedTuple):
     """A status and when it came, s, robot's clock."""
 
     time: float
-    status: Status
+    status: messages.Status
 
 
 @dataclass(slots=True)
@@ -62,7 +43,7 @@ class MotorSlot:
 
     sample: Sample | None = None
     alarm: Sample | None = None  # the latest status that reported a fault or a mode other than RUN
-    report: FaultReport | None = None
+    report: messages.FaultReport | None = None
     invalid: Note = NEVER  # the latest frame that could not be read
     statuses: int = 0
     hides_timeout: bool = False  # its CAN timeout cannot be read, and is tried out
@@ -78,7 +59,7 @@ class MotorSlot:
         if self.sample is None:
             return "no status"
         status = self.sample.status
-        return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])
+        return ", ".join([f"mode {status.mode.name.lower()}", *messages.flag_names(status.faults)])
 
 
 _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)  # s that a motor has to answer each request: a lost frame, a busy computer
@@ -86,7 +67,6 @@ _POLL = 0.001  # s
 _LIFETIME = 0.06  # s in which what makes a motor move must leave, or it never does; other frames may be late
 _WRITES = 4  # times that a value is written before what is read back counts
 _MOST_ANSWERS = 4096  # that wait for `take_answers`
-_UNKNOWN_ROW = (math.nan,) * 5
 Answer = TypeVar("Answer")
 
 
@@ -132,28 +112,28 @@ class RobstrideLink:
         reply = decode_reply(frame, self._models[channel], host_id)
         index = self._index.get((channel, parts.low))
         if index is None:
-            if isinstance(reply, DeviceId):
+            if isinstance(reply, messages.DeviceId):
                 self._answers.append((channel, reply))
             else:
                 notes.strangers["frame of no motor of this robot"] += 1
             return True
         slot = self.slots[index]
         match reply:
-            case Malformed():
+            case messages.Malformed():
                 slot.invalid = Note(time, reply.reason)
-            case Ignored() if parts.type == FrameType.STATUS:
+            case messages.Ignored() if parts.type == FrameType.STATUS:
                 # Another host commands it, or its own id is stored in it: commands do not name their host.
                 text = f"motor {parts.low} answers host {parts.destination}, not {self.host_id}: --host-id?"
                 notes.intruder = Note(time, text)
-            case Ignored() if parts.destination in {self.host_id, BROADCAST_ID}:
+            case messages.Ignored() if parts.destination in {self.host_id, messages.BROADCAST_ID}:
                 slot.invalid = Note(time, f"frame of communication type {parts.type}")
-            case Ignored():
+            case messages.Ignored():
                 notes.strangers["frame to another host"] += 1
-            case FaultReport():
+            case messages.FaultReport():
                 slot.report = reply
             case _:
                 self._answers.append((channel, reply))
-                if isinstance(reply, Status):
+                if isinstance(reply, messages.Status):
                     _take_status(slot, Sample(time, reply))
         return True
 
@@ -166,8 +146,8 @@ class RobstrideLink:
 
     def readings(self) -> Readings:
         """Return the latest status of every motor."""
-        rows = [_UNKNOWN_ROW if (sample := slot.sample) is None else _row(sample) for slot in self.slots]
-        return Readings(*np.array(rows).reshape(-1, len(_UNKNOWN_ROW)).T)
+        rows = [_row(slot.sample) for slot in self.slots]
+        return Readings(*np.array(rows).reshape(-1, len(Readings._fields)).T)
 
     # --- questions
 
@@ -182,7 +162,9 @@ class RobstrideLink:
                 if step < len(group):
                     command = group[step]
                     frame = encode_command(command, self.motors.model[motor])
-                    lifetime = _LIFETIME if isinstance(command, (Enable, OperationControl)) else math.inf
+                    lifetime = (
+                        _LIFETIME if isinstance(command, (messages.Enable, messages.OperationControl)) else math.inf
+                    )
                     channel = self.channels[self.motors.channel[motor]]
                     channel.send([((type(command), self.motors.names[motor], step), frame)], lifetime)
 
@@ -201,46 +183,51 @@ class RobstrideLink:
         commands: Mapping[int, Sequence[Command]],
         accept: Callable[[int, Reply], Answer | None],
         patience: Sequence[float] | None = None,
+        *,
+        takes_late: bool = False,
     ) -> dict[int, Answer]:
         """Send each motor's commands and collect one answer per motor; those that did not answer are left out.
 
         Args:
             accept: turns an answer of a motor into the result, or None if it is not the one wanted.
             patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
+            takes_late: whether answers to earlier questions count.
         """
         found: dict[int, Answer] = {}
         for wait in _ANSWER_TIMES if patience is None else patience:
             missing = {motor: group for motor, group in commands.items() if motor not in found}
             if not missing:
                 break
-            self._answers.clear()  # of earlier questions
+            if not takes_late:
+                self._answers.clear()
             self.send(missing)
             deadline = time.monotonic() + wait
-            while len(found) < len(commands) and time.monotonic() < deadline:
-                time.sleep(_POLL)
+            while True:
                 for motor, reply in self.take_answers():
-                    if motor in commands and motor not in found and (answer := accept(motor, reply)) is not None:
+                    if motor in missing and (answer := accept(motor, reply)) is not None:
                         found[motor] = answer
+                if len(found) == len(commands) or time.monotonic() >= deadline:
+                    break
+                time.sleep(_POLL)
         return found
 
     def until_status(
-        self,
-        commands: Mapping[int, Sequence[Command]],
-        wanted: Callable[[Status], bool],
-        patience: Sequence[float] | None = None,
-    ) -> dict[int, Status]:
+        self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[messages.Status], bool]
+    ) -> dict[int, messages.Status]:
         """Send each motor's commands until a status that came afterwards is as wanted; other motors are left out.
 
         The state that a motor reports counts, and not that it answers: a late status to an earlier command, or an
         active report, answers nothing.
         """
 
-        def accept(_: int, reply: Reply) -> Status | None:
-            return reply if isinstance(reply, Status) and wanted(reply) else None
+        def accept(_: int, reply: Reply) -> messages.Status | None:
+            return reply if isinstance(reply, messages.Status) and wanted(reply) else None
 
-        return self.ask(commands, accept, patience)
+        return self.ask(commands, accept)
 
-    def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
+    def scan(
+        self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0
+    ) -> list[tuple[int, messages.DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 
         Args:
@@ -250,19 +237,19 @@ class RobstrideLink:
         self._answers.clear()
         some_model = next(iter(MOTORS.values()))  # a question is the same for every model
         for motor_id in motor_ids:
-            frame = encode_command(GetDeviceId(motor_id, host_id=self.host_id), some_model)
+            frame = encode_command(messages.GetDeviceId(motor_id, host_id=self.host_id), some_model)
             for each in self.channels:
                 each.send([(None, frame)])
             if pace:
                 time.sleep(pace)
         for each in self.channels:
             each.flush(1.0)
-        found: list[tuple[int, DeviceId]] = []
+        found: list[tuple[int, messages.DeviceId]] = []
         quiet_since = time.monotonic()
         while time.monotonic() - quiet_since < quiet_time:
             while self._answers:
                 channel, reply = self._answers.popleft()
-                if isinstance(reply, DeviceId):
+                if isinstance(reply, messages.DeviceId):
                     found.append((channel, reply))
                     quiet_since = time.monotonic()
             time.sleep(_POLL)
@@ -290,47 +277,40 @@ class RobstrideLink:
         return found
 
     def poll_values(self, parameter: Parameter, motors: Iterable[int], wait: float) -> dict[int, float]:
-        """Read once what is read again and again: the latest answers that have come within `wait` s.
+        """Read once what is read again and again: answers that have come within `wait` s.
 
         Unlike `read` it takes late answers to earlier questions as well: where a bus, or a program that emulates one,
         takes longer than `wait`, there is an old answer each time, and not none for ever.
         """
-        parameters = dict.fromkeys(motors, parameter)
-        self.send(self._questions(parameters, {}))
-        found: dict[int, float] = {}
-        deadline = time.monotonic() + wait
-        while len(found) < len(parameters):
-            for motor, reply in self.take_answers():
-                (value,) = _value(parameter, reply) or (None,)
-                if motor in parameters and value is not None:
-                    found[motor] = value
-            if time.monotonic() > deadline:
-                break
-            time.sleep(_POLL)
-        return found
+        found = self._exchange(dict.fromkeys(motors, parameter), {}, (wait,), takes_late=True)
+        return {motor: value for motor, value in found.items() if value is not None}
 
     def _exchange(
-        self, parameters: Mapping[int, Parameter], values: Mapping[int, float], patience: Sequence[float] | None = None
+        self,
+        parameters: Mapping[int, Parameter],
+        values: Mapping[int, float],
+        patience: Sequence[float] | None = None,
+        *,
+        takes_late: bool = False,
     ) -> dict[int, float | None]:
-        def accept(motor: int, reply: Reply) -> tuple[float | None] | None:
-            return _value(parameters[motor], reply)
-
-        answers = self.ask(self._questions(parameters, values), accept, patience)
-        return {motor: value for motor, (value,) in answers.items()}
-
-    def _questions(
-        self, parameters: Mapping[int, Parameter], values: Mapping[int, float]
-    ) -> dict[int, Sequence[Command]]:
         questions: dict[int, Sequence[Command]] = {}
         for motor, parameter in parameters.items():
             motor_id = self.motors.motor_id[motor]
-            read = ReadParameter(motor_id, parameter.index, host_id=self.host_id)
+            question: Command = messages.ReadParameter(motor_id, parameter.index, host_id=self.host_id)
+            questions[motor] = [question]
             if motor in values:
                 payload = pack_value(parameter.type, values[motor])
-                questions[motor] = [WriteParameter(motor_id, parameter.index, payload, host_id=self.host_id), read]
-            else:
-                questions[motor] = [read]
-        return questions
+                write = messages.WriteParameter(motor_id, parameter.index, payload, host_id=self.host_id)
+                questions[motor] = [write, question]
+
+        def accept(motor: int, reply: Reply) -> tuple[float | None] | None:
+            parameter = parameters[motor]
+            if not isinstance(reply, messages.ParameterReply) or reply.index != parameter.index:
+                return None
+            return (float(unpack_value(parameter.type, reply.payload)) if reply.is_success else None,)
+
+        answers = self.ask(questions, accept, patience, takes_late=takes_late)
+        return {motor: value for motor, (value,) in answers.items()}
 
 
 def _take_command(notes: ChannelNotes, parts: Identifier, time: float) -> None:
@@ -350,13 +330,8 @@ def _take_status(slot: MotorSlot, sample: Sample) -> None:
     slot.statuses += 1
 
 
-def _row(sample: Sample) -> tuple[float, ...]:
+def _row(sample: Sample | None) -> tuple[float, ...]:
+    if sample is None:
+        return (math.nan,) * len(Readings._fields)
     status = sample.status
     return sample.time, status.position, status.velocity, status.effort, status.temperature
-
-
-def _value(parameter: Parameter, reply: Reply) -> tuple[float | None] | None:
-    """Return a parameter's value if a reply has it: `(None,)` where the motor refuses, None where it is another's."""
-    if not isinstance(reply, ParameterReply) or reply.index != parameter.index:
-        return None
-    return (float(unpack_value(parameter.type, reply.payload)) if reply.is_success else None,)

@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import NamedTuple, TypeAlias
 
+import msgspec
+
 DEFAULT_HOST_ID = 0xFD
 BROADCAST_ID = 0xFE  # destination of a device-id reply
-DATA_LENGTH = 8  # bytes in every frame that carries data
-UNSIGNED_STEPS = 65535
-SIGNED_STEPS = 32767  # from zero to full scale
 
 
 class FrameType(IntEnum):
@@ -55,30 +52,6 @@ def split_identifier(arbitration_id: int) -> Identifier:
 def join_identifier(kind: int, high: int, low: int, destination: int) -> int:
     """Return the 29-bit identifier with these parts."""
     return kind << 24 | high << 16 | low << 8 | destination
-
-
-def to_signed(value: float, limit: float) -> int:
-    """Return the raw field of a finite position, velocity or effort, cut off at ±limit: 0 to 65534.
-
-    The manuals' own formula has 65535 steps and no raw value for zero; by this one zero is exactly 32767. They differ
-    by half a step in the middle: a motor that reads with theirs takes 0 for -2e-4 rad and -3e-4 N·m (rs-02).
-    """
-    return math.trunc((min(max(value, -limit), limit) / limit + 1.0) * SIGNED_STEPS)
-
-
-def from_signed(raw: int, limit: float) -> float:
-    """Return the value of a raw field, 0 to 65535, the last of which lies beyond the limit by 0.003 %."""
-    return (raw / SIGNED_STEPS - 1.0) * limit
-
-
-def to_unsigned(value: float, limit: float) -> int:
-    """Return the raw field of a finite gain, cut off at 0 and at the limit: 0 to 65535."""
-    return math.trunc(min(max(value, 0.0), limit) / limit * UNSIGNED_STEPS)
-
-
-def from_unsigned(raw: int, limit: float) -> float:
-    """Return the gain of a raw field, 0 to 65535."""
-    return raw * limit / UNSIGNED_STEPS
 
 
 class MotorMode(IntEnum):
@@ -130,17 +103,21 @@ def flag_names(flags: IntFlag) -> tuple[str, ...]:
     return tuple(names.get(bit, f"bit{bit.bit_length() - 1}") for bit in bits if int(flags) & bit)
 
 
-# --- commands, motor frame, in rad, s and N·m
+# Messages: motor frame, rad, s and N·m.
 
 
-@dataclass(frozen=True, slots=True)
-class OperationControl:
+class Message(msgspec.Struct, frozen=True):
+    """A message from or to a motor."""
+
+    motor_id: int
+
+
+class OperationControl(Message, frozen=True):
     """Type 1, answered by a status: `torque = damping·(velocity - v) + stiffness·(position - p) + effort`.
 
     The frame has no room for a host id.
     """
 
-    motor_id: int
     position: float
     velocity: float
     effort: float
@@ -148,83 +125,66 @@ class OperationControl:
     damping: float
 
 
-@dataclass(frozen=True, slots=True)
-class HostCommand:
+class HostCommand(Message, frozen=True, kw_only=True):
     """Fields of every other command: the motor, and the host that asks."""
 
-    motor_id: int
-    host_id: int = field(default=DEFAULT_HOST_ID, kw_only=True)
+    host_id: int = DEFAULT_HOST_ID
 
 
-@dataclass(frozen=True, slots=True)
-class GetDeviceId(HostCommand):
+class GetDeviceId(HostCommand, frozen=True):
     """Type 0, answered by `DeviceId`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Enable(HostCommand):
+class Enable(HostCommand, frozen=True):
     """Type 3, answered by a status."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stop(HostCommand):
+class Stop(HostCommand, frozen=True):
     """Type 4, answered by a status: the motor goes limp."""
 
     clear_fault: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ReadVersion(HostCommand):
+class ReadVersion(HostCommand, frozen=True):
     """Type 4 with `00 C4`, answered by `Version`."""
 
 
-@dataclass(frozen=True, slots=True)
-class SetZero(HostCommand):
+class SetZero(HostCommand, frozen=True):
     """Type 6, answered by a status: here is position 0. Ignored in position mode PP."""
 
 
-@dataclass(frozen=True, slots=True)
-class SetDeviceId(HostCommand):
+class SetDeviceId(HostCommand, frozen=True):
     """Type 7, at once, answered by `DeviceId` from the new id."""
 
     new_id: int
 
 
-@dataclass(frozen=True, slots=True)
-class ReadParameter(HostCommand):
+class ReadParameter(HostCommand, frozen=True):
     """Type 17, answered by `ParameterReply`."""
 
     index: int
 
 
-@dataclass(frozen=True, slots=True)
-class WriteParameter(HostCommand):
+class WriteParameter(HostCommand, frozen=True):
     """Type 18, answered by a status; lost at power-off unless saved."""
 
     index: int
     payload: bytes  # 4 bytes, of `parameters.pack_value`
 
 
-@dataclass(frozen=True, slots=True)
-class SaveParameters(HostCommand):
+class SaveParameters(HostCommand, frozen=True):
     """Type 22, answered by a status."""
 
 
-@dataclass(frozen=True, slots=True)
-class SetActiveReport(HostCommand):
+class SetActiveReport(HostCommand, frozen=True):
     """Type 24: start or stop reports without a request; newer firmware only."""
 
     is_on: bool
 
 
-# --- replies
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(Message, frozen=True):
     """Type 2, or type 24 where `is_report`."""
 
-    motor_id: int
     host_id: int
     position: float  # runs cyclically within ±4π
     velocity: float
@@ -235,46 +195,37 @@ class Status:
     is_report: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class FaultReport:
+class FaultReport(Message, frozen=True):
     """Type 21. Both words zero: no fault."""
 
-    motor_id: int
     host_id: int
     faults: FaultBit
     warnings: WarningBit
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterReply:
+class ParameterReply(Message, frozen=True):
     """Type 17."""
 
-    motor_id: int
     host_id: int
     index: int
     payload: bytes  # 4 bytes, little-endian, left-aligned; without meaning unless `is_success`
     is_success: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceId:
+class DeviceId(Message, frozen=True):
     """Type 0, to everybody."""
 
-    motor_id: int
     uid: bytes  # 8 bytes, the motor's microcontroller
 
 
-@dataclass(frozen=True, slots=True)
-class Version:
+class Version(Message, frozen=True):
     """Answer to `ReadVersion`."""
 
-    motor_id: int
     host_id: int
     version: tuple[int, int, int, int]  # `(0, 2, 3, 6)` is firmware 0.2.3.6
 
 
-@dataclass(frozen=True, slots=True)
-class Ignored:
+class Ignored(msgspec.Struct, frozen=True):
     """A frame that says nothing to this receiver.
 
     Reasons: `standard_id` (11 bits, another protocol), `unknown_type`, `host_command` (the echo of our own, or another
@@ -284,11 +235,9 @@ class Ignored:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class Malformed:
+class Malformed(Message, frozen=True):
     """A frame of a configured motor, or for this motor, that cannot be read."""
 
-    motor_id: int
     reason: str  # such as `status with 5 bytes, expected 8`
 
 

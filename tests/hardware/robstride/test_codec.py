@@ -1,23 +1,18 @@
 """Laws of the codec: round trips within a step, and a decoder that nothing upsets."""
 
-from dataclasses import fields
-
 from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import (
+    SIGNED_STEPS,
+    UNSIGNED_STEPS,
     decode_command,
     decode_reply,
     encode_command,
 )
-from humanoid_sim.hardware.robstride.messages import (
-    SIGNED_STEPS,
-    UNSIGNED_STEPS,
-    FrameType,
-    join_identifier,
-)
+from humanoid_sim.hardware.robstride.messages import FrameType, join_identifier
 from humanoid_sim.robots.motors import MOTORS
 
 _HOST = 0xFD
@@ -45,9 +40,9 @@ def test_operation_control_loses_less_than_a_step(model, motor_id, shares):
     read = decode_command(encode_command(sent, model), motor_id, model)
     assert isinstance(read, messages.OperationControl)
     steps = [SIGNED_STEPS] * 3 + [UNSIGNED_STEPS] * 2
-    for field, limit, count in zip(fields(sent)[1:], limits, steps, strict=True):
-        lost = getattr(sent, field.name) - getattr(read, field.name)
-        assert -1e-9 * limit <= lost <= limit / count * (1.0 + 1e-9), field.name
+    for name, limit, count in zip(sent.__struct_fields__[1:], limits, steps, strict=True):
+        lost = getattr(sent, name) - getattr(read, name)
+        assert -1e-9 * limit <= lost <= limit / count * (1.0 + 1e-9), name
 
 
 @given(_frames)
