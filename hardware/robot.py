@@ -15,7 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
+from humanoid_sim.hardware.bus.open_channels import ChannelLock, OpenChannels, lock_channels
 from humanoid_sim.hardware.checks import Check, CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
 from humanoid_sim.hardware.joints import (
@@ -27,7 +27,6 @@ from humanoid_sim.hardware.joints import (
     unknown_joints,
 )
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink, Readings
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.hardware.robstride.motors import RobstrideMotors
@@ -68,61 +67,46 @@ class HardwareRobot:
     def __init__(
         self,
         description: RobotDescription,
-        channels: Sequence[BusAddress | str],
+        channels: Sequence[BusAddress | str],  # one that carries all motors, or one per bus of the robot in their order
         *,
-        calibration: Mapping[str, float],
-        unconfirmed: Sequence[str] = (),
-        control_period: float | None = None,
-        clock: Callable[[], float] = system_time.monotonic,
-        host_id: int = DEFAULT_HOST_ID,
-        can_timeout: float = CAN_TIMEOUT,
-        allow_no_timeout: bool = False,
-        imu: Imu | None = None,
-        anchor: AnchorOrientation | None = None,
-        live: Callable[[], Mapping[str, FloatArray]] = dict,
-        dry_run: bool = False,
-        accepted_firmware: Collection[str] = (),
+        calibration: Mapping[str, float],  # homing offset of every joint, rad, motor frame
+        unconfirmed: Sequence[str] = (),  # joints whose direction no person has confirmed
+        control_period: float | None = None,  # s between commands; None for the description's
+        clock: Callable[[], float] = system_time.monotonic,  # s; the robot's own clock counts from now
+        can_timeout: float = CAN_TIMEOUT,  # s without a command after which the motors stop by themselves
+        allow_no_timeout: bool = False,  # motors may be driven that nothing stops when this program dies
+        imu: Imu | None = None,  # without one the state is that of a base upright and at rest
+        anchor: AnchorOrientation | None = None,  # measures the live input `anchor_orientation`
+        live: Callable[[], Mapping[str, FloatArray]] = dict,  # other live inputs by name, as only mock motors know them
+        dry_run: bool = False,  # `activate` verifies everything and then refuses
+        accepted_firmware: Collection[str] = (),  # versions that no document mentions and an operator accepts
         open_bus: OpenBus = open_python_can,
     ) -> None:
         """Describe the robot; nothing is opened yet.
 
         Raises `InputError` if a channel, the calibration or a number does not fit.
-
-        Args:
-            channels: one that carries all motors, or one per bus of the robot in their order.
-            calibration: homing offset of every joint, rad, motor frame.
-            unconfirmed: joints whose direction no person has confirmed.
-            control_period: s between commands; None for the description's.
-            clock: s, monotonic; the robot's own clock counts from now.
-            can_timeout: s without a command after which the motors stop by themselves.
-            allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
-            imu: where orientation comes from; without one the state is that of a base upright and at rest.
-            anchor: measures the live input `anchor_orientation` that a policy observes.
-            live: other live inputs by name, as only mock motors know them.
-            dry_run: never enable: `activate` verifies everything and then refuses.
-            accepted_firmware: versions that no document mentions and an operator accepts all the same.
         """
         self.description = description
         self.control_period = 1.0 / description.hardware.control_frequency if control_period is None else control_period
         self._name = description.name
         self._addresses = tuple(parse_address(each) if isinstance(each, str) else each for each in channels)
         self._wiring = wiring = make_wiring(description, len(self._addresses), calibration)
-        _check_options(self._addresses, host_id, can_timeout, self.control_period)
+        longest = CanTimeout.to_seconds(CanTimeout.LONGEST)
+        if not self.control_period < can_timeout <= longest:
+            accepted = f"more than the control period of {self.control_period:g} s, and at most {longest:g} s"
+            raise InputError(f"CAN timeout: is {can_timeout:g} s, expected {accepted}")
         endless = ", ".join(wiring.names[i] for i in wiring.endless)
         if endless and not allow_no_timeout:
             raise InputError(
                 f"{self._name}: motors that execute their last command for ever when this program dies: {endless}; "
                 "--allow-no-timeout accepts that"
             )
-        families = [
-            dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(channel))
-            for channel in range(len(self._addresses))
-        ]
-        self._sources = tuple(
-            f"humanoid_devices_{'_'.join(here)}/{address}"
-            for here, address in zip(families, self._addresses, strict=True)
-        )
-        self._host_id, self._can_timeout = host_id, can_timeout
+        sources = []
+        for index, address in enumerate(self._addresses):
+            families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(index))
+            sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
+        self._sources = tuple(sources)
+        self._can_timeout = can_timeout
         self._undirected = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
@@ -132,9 +116,10 @@ class HardwareRobot:
         zeros = np.zeros(wiring.count)
         self._damped = MITCommand(zeros, zeros, zeros, zeros, description.mode_damping)
 
-        self._locks = Locks()
+        self._locks: tuple[ChannelLock, ...] = ()
         self._line: OpenChannels | None = None
         self._links: tuple[tuple[MotorLink, list[int]], ...] = ()  # with the joints of their motors
+        self._turns = np.zeros(0)  # shape (n,), see `find_turns`, of the latest `prepare`
         self._tracker: JointTracker | None = None
         self._watch: SafetyWatch | None = None
         self._joints = unknown_joints(wiring.count)
@@ -142,7 +127,6 @@ class HardwareRobot:
         self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
         self._commands = self._answers = 0
         self._saturated = np.zeros(wiring.count, dtype=int)
-        self._warmest = np.full(wiring.count, np.nan)
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
         self._uids: dict[str, bytes] = {}
@@ -183,35 +167,6 @@ class HardwareRobot:
         Raises `RobotError` with the whole list of what is wrong. The robot can still be read, and reports that it is
         not enabled.
         """
-        self._prepare()
-
-    def activate(self) -> None:
-        """Verify and configure everything afresh, then enable every motor, without torque.
-
-        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
-        """
-        line, turns = self._prepare()
-        if self._dry_run:
-            raise RobotError(f"{self._name}: not enabled: this is a dry run")
-        with self._giving_up():
-            self._checks.refuse_questions()
-            self._may_run = frozenset(range(self._wiring.count))
-            # First those that nothing stops. They report where they are once they are enabled, and not before.
-            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
-                link.enable(self._checks)
-                line.check(self._checks)
-                self._checks.refuse()
-            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
-            found = check_positions(self._wiring, late, self._readings().position, self._checks)
-            turns = np.where(np.isnan(found), turns, found)
-            self._checks.refuse()
-        self._tracker = JointTracker(self._wiring, turns)
-        self._read_joints()
-        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
-        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
-
-    def _prepare(self) -> tuple[OpenChannels, FloatArray]:
-        """Return the open channels and the turns that are known, shape (n,), of motors that are ready and stopped."""
         if self._is_closing:
             raise RobotError(f"{self._name}: the robot is closed")
         if self._tracker is not None:
@@ -231,20 +186,45 @@ class HardwareRobot:
             for link, _ in self._links:
                 link.make_ready(checks)
             known = [i for link, joints in self._links if link.knows_positions for i in joints]
-            turns = check_positions(self._wiring, known, self._readings().position, checks)
+            self._turns = check_positions(self._wiring, known, self._readings().position, checks)
             line.check(checks)
             checks.refuse()
             line.warn_of_strangers(checks)
         self._may_run = frozenset()
         self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
-        self._tracker = JointTracker(self._wiring, turns)
+        self._tracker = JointTracker(self._wiring, self._turns)
         self._read_joints()
-        return line, turns
+
+    def activate(self) -> None:
+        """Verify and configure everything afresh, then enable every motor, without torque.
+
+        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
+        """
+        self.prepare()
+        line, checks = self._line, self._checks
+        assert line is not None
+        if self._dry_run:
+            raise RobotError(f"{self._name}: not enabled: this is a dry run")
+        with self._giving_up():
+            checks.refuse_questions()
+            self._may_run = frozenset(range(self._wiring.count))
+            # First those that nothing stops. They report where they are once they are enabled, and not before.
+            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
+                link.enable(checks)
+                line.check(checks)
+                checks.refuse()
+            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
+            found = check_positions(self._wiring, late, self._readings().position, checks)
+            checks.refuse()
+        self._tracker = JointTracker(self._wiring, np.where(np.isnan(found), self._turns, found))
+        self._read_joints()
+        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
+        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
 
     def _open(self) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
         checks, wiring = self._checks, self._wiring
-        self._locks.take(self._addresses, checks)
+        self._locks = self._locks or lock_channels(self._addresses, checks)
         if self._imu is not None:
             self._imu.close()
             with checks.collecting("imu"):
@@ -255,12 +235,12 @@ class HardwareRobot:
             clock=lambda: self.time,
             open_bus=self._open_bus,
             period=self.control_period,
-            locks=self._locks.descriptors,
+            locks=self._locks,
         )
         for family, make_link in LINKS.items():
             joints = list(wiring.of_family(family))
             damping = self._damped.damping[joints]
-            terms = LinkTerms(self._host_id, self._can_timeout, self.control_period, damping, self._uids)
+            terms = LinkTerms(DEFAULT_HOST_ID, self._can_timeout, self.control_period, damping, self._uids)
             # A family without motors here has a link as well, which takes that family's frames off the others.
             link = make_link(line, wiring.select(joints), terms)
             line.listeners.append(link.receive)
@@ -351,9 +331,7 @@ class HardwareRobot:
 
     def _read_joints(self) -> JointReadings:
         if self._tracker is not None:
-            readings = self._readings()
-            self._warmest = np.fmax(self._warmest, readings.temperature)
-            self._joints = self._tracker.update(readings)
+            self._joints = self._tracker.update(self._readings())
         return self._joints
 
     def _statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
@@ -411,7 +389,8 @@ class HardwareRobot:
         left: dict[int, str] = {}
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
-            stack.callback(self._locks.release)
+            for lock in self._locks:
+                stack.callback(lock.release)
             if self._imu is not None:
                 stack.callback(self._imu.close)
             if self._line is not None:
@@ -491,9 +470,6 @@ class HardwareRobot:
         if saturated:
             cut_off = ", ".join(f"{joint} {count} times" for joint, count in saturated.items())
             lines.append(f"commands cut off at the motor's range: {cut_off}")
-        if np.isfinite(self._warmest).any():
-            warmest = int(np.nanargmax(self._warmest))
-            lines.append(f"warmest motor: {self.joints[warmest]}, {self._warmest[warmest]:.1f} °C")
         return {
             "channels": channels,
             "elapsed": 0.0 if self._line is None else self.time - self._line.opened,
@@ -504,16 +480,3 @@ class HardwareRobot:
             "faults": {} if self._watch is None else dict(self._watch.faults),
             "lines": lines,
         }
-
-
-def _check_options(addresses: Sequence[BusAddress], host_id: int, can_timeout: float, period: float) -> None:
-    if len(set(addresses)) < len(addresses):
-        raise InputError("channels: one is named twice; one channel carries all motors by itself")
-    if not LARGEST_MOTOR_ID < host_id <= 0xFF:
-        raise InputError(f"host id: is {host_id}, expected {LARGEST_MOTOR_ID + 1} to 255, above every motor's")
-    longest = CanTimeout.to_seconds(CanTimeout.LONGEST)
-    if not period < can_timeout <= longest:
-        raise InputError(
-            f"CAN timeout: is {can_timeout:g} s, expected more than the control period of {period:g} s, and at most "
-            f"{longest:g} s"
-        )

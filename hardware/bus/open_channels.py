@@ -84,32 +84,16 @@ def _open(address: BusAddress) -> int:
             return descriptor
 
 
-class Locks:
-    """Some channels for this program alone: a robot's from its first activation until it is closed."""
-
-    def __init__(self) -> None:
-        self._held: list[ChannelLock] = []
-
-    def take(self, addresses: Sequence[BusAddress], checks: CheckList) -> None:
-        """Lock every channel, or none; a channel that another session holds becomes a problem."""
-        if self._held:
-            return
-        for address in addresses:
-            with checks.collecting(address):
-                self._held.append(ChannelLock(address))
-        if len(self._held) < len(addresses):
-            self.release()
-
-    @property
-    def descriptors(self) -> tuple[int, ...]:
-        """Return the locks' open files, see `ChannelLock.descriptor`; locks without a file are left out."""
-        return tuple(lock.descriptor for lock in self._held if lock.descriptor >= 0)
-
-    def release(self) -> None:
-        """Let others have the channels. May be called twice."""
-        for lock in self._held:
+def lock_channels(addresses: Sequence[BusAddress], checks: CheckList) -> tuple[ChannelLock, ...]:
+    """Lock every channel, or none; a channel that another session holds becomes a problem."""
+    locks: list[ChannelLock] = []
+    for address in addresses:
+        with checks.collecting(address):
+            locks.append(ChannelLock(address))
+    if len(locks) < len(addresses):
+        for lock in locks:
             lock.release()
-        self._held.clear()
+    return tuple(locks) if len(locks) == len(addresses) else ()
 
 
 @dataclass(slots=True)
@@ -139,19 +123,11 @@ class OpenChannels:
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
         period: float = 0.02,
-        locks: tuple[int, ...] = (),
+        locks: Sequence[ChannelLock] = (),
     ) -> None:
-        """Open every channel, if nothing was wrong before.
-
-        Raises `RobotError` with everything that is wrong; no channel is open then.
-
-        Args:
-            clock: the robot's clock, s.
-            period: s between commands.
-            locks: open files that lock the channels, for a child process that sends on them as well.
-        """
+        """Open every channel, or none, with a `RobotError` of everything that is wrong; `period` in s, of commands."""
         checks.refuse()
-        self.locks = locks
+        self.locks = tuple(lock.descriptor for lock in locks if lock.descriptor >= 0)  # for a child that sends too
         self.clock = clock
         self.opened = clock()  # s, robot's clock
         self.listeners: list[Listener] = []  # in the order in which a frame is offered to them

@@ -8,7 +8,8 @@ motor. Of the run modes only operation (the MIT law) can be enabled.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.motor import Drive, Sensed

@@ -1,7 +1,6 @@
 """The motors' parameters: their numbers, types and units, and how values become the 4 bytes of types 17 and 18.
 
-The set with indices 0x7005 to 0x702E is the same for all models. The function codes 0x20xx and 0x30xx are numbered per
-model: `function_codes` has the few that are known.
+The set with indices 0x7005 to 0x702E is the same for all models.
 """
 
 from __future__ import annotations
@@ -9,13 +8,10 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.robots.motors import MOTORS, MotorModel
-
-PAYLOAD_LENGTH = 4
 
 
 class ParameterType(Enum):
@@ -44,7 +40,7 @@ class Parameter:
     type: ParameterType
     unit: str = ""
     is_writable: bool = True
-    default: float | None = None  # as delivered; None: the documents do not say, or models differ (`default_value`)
+    default: float | None = None  # as delivered; None: the documents do not say, or models differ
     meaning: str = ""
     accepted: tuple[float, float] | frozenset[int] | None = (
         None  # lowest and highest, or the only values; None: unknown
@@ -60,7 +56,7 @@ def pack_value(kind: ParameterType, value: float) -> bytes:
     accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
     try:
         if math.isfinite(value) and (kind.is_float or value == int(value)):
-            return struct.pack(kind.value, value if kind.is_float else int(value)).ljust(PAYLOAD_LENGTH, b"\0")
+            return struct.pack(kind.value, value if kind.is_float else int(value)).ljust(4, b"\0")
     except (struct.error, OverflowError):
         pass
     raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
@@ -140,52 +136,13 @@ PARAMETERS: Mapping[str, Parameter] = {parameter.name: parameter for parameter i
 PARAMETERS_BY_INDEX: Mapping[int, Parameter] = {parameter.index: parameter for parameter in _PARAMETERS}
 
 
-def default_value(parameter: Parameter, model: str) -> float | None:
-    """Return the value of a motor of this model as it comes; none where the documents do not say.
-
-    The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
-    seems.
-    """
-    motor = MOTORS[model]
-    match parameter.name:
-        case "limit_torque":
-            return motor.peak_torque
-        case "limit_cur":
-            return 16.0 if model == "rs-00" else motor.peak_current
-        case "loc_kp":
-            return 60.0 if model in ("rs-03", "rs-04") else 40.0
-        case "acc_rad":
-            return 15.0 if model == "rs-04" else 20.0
-    return parameter.default
-
-
-_BY_MODEL = frozenset({"iq_ref", "spd_ref", "limit_torque", "limit_spd", "limit_cur"})
-
-
-def depends_on_model(parameter: Parameter) -> bool:
-    """Return whether the accepted values depend on the motor's model."""
-    return parameter.name in _BY_MODEL
-
-
-def _accepted(parameter: Parameter, motor: MotorModel) -> tuple[float, float] | frozenset[int] | None:
-    """Return the values that a model's data sheet allows."""
-    limits = {
-        "iq_ref": (-motor.peak_current, motor.peak_current),
-        "spd_ref": (-motor.velocity, motor.velocity),
-        "limit_torque": (0.0, motor.peak_torque),
-        "limit_spd": (0.0, motor.no_load_velocity),
-        "limit_cur": (0.0, max(motor.peak_current, 16.0 if motor.name == "rs-00" else 0.0)),
-    }
-    return limits.get(parameter.name, parameter.accepted)
-
-
-def check_value(parameter: Parameter, value: float, model: MotorModel | None = None) -> None:
-    """Refuse, by `InputError`, a value that the documents do not allow, for the model if that is given."""
+def check_value(parameter: Parameter, value: float) -> None:
+    """Refuse, by `InputError`, a value that the documents do not allow."""
     try:
         pack_value(parameter.type, value)
     except FieldError as error:
         raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
-    accepted = parameter.accepted if model is None else _accepted(parameter, model)
+    accepted = parameter.accepted
     if isinstance(accepted, frozenset) and value not in accepted:
         raise InputError(f"{parameter.name}: is {value:g}, expected {', '.join(map(str, sorted(accepted)))}")
     if isinstance(accepted, tuple) and not accepted[0] <= value <= accepted[1]:
@@ -207,21 +164,6 @@ def find_parameter(name_or_index: str) -> Parameter:
 def fault_word(model: str) -> Parameter:
     """Return the 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
     return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
-
-
-def function_codes(model: str) -> Mapping[int, Parameter]:
-    """Return the known function codes of a model, by index: measurements, and the stored CAN timeout."""
-    first = 0x3017 if model == "rs-04" else 0x3016
-    stored = 0x200B if model in ("rs-03", "rs-04") else 0x200C
-    torque = 0x302D if model in ("rs-01", "rs-06") else 0x302C
-    known = [
-        replace(PARAMETERS["mechPos"], index=first),
-        replace(PARAMETERS["mechVel"], index=first + 1),
-        Parameter(torque, "torque_fdb", _F32, "N·m", False),
-        fault_word(model),
-        replace(PARAMETERS["canTimeout"], index=stored, name="stored canTimeout"),
-    ]
-    return {parameter.index: parameter for parameter in known}
 
 
 def report_interval(scan_time: int) -> float:

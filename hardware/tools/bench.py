@@ -13,7 +13,7 @@ from rich.table import Table
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
-from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
+from humanoid_sim.hardware.bus.open_channels import OpenChannels, lock_channels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
@@ -44,11 +44,12 @@ def some_motors(places: Sequence[tuple[int, int]], sources: Sequence[str]) -> Mo
 @contextlib.contextmanager
 def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None) -> Iterator[RobstrideLink]:
     """Open channels for this tool alone. Raises `RobotError` if one is in use, or cannot be opened."""
-    checks, locks = CheckList(), Locks()
+    checks = CheckList()
     with contextlib.ExitStack() as opened:
-        opened.callback(locks.release)
-        locks.take(addresses, checks)
-        line = OpenChannels(addresses, checks, locks=locks.descriptors)
+        locks = lock_channels(addresses, checks)
+        for lock in locks:
+            opened.callback(lock.release)
+        line = OpenChannels(addresses, checks, locks=locks)
         opened.callback(line.close)
         link = RobstrideLink(line, motors or some_motors([], []), DEFAULT_HOST_ID)
         line.listeners.append(link.receive)

@@ -58,8 +58,6 @@ class PlayConfig:
     """On hardware: do everything but enable the motors, print what was checked, and end."""
     yes: bool = False
     """On hardware: enable the motors without asking first."""
-    host_id: int = 253
-    """This host's id on the CAN buses of a real robot: above every motor's, and that which its motors answer."""
     can_timeout: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.1
     """s without a command after which each motor of a real robot stops by itself, and its joint falls."""
     accept_firmware: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VERSION")] = ()
@@ -152,6 +150,6 @@ SIMULATED = ("drop", "imu_site", "physics_timestep")
 """Options of the simulated robot."""
 OF_HARDWARE = (
     *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),
-    *("can_timeout", "host_id", "imu", "imu_mounting", "no_gamepad"),
+    *("can_timeout", "imu", "imu_mounting", "no_gamepad"),
 )
 """Options of a real robot."""

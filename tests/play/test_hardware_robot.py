@@ -43,7 +43,6 @@ def test_joints_stand_where_they_were_measured_and_others_where_they_began(name)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"host_id": 14}, "host id: is 14, expected 128 to 255, above every motor's"),
         ({"can_timeout": 0.01}, "CAN timeout: is 0.01 s, expected more than the control period of 0.02 s, and at most"),
         ({"can_timeout": 6.0}, "CAN timeout: is 6 s, expected more than the control period"),
         ({"accept_firmware": ("new",)}, "firmware version: is 'new', expected four numbers of 0 to 255 such as 0."),
