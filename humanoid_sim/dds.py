@@ -83,7 +83,7 @@ class _Refusals:
 
     def __init__(self, attachment: Attachment) -> None:
         self._feed = attachment.feed
-        self._count = sum(self._feed.status().get("refused_samples", {}).values())
+        self._known = set(self._feed.status().get("refused", ()))
         self._looked = time.monotonic()
         self._text = ""
 
@@ -93,9 +93,9 @@ class _Refusals:
         if now - self._looked >= _NEWS_PERIOD:
             self._looked = now
             status = self._feed.status()
-            count = sum(status.get("refused_samples", {}).values())
-            more, self._count = count - self._count, count
-            self._text = f"{more} samples refused, the last of {status['refused_last']}" if more > 0 else ""
+            refused = status.get("refused", [])
+            self._text = "; ".join(line for line in refused if line not in self._known)
+            self._known = set(refused)
         return self._text
 
 

@@ -16,9 +16,9 @@ import mujoco
 from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
-from humanoid_sim.recording.codec import decode_event, decode_tick
+from humanoid_sim.recording.codec import decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
@@ -94,13 +94,14 @@ class Attachment:
 
     def before_present(self) -> int:
         """Return the number of the tick before the newest: a front end that comes late begins with the present."""
-        return max(self.feed.newest() - 1, 0)
+        sample = self.feed.latest()
+        return 0 if sample is None else sample.number - 1
 
     def looks(self, number: int, pause: float) -> Iterator[list[Sample]]:
         """Look at the feed until the session ends, every `pause` s; yields the ticks after that number that are new."""
         looked = time.monotonic()
         while True:
-            new = list(self.feed.since(number))
+            new = self.feed.since(number)
             number = new[-1].number if new else number
             yield new
             if time.monotonic() - looked > _LOOK_PERIOD:
@@ -131,9 +132,10 @@ class Attachment:
         return max(0, start + round(1e9 * time)) if math.isfinite(time) and abs(time) < 1e9 else start
 
     def events(self, number: int) -> Iterator[tuple[int, Event]]:
-        """Numbers and events of the ring `event` after that number, oldest first; 0 for all that are still there."""
-        for sample in self.feed.since(number, "event"):
-            yield sample.number, decode_event(sample.data)
+        """Yield numbers and events after that number, oldest first; 0 for all that the status still holds."""
+        for count, when, text, kind in self.feed.status().get("events", ()):
+            if count > number:
+                yield count, Event(when, text, EventKind(kind))
 
 
 @contextmanager

@@ -18,7 +18,6 @@ from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import expected_duration, has_keys, needs_gamepad
 from humanoid_sim.play.judged import JudgedPolicy
-from humanoid_sim.play.outputs import free_path
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.recording.recorder import McapRecorder
@@ -33,10 +32,9 @@ from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
-from humanoid_sim.session.script import OverriddenScript, Script
+from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.simulation_controls import SimulationControls
-from humanoid_sim.session.sinks import Sink, SinkGroup
+from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import IntentSource, PolicySelection, RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.push import Push
@@ -69,23 +67,20 @@ class Run:
         self.header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
         selection = PolicySelection()
-        frames = {one.name: one.motion_frames for one in policy.choices}
-        self.script = None
-        if plan.steps is not None:
-            self.script = Script(plan.steps, policy.motion_frames, selection=selection, frames=frames)
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
-        self.simulation = self._controls(plan)
+        self._pushes = setup.robot.pushes if isinstance(setup.robot, SimRobot) else None
         with ExitStack() as stack:
-            registration = Registration()
+            registration = Registration.create()
             stack.callback(registration.close)
             self._outside_safety = OutsideSafety(parse_watchdogs(config.watchdog))
+            push = None if self._pushes is None else self._push
             intents = IntentSocket(
-                registration.intents, reactivation, self._note, self._outside_safety, self.simulation, selection
+                registration.path / "intents", reactivation, self._note, self._outside_safety, push, selection
             )
             stack.callback(intents.close)
-            inbox = RemoteInbox(description.joint_names, plan.clock)
+            inbox = RemoteInbox(description.joint_names)
             self.data = DataSocket(
-                registration.data,
+                registration.path / "data",
                 inbox,
                 1e-3 * description.remote_policy_controller.stale_command_timeout_ms,
                 clock=plan.clock,
@@ -100,7 +95,7 @@ class Run:
                 tell=self._note,
             )
             stack.callback(self.data.close)
-            self.feed = FeedWriter(self.header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken)
+            self.feed = FeedWriter(registration.path, self.header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends,
@@ -116,7 +111,6 @@ class Run:
                 robot=description.name,
                 policy=", ".join(policy.named) or policy.source,
                 hardware=config.hardware or "",
-                feed=self.feed.path,
             )
             keyboard = self._keyboard(reactivation, shown)
             if keyboard is not None:
@@ -128,6 +122,10 @@ class Run:
             sources.insert(0, self.interruption)
         if is_hardware and needs_gamepad(config):
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
+        self.script = None
+        if plan.steps is not None:
+            frames = {one.name: one.motion_frames for one in policy.choices}
+            self.script = Script(plan.steps, frames, selection=selection, operators=sources)
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
         shows = (self.feed, shown, self.front_ends, *self.recorders, self.moments, self.monitor)
@@ -143,7 +141,7 @@ class Run:
                 punctual=is_hardware,
             ),
             header=self.header,
-            intents=sources if self.script is None else (OverriddenScript(self.script, sources),),
+            intents=sources if self.script is None else (self.script,),
             remote=inbox,
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
@@ -152,28 +150,13 @@ class Run:
             mode_listener=setup.mode_listener,
             reactivation=reactivation,
             interruption=self.interruption,
-            simulation=self.simulation,
             selection=selection,
         )
 
-    def _controls(self, plan: Plan) -> SimulationControls:
-        """Return what operators may do to a simulated robot, and to no other."""
-        robot = plan.setup.robot
-        if not isinstance(robot, SimRobot):
-            return SimulationControls()
-        return SimulationControls(
-            lambda vx, vy, body: robot.pushes.add(Push(vx, vy, robot.time, body)),
-            lambda text: self.session.event(text, EventKind.PUSH),
-            robot.pushes.bodies,
-            self._start_over,
-        )
-
-    def _start_over(self, sinks: SinkGroup) -> None:
-        """Record what follows in another file, from the velocity command on with which the policy began."""
-        self.plan.velocity.restart()
-        if self.recorders:
-            self.recorders.append(self._recorder(free_path(self.recorders[0].path)))
-            sinks.replace(self.recorders[-2], self.recorders[-1], self.header)
+    def _push(self, vx: float, vy: float, body: str) -> None:
+        robot = self.plan.setup.robot
+        assert isinstance(robot, SimRobot)
+        robot.pushes.add(Push(vx, vy, robot.time, body))
 
     def _watch(self, console: Console) -> ConsoleSink:
         """Make what shows, records and judges the run; what shows it."""
@@ -208,7 +191,6 @@ class Run:
             self.plan.velocity if self.policy.walks else None,
             reactivation=reactivation,
             tell=lambda text: shown.event(Event(self.plan.clock(), text)),
-            record=self._note,
         )
 
     def _recorder(self, path: Path) -> McapRecorder:
@@ -250,7 +232,7 @@ class Run:
             "start_time_ns": self._start_time_ns,
             "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
-            "simulation": self.simulation.told(),
+            "simulation": None if self._pushes is None else {"bodies": list(self._pushes.bodies)},
         }
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:

@@ -98,9 +98,7 @@ class Plan:
     def _velocity(self) -> VelocityCommand:
         walking = (contract for contract in self.policy.contracts if contract.takes_velocity_command)
         ranges = next((contract.command_ranges for contract in walking), None)
-        velocity = VelocityCommand(parse_velocity(self.config.command, ranges), ranges)
-        velocity.is_observed = self.policy.walks
-        return velocity
+        return VelocityCommand(parse_velocity(self.config.command, ranges), ranges, is_observed=self.policy.walks)
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

@@ -46,7 +46,6 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
             name: [{"time": time, "message": message} for time, message in getattr(monitor, name)]
             for name in ("faults", "refusals", "safety")
         },
-        "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
         "tracking": None if judged.tracking is None else judged.tracking.summary(),

@@ -1,221 +1,129 @@
-"""Feed of a session for other programs on the machine: ticks, events and a status in shared memory.
+"""Sends a run to other programs: each tick as a datagram to every subscriber, without waiting for any.
 
-Written without a lock and without a system call. The memory has no name in any folder, and it is sealed: nobody else
-can write to it, shorten it or remove it, not even a program of the same user, and it is gone with its last process. So
-whoever reads (`humanoid_sim.client.Feed`) can neither hold the writer up nor harm it, and nothing is ever read back
-from it. A sample carries its number and a checksum, so a reader that was overtaken knows.
+`humanoid_sim.client.Feed` is the other end. A subscriber that is slow loses ticks; one that has gone is forgotten.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
-import mmap
-import os
-import zlib
+import socket
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
 
-from humanoid_sim import client as wire
+from humanoid_sim.client import FEED_HEAD, STATUS, TICK, monotonic_ns
 from humanoid_sim.errors import blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
-from humanoid_sim.recording.codec import TickEncoder, encode_event
+from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.header import header_metadata
-from humanoid_sim.ros2.definitions import EVENT, TICK, schema_text
+from humanoid_sim.ros2.definitions import TICK as TICK_MESSAGE
+from humanoid_sim.ros2.definitions import schema_text
+from humanoid_sim.session.intent_socket import listening
 from humanoid_sim.session.sinks import Sink
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
-_TICKS, _EVENTS, _STATUSES = 64, 256, 4
-"""Samples that each ring holds: a reader that looks 10 times a second sees every tick of a loop at 200 Hz."""
-_EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
-"""Bytes; a longer event is cut, a longer status is left out."""
-_ROOM = 1 << 14
-"""Bytes for what a tick holds beside its numbers: texts, live inputs."""
-_PAGE = 4096
-_MFD_NOEXEC_SEAL, _F_SEAL_FUTURE_WRITE = 0x8, 0x10
-"""Constants of Linux 6.3 and 5.1 that Python does not name. The second forbids writing except by present mappings."""
-
-
-class _Ring:
-    """A ring in the feed, of one writer."""
-
-    def __init__(self, memory: mmap.mmap, offset: int, slots: int, size: int) -> None:
-        self._memory = memory
-        self._offset = offset
-        self._slots = slots
-        self._size = size
-        self._number = 0
-
-    def put(self, data: bytes) -> bool:
-        """Make these bytes the newest sample; whether they fit."""
-        length = len(data)
-        if length > self._size - wire.SLOT_HEAD.size:
-            return False
-        memory = self._memory
-        self._number = number = self._number + 1
-        stamp = wire.monotonic_ns()
-        start = self._offset + 64 + (number % self._slots) * self._size
-        wire.SLOT_HEAD.pack_into(
-            memory,
-            start,
-            number,
-            stamp,
-            length,
-            zlib.crc32(data, zlib.crc32(wire.SLOT_SUM.pack(number, stamp, length))),
-        )
-        start += wire.SLOT_HEAD.size
-        memory[start : start + length] = data
-        wire.RING_HEAD.pack_into(memory, self._offset, number)
-        return True
+_EVENTS = 64  # newest events that a status holds
+_LONGEST_EVENT = 300  # characters
+_MOST_SUBSCRIBERS = 32
+_MOST_ACCEPTED = 4  # in one tick
 
 
 class FeedWriter(Sink):
-    """Sink that publishes a run."""
+    """Sink that sends a run to its subscribers."""
 
     def __init__(
         self,
+        folder: Path,
         header: SessionHeader,
         blobs: Mapping[str, bytes] | None = None,
         live_inputs: Mapping[str, int] | None = None,
     ) -> None:
-        """Make the memory, with what interprets the run. Raises `InputError` if it cannot be made.
+        """Write what interprets the run into the session's folder, and open its socket there.
 
         Args:
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
         """
-        self.left_out = 0
-        """Ticks that did not fit."""
-        self._latest: tuple[TickRecord, bytes] | None = None
-        self._encoder = TickEncoder(len(header.joint_names))
-        self._pending: deque[Event] = deque(maxlen=_EVENTS)
-        files = {**header.attachments, **(blobs or {})}
+        session, documents = header_metadata(header)
         described = {
             "joint_names": header.joint_names,
             "control_period": header.control_period,
-            **_described(header, live_inputs),
-            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT)},
+            "live_inputs": dict(live_inputs or {}),
+            "header": {"session": session, "documents": documents},
+            "definition": schema_text(TICK_MESSAGE),
         }
-        places, offset = _placed(files)
-        rings: dict[str, tuple[int, int, int]] = {}
-        for name, slots, size in (
-            ("tick", _TICKS, _tick_size(header)),
-            ("event", _EVENTS, _EVENT_SIZE),
-            ("status", _STATUSES, _STATUS_SIZE),
-        ):
-            rings[name] = (offset, slots, size)
-            offset = _aligned(offset + 64 + slots * size)
-        self._handle, self._memory = _filled({**described, "rings": rings}, files, places, offset)
-        self.path = Path(f"/proc/{os.getpid()}/fd/{self._handle}")
-        """By which this user's other programs open it for reading."""
-        self._ticks, self._events, self._statuses = (_Ring(self._memory, *place) for place in rings.values())
-        for place, slots, size in rings.values():  # every page is mapped before the loop begins
-            for at in range(place, place + 64 + slots * size, _PAGE):
-                self._memory[at] = 0
+        with blaming(folder, OSError):
+            (folder / "files").mkdir()
+            for name, data in {**header.attachments, **(blobs or {})}.items():
+                (folder / "files" / name).write_bytes(data)
+            (folder / "header.json").write_text(json.dumps(described), encoding="utf-8")
+        self._socket = listening(folder / "ticks")
+        self._encoder = TickEncoder(len(header.joint_names))
+        self._subscribers: dict[str, socket.socket] = {}
+        self._number = self._event_number = 0
+        self._latest: tuple[TickRecord, bytes] | None = None
+        self._events: deque[tuple[int, float, str, int]] = deque(maxlen=_EVENTS)
+        self._status = b"{}"
 
     def tick(self, record: TickRecord) -> None:
-        """Publish a tick, and the events before it."""
-        message = self._encoder.encode(record)
-        self._latest = (record, message)
-        self.left_out += not self._ticks.put(message)
-        if self._pending:
-            self._publish_events()
+        """Send a tick."""
+        self._number += 1
+        self._accept()
+        if self._subscribers:
+            message = self._encoder.encode(record)
+            self._latest = record, message
+            self._send(TICK, self._number, message)
 
     def encoded(self, record: TickRecord) -> bytes | None:
-        """Give the message of the latest tick, for a recorder that need not encode it again; None of any other one."""
+        """Return the message of the latest tick if it was sent, so that a recorder need not encode it again."""
         return self._latest[1] if self._latest is not None and self._latest[0] is record else None
 
     def event(self, event: Event) -> None:
-        """Publish an event with the next tick; may be called from any thread."""
-        self._pending.append(event)
+        """Keep an event for the next status; may be called from any thread."""
+        self._event_number += 1
+        self._events.append((self._event_number, event.time, event.text[:_LONGEST_EVENT], int(event.kind)))
 
-    def status(self, told: Mapping[str, object]) -> None:
-        """Publish what is told beside ticks; from one thread."""
-        self._statuses.put(json.dumps(told).encode())
+    def status(self, fields: Mapping[str, object]) -> None:
+        """Send what is not in ticks, and the latest events; from one thread."""
+        self._status = json.dumps({**fields, "stamp": monotonic_ns(), "events": list(self._events)}).encode()
+        self._accept()
+        self._send(STATUS, 0, self._status)
 
     def close(self) -> None:
-        """Say that the session has ended, and let the memory go; readers keep what they have mapped."""
-        if self._memory.closed:
-            return
-        self._publish_events()
-        self._memory[wire.ENDED_OFFSET] = 1
-        self._memory.close()
-        os.close(self._handle)
+        """Close the sockets. May be called twice."""
+        self._socket.close()
+        for path in tuple(self._subscribers):
+            self._forget(path)
 
-    def _publish_events(self) -> None:
-        while self._pending:
-            event = self._pending.popleft()
-            # A character takes four bytes at most.
-            text = event.text if len(event.text) <= _EVENT_SIZE // 5 else f"{event.text[: _EVENT_SIZE // 5]} …"
-            self._events.put(encode_event(Event(event.time, text, event.kind)))
+    def _accept(self) -> None:
+        for _ in range(_MOST_ACCEPTED):
+            try:
+                path = self._socket.recvfrom(1)[1]
+            except OSError:  # nobody more
+                return
+            if not isinstance(path, str) or len(self._subscribers) >= _MOST_SUBSCRIBERS:
+                continue
+            subscriber = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+            try:
+                subscriber.connect(path)
+                subscriber.send(FEED_HEAD.pack(STATUS, 0, monotonic_ns()) + self._status)
+            except OSError:  # it has gone already
+                subscriber.close()
+            else:
+                self._subscribers[path] = subscriber
 
+    def _send(self, kind: int, number: int, message: bytes) -> None:
+        datagram = FEED_HEAD.pack(kind, number, monotonic_ns()) + message
+        for path, subscriber in tuple(self._subscribers.items()):
+            try:
+                subscriber.send(datagram)
+            except BlockingIOError:  # it is slow
+                continue
+            except OSError:  # it has gone
+                self._forget(path)
 
-def _described(header: SessionHeader, live_inputs: Mapping[str, int] | None) -> dict[str, object]:
-    """Describe what changes with the policy."""
-    session, documents = header_metadata(header)
-    return {"live_inputs": dict(live_inputs or {}), "header": {"session": session, "documents": documents}}
-
-
-def _placed(files: Mapping[str, bytes]) -> tuple[dict[str, tuple[int, int]], int]:
-    """Place files behind the first page: offset and length of each, and the offset behind them all."""
-    offset, places = _PAGE, {}
-    for name, data in files.items():
-        places[name] = (offset, len(data))
-        offset = _aligned(offset + len(data))
-    return places, offset
-
-
-def _filled(
-    described: Mapping[str, object], files: Mapping[str, bytes], places: Mapping[str, tuple[int, int]], offset: int
-) -> tuple[int, mmap.mmap]:
-    """Make memory with files at their places and, at `offset`, the description of it all.
-
-    Raises `InputError` if it cannot be had.
-    """
-    text = json.dumps({**described, "blobs": places}).encode()
-    with blaming(f"the feed: {offset + len(text)} bytes cannot be had", OSError):
-        handle, memory = _sealed_memory(offset + len(text))
-    for name, (place, length) in places.items():
-        memory[place : place + length] = files[name]
-    memory[offset : offset + len(text)] = text
-    wire.FEED_HEAD.pack_into(memory, 0, wire.FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
-    return handle, memory
-
-
-def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
-    """Memory that only this process writes to, and nobody can resize: its file, and what is mapped of it."""
-    name, flags = "humanoid_sim feed", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING
-    try:
-        handle = os.memfd_create(name, flags | _MFD_NOEXEC_SEAL)
-    except OSError:  # an older kernel
-        handle = os.memfd_create(name, flags)
-    try:
-        os.fchmod(handle, 0o600)
-        # Taken now, whole: memory that is not there when it is written to would be a signal, not an exception.
-        os.posix_fallocate(handle, 0, size)
-        memory = mmap.mmap(handle, size)
-        fcntl.fcntl(handle, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
-        with contextlib.suppress(OSError):  # an older kernel
-            fcntl.fcntl(handle, fcntl.F_ADD_SEALS, _F_SEAL_FUTURE_WRITE)
-        fcntl.fcntl(handle, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SEAL)
-    except OSError:
-        os.close(handle)
-        raise
-    return handle, memory
-
-
-def _tick_size(header: SessionHeader) -> int:
-    """Bytes of a slot: all numbers of a tick of this robot, and room for what is beside them."""
-    joints = len(header.joint_names)
-    policies = json.loads(header.documents.get("policies", "{}")).values()
-    widths = [sum(width for _, width in header.observation_terms), *(one["observation_width"] for one in policies)]
-    observation = max(widths)
-    numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
-    return _aligned(8 * numbers + _ROOM)
-
-
-def _aligned(offset: int) -> int:
-    return -(-offset // _PAGE) * _PAGE
+    def _forget(self, path: str) -> None:
+        subscriber = self._subscribers.pop(path, None)
+        if subscriber is not None:
+            subscriber.close()

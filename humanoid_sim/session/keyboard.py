@@ -8,17 +8,15 @@ import re
 import select
 import sys
 import termios
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
-from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent
+from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_KEYS, IntentSource, VelocityCommand, velocity_key_help
 
 KEYS = MappingProxyType(
     {
@@ -33,20 +31,13 @@ KEYS = MappingProxyType(
 )
 """Key to intent. The space bar damps: it is the key that a startled hand finds."""
 REACTIVATE_KEY = "e"
-
-_POLL = 0.1
-"""s between two looks at whether to stop."""
-_LATE = 0.2
-"""s beyond that by which a process that runs is never late."""
-
 HELP_KEYS = ("h", "?")
 _DAMP_KEYS = frozenset(key for key, intent in KEYS.items() if intent is Intent.DAMP)
+_LATE = 0.3  # s between two polls beyond which the process stood still
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _ESCAPE = "\x1b"
-_SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")
-"""Sequence that an arrow key or a function key sends."""
-_UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")
-"""Beginning of such a sequence."""
+_SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")  # of an arrow key or a function key
+_UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")  # the beginning of one
 
 
 class KeyReader:
@@ -60,10 +51,7 @@ class KeyReader:
         self._unfinished = ""
 
     def keys(self, text: str) -> list[str]:
-        """Return the keys in a piece of input, in order, letters in lower case, arrows as `up`, `down` and so on.
-
-        A key that sends something else with an escape character is all that it sends.
-        """
+        """Return the keys in a piece of input, in order, letters in lower case, arrows as `up`, `down` and so on."""
         text = self._unfinished + text
         unfinished = _UNFINISHED.search(text)
         self._unfinished = unfinished[0] if unfinished else ""
@@ -92,24 +80,15 @@ def key_of(intent: Intent) -> str:
 
 
 def key_help() -> str:
-    """One line that names the keys."""
+    """Return the line that names the keys."""
     return (
         "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT, "
         "h or ? this help"
     )
 
 
-def _by_key(attributes: list[Any]) -> list[Any]:
-    """Return settings of a terminal that sends each key at once, Ctrl-S too; those that send signals still do."""
-    iflag, oflag, cflag, lflag, ispeed, ospeed, characters = attributes
-    characters = list(characters)
-    characters[termios.VMIN], characters[termios.VTIME] = 1, 0
-    lflag &= ~(termios.ICANON | termios.ECHO)
-    return [iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters]
-
-
-class Keyboard(IntentQueue):
-    """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
+class Keyboard(IntentSource):
+    """Reads the terminal in each tick. Restores it on `close`."""
 
     def __init__(
         self,
@@ -117,108 +96,96 @@ class Keyboard(IntentQueue):
         *,
         reactivation: Reactivation | None = None,
         tell: Callable[[str], None] = lambda _: None,
-        record: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Take over the terminal. Raises `InputError` if standard input is not a terminal.
 
         Args:
-            tell: shows the operator a line; called on the reading thread. Must not wait.
-            record: records a line, and shows it; called on the loop's thread.
+            velocity: command that the velocity keys change; None where the robot does not walk.
+            tell: shows the operator a line.
         """
-        super().__init__(tell=record)
         self._reader = KeyReader()
-        self.velocity = velocity
-        """Command that the velocity keys change; None where the robot does not walk."""
-        self._reactivation = reactivation
-        self._show = tell
-        self._stop = threading.Event()
+        self._velocity, self._reactivation, self._tell = velocity, reactivation, tell
         try:
             self._fd = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._fd)
         except (termios.error, OSError, ValueError):
             raise InputError("--manual: standard input is not a terminal, expected one to read keys from") from None
         self.take_terminal()
-        self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
-        self._thread.start()
+        self._was_in_foreground = self._is_in_foreground()
+        self._is_lost = False
+        self._polled = monotonic()
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """Return the intents of the keys that were pressed; DAMP when the terminal is lost, or another program's."""
+        begin, self._polled = self._polled, monotonic()
+        if self._is_lost:
+            return ()
+        was_in_foreground, self._was_in_foreground = self._was_in_foreground, self._is_in_foreground()
+        if not self._was_in_foreground:
+            return (Intent.DAMP,) if was_in_foreground else ()  # nobody at these keys can be heard
+        if not was_in_foreground:
+            self.take_terminal()
+        if not select.select([self._fd], [], [], 0.0)[0]:
+            return ()
+        try:
+            text = os.read(self._fd, 64).decode(errors="replace")
+        except OSError:  # a terminal that has hung up, or is another program's by now
+            text = ""
+        if not text and not self._is_in_foreground():
+            return ()
+        if not text:  # the terminal went away: an operator who cannot be heard must not be moved on
+            self._is_lost = True
+            return (Intent.DAMP,)
+        return self._pressed(text, is_late=self._polled - begin > _LATE)
 
     def take_terminal(self) -> None:
         """Have the terminal send key by key and show none of them, unless another program has it at present."""
-        if self._is_in_foreground():
-            self._set(_by_key(self._before))
+        iflag, oflag, cflag, lflag, ispeed, ospeed, characters = self._before
+        characters = list(characters)
+        characters[termios.VMIN], characters[termios.VTIME] = 1, 0
+        lflag &= ~(termios.ICANON | termios.ECHO)
+        self._set([iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters])
 
     def restore_terminal(self) -> None:
         """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
-        if self._is_in_foreground():
-            self._set(self._before)
+        self._set(self._before)
 
     def close(self) -> None:
-        """Stop reading and give the terminal back as it was."""
-        self._stop.set()
-        self._thread.join()
+        """Give the terminal back as it was."""
         self.restore_terminal()
 
     def _set(self, attributes: list[Any]) -> None:
-        """At once: a terminal whose output stands still would keep whoever waits for it waiting."""
-        with contextlib.suppress(termios.error):  # there is no terminal any more
-            termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+        """At once: a terminal whose output stands still would keep the caller waiting."""
+        if self._is_in_foreground():
+            with contextlib.suppress(termios.error):  # there is no terminal any more
+                termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
     def _is_in_foreground(self) -> bool:
-        """Return whether the terminal's input is meant for this process; so is that of one that controls no process."""
+        """Return True if the terminal's input is meant for this process; so is that of one that controls no process."""
         try:
             return os.tcgetpgrp(self._fd) == os.getpgrp()
         except OSError:
             return True
 
-    def _read(self) -> None:
-        was_in_foreground = self._is_in_foreground()
-        while not self._stop.is_set():
-            begin = monotonic()
-            ready, _, _ = select.select([self._fd], [], [], _POLL)
-            is_in_foreground = self._is_in_foreground()
-            if was_in_foreground and not is_in_foreground:
-                self.put(Intent.DAMP)  # nobody at these keys can be heard
-            if is_in_foreground and not was_in_foreground:
-                self.take_terminal()
-            was_in_foreground = is_in_foreground
-            if not is_in_foreground:
-                self._stop.wait(_POLL)
-                continue
-            if not ready:
-                continue
-            try:
-                keys = os.read(self._fd, 64)
-            except OSError:  # a terminal that has hung up, or is another program's by now
-                keys = b""
-            if not keys and not self._is_in_foreground():
-                continue
-            if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
-                self.put(Intent.DAMP)
-                return
-            self._heard(keys.decode(errors="replace"), is_late=monotonic() - begin > _POLL + _LATE)
-
-    def _heard(self, text: str, *, is_late: bool) -> None:
+    def _pressed(self, text: str, *, is_late: bool) -> list[Intent]:
         keys = self._reader.keys(text)
         if is_late:  # the process stood still: what was typed meanwhile was meant for something else
             termios.tcflush(self._fd, termios.TCIFLUSH)
-            self._show("keys that were pressed while the process stood still are left out, but for DAMP")
+            self._tell("keys that were pressed while the process stood still are left out, but for DAMP")
             keys = [key for key in keys if key in _DAMP_KEYS]
-        unknown = [key for key in keys if not self._press(key)]
+        unknown = [key for key in keys if key not in KEYS and not self._serve(key)]
         if unknown:
-            named, verb = ", ".join(map(repr, unknown)), "means" if len(unknown) == 1 else "mean"
-            self._show(f"the key{'s' * (len(unknown) > 1)} {named} {verb} nothing; h or ? shows those that do")
+            self._tell(f"no meaning has {', '.join(map(repr, unknown))}; h or ? shows the keys")
+        return [KEYS[key] for key in keys if key in KEYS]
 
-    def _press(self, key: str) -> bool:
-        """Do what a key means; whether it means anything."""
-        if key in KEYS:
-            self.put(KEYS[key], monotonic_ns())
-        elif key in HELP_KEYS:
-            for line in (key_help(),) if self.velocity is None else (key_help(), velocity_key_help()):
-                self._show(line)
-        elif self.velocity is not None and key in VELOCITY_KEYS:
-            before = self.velocity.command
-            self.velocity.press(key)
-            if any(VELOCITY_KEYS[key]) and (self.velocity.command == before).all():
-                self._show("the velocity command is at its limit: {:g} m/s, {:g} m/s, {:g} rad/s".format(*before))
+    def _serve(self, key: str) -> bool:
+        """Do what a key means that is no intent; False if it means nothing."""
+        if key in HELP_KEYS:
+            self._tell(key_help())
+            if self._velocity is not None:
+                self._tell(velocity_key_help())
+        elif self._velocity is not None and key in VELOCITY_KEYS:
+            self._velocity.press(key)
         elif self._reactivation is not None and key == REACTIVATE_KEY:
             self._reactivation.request()
         else:

@@ -1,7 +1,7 @@
 """Losses that damp the robot: of the operator's device, and of the loop's own time while its process stood still.
 
-Whatever drove the robot before a standstill must not drive it after: the motors have stopped by themselves meanwhile,
-the arms have sunk, and nobody knows what the operator did about it.
+What drove the robot before a standstill must not drive it after: the motors have stopped by themselves meanwhile, the
+arms have sunk, and nobody knows what the operator did about it.
 """
 
 from __future__ import annotations
@@ -14,34 +14,26 @@ from collections.abc import Callable, Mapping, Sequence
 from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
-DEVICE_TIMEOUT = 0.2
-"""s without a heartbeat after which a device is lost."""
-_LATE = 1.5
-"""Control periods after which a loop that was told to continue has missed a tick."""
+DEVICE_TIMEOUT = 0.2  # s without a heartbeat after which a device is lost
+_LATE = 1.5  # control periods after which a loop whose process was continued has missed a tick
 
 
 class DeviceWatch(IntentSource):
-    """Asks for DAMP when the heartbeats of a device stop, and whenever the robot is led out of DAMPING without it.
+    """Requests DAMP when the heartbeats of a device stop, and whenever the robot is led out of DAMPING without it.
 
-    A heartbeat says that the device is there, not only the program that reads it: whether it was unplugged, its program
-    was killed or the radio is silent makes no difference here.
+    A heartbeat says that the device is there, not only the program that reads it: an unplugged device, a killed program
+    and a silent radio are the same here. Before the first heartbeat the device is missing, but not lost: only driven
+    joints are damped.
     """
 
     def __init__(self, name: str, heartbeats: Callable[[], Mapping[str, float]], tell: Callable[[str], None]) -> None:
-        """Watch. Before the first heartbeat the device is missing, but not lost: only driven joints are damped.
-
-        Only while the loop runs can a device be lost: one that stood still damps for that reason (`Interruption`).
-
-        Args:
-            heartbeats: arrival of the latest one of each producer, s, robot's clock.
-            tell: records a line: that the device is lost, or there again.
-        """
+        """Watch the producer of that name; `heartbeats` are each producer's latest arrival, s, robot's clock."""
         self._name, self._heartbeats, self._tell = name, heartbeats, tell
         self._is_lost = False
         self._polled = self._resumed = -math.inf
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """DAMP while the device is lost and the robot is not damped."""
+        """Return DAMP while the device is lost and the robot is not damped."""
         if time - self._polled > DEVICE_TIMEOUT:  # motors were being enabled: heartbeats waited, and are as old as that
             self._resumed = time
         self._polled = time
@@ -52,45 +44,41 @@ class DeviceWatch(IntentSource):
             is_lost = drives
         else:  # one that is lost already is there again with a heartbeat only
             is_lost = not time - (heard if self._is_lost else max(heard, self._resumed)) <= DEVICE_TIMEOUT
-        if is_lost != self._is_lost:
-            self._is_lost = is_lost
-            silence = "never heard" if heard is None else f"nothing heard for {DEVICE_TIMEOUT:g} s"
-            if is_lost:
-                self._tell(f"{self._name}: lost, {silence}: DAMP")
-            elif heard is not None:
-                self._tell(f"{self._name}: there again")
-            return (Intent.DAMP,) if is_lost else ()
-        return (Intent.DAMP,) if is_lost and drives else ()
+        if is_lost == self._is_lost:
+            return (Intent.DAMP,) if is_lost and drives else ()
+        self._is_lost = is_lost
+        if is_lost:
+            silence = "no heartbeat yet" if heard is None else f"no heartbeat for {DEVICE_TIMEOUT:g} s"
+            self._tell(f"{self._name}: lost, {silence}: DAMP")
+            return (Intent.DAMP,)
+        if heard is not None:
+            self._tell(f"{self._name}: there again")
+        return ()
 
 
 def running_time() -> float:
-    """Since the computer started, s, including the time for which it was suspended."""
+    """Return s since the computer started, including the time for which it was suspended."""
     return system_time.clock_gettime(getattr(system_time, "CLOCK_BOOTTIME", system_time.CLOCK_MONOTONIC))
 
 
 class Interruption(IntentSource):
-    """Asks for DAMP in the tick that follows a standstill, and when a terminal wants to suspend the process."""
+    """Requests DAMP in the tick that follows a standstill, and when a terminal wants to suspend the process."""
 
     def __init__(self, period: float, longest: float, clock: Callable[[], float] = running_time) -> None:
-        """Begin at the first tick.
-
-        Args:
-            longest: s between two signs of life of the loop; beyond that it stood still.
-            clock: s; goes on while the process is stopped.
-        """
+        """Begin at the first tick; beyond `longest` s between two signs of life the loop stood still."""
         self._period, self._longest, self._clock = period, longest, clock
         self._last: float | None = None
         self._continued = self._damps = False
         self._news: deque[str] = deque()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """DAMP, once, after a standstill or a refused suspension."""
+        """Return DAMP, once, after a standstill or a refused suspension."""
         self.beat()
         damps, self._damps = self._damps, False
         return (Intent.DAMP,) if damps else ()
 
     def beat(self) -> bool:
-        """Return a sign of life of the loop; whether it has stood still since the last one."""
+        """Give a sign of life of the loop; return True if it has stood still since the one before."""
         now = self._clock()
         last, self._last = self._last, now
         limit = min(_LATE * self._period, self._longest) if self._continued else self._longest
@@ -105,11 +93,11 @@ class Interruption(IntentSource):
         return True
 
     def news(self) -> str:
-        """Return what to tell the operator since the last call; empty for nothing."""
+        """Return the next line for the operator; empty for none."""
         return self._news.popleft() if self._news else ""
 
     def refuse_suspension(self) -> None:
-        """Refuse to suspend the process, as was asked. May be called from a signal handler."""
+        """Damp instead of suspending the process. May be called from a signal handler."""
         self._damps = True
         self._news.append("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
 

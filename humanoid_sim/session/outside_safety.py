@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,45 +16,25 @@ from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
-_MOST_SOURCES = 32
-"""Sources that are told apart; a fault of a further one still damps."""
+_MOST_SOURCES = 32  # that are told apart; the fault of a further one stands until the session ends
 _FURTHER = "further sources"
-"""Source under which their faults stand, until the session ends."""
 _LONGEST_NAME = 80
 _LONGEST_MESSAGE = 300
-"""Characters."""
-_SAME_NAME = " (outside)"
-"""Added to a name that the robot's own source has."""
-_SHORTEST, _LONGEST = 0.02, 3600.0
-"""s of a watchdog."""
+_SHORTEST, _LONGEST = 0.02, 3600.0  # s of a watchdog
 
 
 def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
-    """Return the timeout, s, of each source, of `NAME:SECONDS` items.
-
-    Raises `InputError` naming the item and what is accepted.
-    """
+    """Return the timeout, s, of each source, of `NAME:SECONDS` items. Raises `InputError` naming the item."""
     found: dict[str, float] = {}
     for text in texts:
         name, _, seconds = text.rpartition(":")
-        timeout = number_in(seconds)
-        if not name.strip() or len(name) > _LONGEST_NAME or not _SHORTEST <= timeout <= _LONGEST:
+        if not name.strip() or len(name) > _LONGEST_NAME or not _SHORTEST <= number_in(seconds) <= _LONGEST:
             accepted = f"NAME:SECONDS with {_SHORTEST:g} to {_LONGEST:g} s, such as lidar:0.5"
             raise InputError(f"--watchdog: is '{text}', expected {accepted}")
         if name in found:
             raise InputError(f"--watchdog: '{name}' is given twice, expected each source once")
-        found[name] = timeout
+        found[name] = number_in(seconds)
     return MappingProxyType(found)
-
-
-@dataclass(slots=True)
-class _Watched:
-    """A source that must report."""
-
-    timeout: float
-    """s"""
-    reported: int
-    """ns of CLOCK_MONOTONIC of its latest status; 0: none yet."""
 
 
 class OutsideSafety:
@@ -66,48 +46,44 @@ class OutsideSafety:
         """Take the timeout of each source that must report, s; `clock` gives ns of CLOCK_MONOTONIC."""
         self._clock = clock
         self._statuses: dict[str, SafetyStatus] = {}
-        self._watched = {name: _Watched(timeout, 0) for name, timeout in (watchdogs or {}).items()}
+        self._timeouts = dict(watchdogs or {})
+        self._reported = dict.fromkeys(self._timeouts, 0)
+        """ns of the latest status of each watched source; 0: none yet."""
 
     def report(self, text: str) -> str:
         """Take the status that a program sends, as JSON of `level`, `source`, `flags`, `message`, and `stamp` in ns.
 
-        Returns what became of it, in one line. Raises `FieldError` if it is not a status; nothing has changed.
+        Return what became of it, in one line. Raises `FieldError` if it is not a status; nothing has changed.
         """
         status, stamp = _status(text)
-        now = self._clock()
-        watched = self._watched.get(status.source)
-        if watched is not None:
-            watched.reported = max(watched.reported, min(stamp, now))
-        known = status.source in self._statuses
-        if not known and status.is_ok and watched is None:
-            return f"{status.source} is OK"
-        if not known and len(self._statuses) >= _MOST_SOURCES and watched is None:
-            worst = max(status.level, self._statuses.get(_FURTHER, status).level)
-            self._statuses[_FURTHER] = replace(status, level=worst, source=_FURTHER)
-            return f"{status.level.name}: one of more than {_MOST_SOURCES} sources, damped until the session ends"
-        self._statuses[status.source] = status
-        return f"{status.source} is {status.level.name}{'' if status.is_ok else ': the robot is damped'}"
+        source, is_watched = status.source, status.source in self._timeouts
+        if is_watched:
+            self._reported[source] = max(self._reported[source], min(stamp, self._clock()))
+        if source not in self._statuses and not is_watched:
+            if status.is_ok:
+                return f"{source} is OK"
+            if len(self._statuses) >= _MOST_SOURCES:
+                self._statuses[_FURTHER] = replace(status, source=_FURTHER)
+                return f"{status.level.name}: one of more than {_MOST_SOURCES} sources, damped until the session ends"
+        self._statuses[source] = status
+        return f"{source} is {status.level.name}{'' if status.is_ok else ': the robot is damped'}"
 
     def __call__(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
         """Return the robot's own statuses, and behind them those of other programs."""
-        if not self._statuses and not self._watched:
+        if not self._statuses and not self._timeouts:
             return statuses
-        now, own = self._clock(), {status.source for status in statuses}
-        outside = {
-            **self._statuses,
-            **{name: self._judged(name, watched, now) for name, watched in self._watched.items()},
-        }
-        return (
-            *statuses,
-            *(replace(one, source=f"{name}{_SAME_NAME}") if name in own else one for name, one in outside.items()),
-        )
+        own = {status.source for status in statuses}
+        outside = {**self._statuses, **{name: self._judged(name) for name in self._timeouts}}
+        renamed = [replace(one, source=f"{name} (outside)") if name in own else one for name, one in outside.items()]
+        return (*statuses, *renamed)
 
-    def _judged(self, name: str, watched: _Watched, now: int) -> SafetyStatus:
-        """Return the status of a watched source: what it said last, or that it is silent."""
-        said = self._statuses.get(name, SafetyStatus(source=name))
-        if now - watched.reported <= 1e9 * watched.timeout or not said.is_ok:
-            return said
-        silence = f"silent for more than {watched.timeout:g} s" if watched.reported else "not reported yet"
+    def _judged(self, name: str) -> SafetyStatus:
+        """Return the status of a watched source: its latest, or that it is silent."""
+        latest = self._statuses.get(name, SafetyStatus(source=name))
+        timeout, reported = self._timeouts[name], self._reported[name]
+        if self._clock() - reported <= 1e9 * timeout or not latest.is_ok:
+            return latest
+        silence = f"silent for more than {timeout:g} s" if reported else "not reported yet"
         return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, name, f"{silence} (--watchdog)")
 
 

@@ -28,10 +28,8 @@ class LoopSettings:
     """s at most that the end of a run stays in DAMPING for the joints to come to rest."""
 
 
-_LOWEST = 1e-7
-"""s, the lower edge of the first bin."""
-_PER_DECADE = 50
-"""Bins per decade: a percentile is exact to 10^(1/50), that is 4.7 %."""
+_LOWEST = 1e-7  # s, the lower edge of the first bin
+_PER_DECADE = 50  # bins per decade: a percentile is exact to 10^(1/50), that is 4.7 %
 _DECADES = 9
 
 
@@ -66,16 +64,12 @@ class DurationHistogram:
         return float(min(_LOWEST * 10.0 ** ((bin_index + 1) / _PER_DECADE), self.max))
 
     def counts(self, edges: Sequence[float]) -> tuple[int, ...]:
-        """Return how many durations lie up to the first edge, between that and the second, …, and beyond the last.
-
-        Edges are in s, ascending; each is moved by less than 5 % to where two bins meet.
-        """
+        """Return how many durations lie up to the first edge, s, between that and the second, …, beyond the last."""
         cuts = [round(_PER_DECADE * math.log10(max(edge, _LOWEST) / _LOWEST)) for edge in edges]
         return tuple(int(part.sum()) for part in np.split(self._bins, cuts))
 
 
-_SPIN = 0.0002
-"""s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel."""
+_SPIN = 0.0002  # s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel
 
 
 class Pace:
@@ -86,8 +80,7 @@ class Pace:
 
     def __init__(self, period: float, *, realtime: bool) -> None:
         """Begin with no deadline, which the first tick sets; `period` in s."""
-        self.period = period
-        self.realtime = realtime
+        self._period, self._realtime = period, realtime
         self.overruns = 0
         """Ticks that missed their deadline."""
         self.skipped = 0
@@ -97,19 +90,19 @@ class Pace:
         self._deadline: float | None = None
 
     def begin(self) -> float:
-        """Note that a tick begins; when, s."""
+        """Note that a tick begins; return when, s."""
         now = perf_counter()
         if self._deadline is not None:
             self.jitter.add(max(now - self._deadline, 0.0))
         return now
 
     def written(self, start: float, now: float) -> bool:
-        """Set the next deadline once the tick that began at `start` has written; whether it missed its own."""
-        if not self.realtime:
-            overrun = now - start > self.period
+        """Set the next deadline once the tick that began at `start` has written; True if it missed its own."""
+        if not self._realtime:
+            overrun = now - start > self._period
             self.overruns += overrun
             return overrun
-        self._deadline = (start if self._deadline is None else self._deadline) + self.period
+        self._deadline = (start if self._deadline is None else self._deadline) + self._period
         return self._skip_missed(now)
 
     def wait(self) -> None:
@@ -129,8 +122,8 @@ class Pace:
         """Move a deadline that has passed on to the next one that has not."""
         if self._deadline is None or now <= self._deadline:
             return False
-        missed = int((now - self._deadline) / self.period) + 1
-        self._deadline += missed * self.period
+        missed = int((now - self._deadline) / self._period) + 1
+        self._deadline += missed * self._period
         self.overruns += 1
         self.skipped += missed
         return True

@@ -1,14 +1,13 @@
 """Measures that keep a control loop punctual on a common Linux: each is taken where it is permitted, and reported.
 
 - The garbage collector is frozen: what exists when the loop begins is never traversed again (a full collection of a
-  process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz). Nor is there a full collection of
-  what has come since: whichever thread it falls to holds the interpreter's lock meanwhile, 10 ms in a loop whose
-  sinks had kept enough to start one. Young objects are collected as ever, in smaller portions.
+  process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz), nor is there a full collection of
+  what has come since. Young objects are collected as ever, in smaller portions.
 - The interpreter hands over between threads ten times as often as it would: otherwise a thread that computes (a
   recorder that compresses) keeps the control thread waiting for 5 ms.
 - The control thread, and every thread that is started from it while the measures last (those of the buses), run under
-  SCHED_FIFO: before all threads that do not. So do, behind it, the program's other threads: one that holds the
-  interpreter's lock and is kept from running by another program would keep the control thread waiting as long.
+  SCHED_FIFO, and behind it the program's other threads: one that holds the interpreter's lock and is kept from running
+  by another program would keep the control thread waiting as long.
 - Memory is locked: no page that was used once is ever fetched from a disk again.
 """
 
@@ -23,30 +22,31 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-_PRIORITY = 50
-"""Priority (1 to 99): before everything ordinary, behind the kernel's own threads for interrupts and timers."""
-_SWITCH_INTERVAL = 0.0005
-"""s"""
-_MIDDLE = 5
-"""Collections of the youngest objects between two of the middle generation, which takes about 0.4 ms then; 10 by
-default."""
-_NEVER = 1 << 30
-"""Collections of the middle generation between two full ones."""
+_PRIORITY = 50  # 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers
+_SWITCH_INTERVAL = 0.0005  # s
+_MIDDLE = 5  # collections of the youngest objects between two of the middle generation (0.4 ms); 10 by default
+_NEVER = 1 << 30  # collections of the middle generation between two full ones
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
-_STATUS = Path("/proc/self/status")
 
 
 @contextlib.contextmanager
 def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
-    """Take the measures for as long as the context lasts, on the calling thread; gives one line on each of them.
+    """Take the measures for as long as the context lasts, on the calling thread; yields one line on each of them.
 
     `ahead` is the priority before a control loop's, of a process that must run when a loop does not let others run.
     """
     with contextlib.ExitStack() as undo:
+        gc.collect()
+        gc.freeze()
+        undo.callback(gc.unfreeze)
+        undo.callback(gc.set_threshold, *gc.get_threshold())
+        gc.set_threshold(gc.get_threshold()[0], _MIDDLE, _NEVER)
+        undo.callback(sys.setswitchinterval, sys.getswitchinterval())
+        sys.setswitchinterval(_SWITCH_INTERVAL)
         yield (
-            _frozen_collector(undo),
-            _frequent_switches(undo),
+            "garbage collector frozen",
+            f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms",
             _fifo(undo, _PRIORITY + ahead),
             _locked_memory(undo),
         )
@@ -54,27 +54,12 @@ def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
 
 @contextlib.contextmanager
 def punctual_threads(behind: int) -> Iterator[str]:
-    """Threads that the calling one starts meanwhile run under SCHED_FIFO, `behind` the loop; gives a line on it."""
+    """Threads that the calling one starts meanwhile run under SCHED_FIFO, `behind` the loop; yields a line on it."""
     with contextlib.ExitStack() as undo:
         yield _fifo(undo, _PRIORITY - behind)
 
 
-def _frozen_collector(undo: contextlib.ExitStack) -> str:
-    gc.collect()
-    gc.freeze()
-    undo.callback(gc.unfreeze)
-    undo.callback(gc.set_threshold, *gc.get_threshold())
-    gc.set_threshold(gc.get_threshold()[0], _MIDDLE, _NEVER)
-    return "garbage collector frozen"
-
-
-def _frequent_switches(undo: contextlib.ExitStack) -> str:
-    undo.callback(sys.setswitchinterval, sys.getswitchinterval())
-    sys.setswitchinterval(_SWITCH_INTERVAL)
-    return f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms"
-
-
-def _fifo(undo: contextlib.ExitStack, priority: int = _PRIORITY) -> str:
+def _fifo(undo: contextlib.ExitStack, priority: int) -> str:
     if not hasattr(os, "sched_setscheduler"):
         return "no SCHED_FIFO on this system"
     before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -88,7 +73,7 @@ def _fifo(undo: contextlib.ExitStack, priority: int = _PRIORITY) -> str:
 
 def _locked_memory(undo: contextlib.ExitStack) -> str:
     # A finite limit would be reached in mid-run, and an allocation would fail then.
-    if not _may_lock_everything():
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY and not _may_lock_memory():
         return "memory not locked: give this user an unlimited memlock limit"
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
@@ -97,12 +82,9 @@ def _locked_memory(undo: contextlib.ExitStack) -> str:
     return "memory locked"
 
 
-def _may_lock_everything() -> bool:
-    """Return whether there is no limit to what this process may lock."""
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
-        return True
+def _may_lock_memory() -> bool:
     try:
-        lines = _STATUS.read_text(encoding="utf-8").splitlines()
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
         return False
     held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")

@@ -1,112 +1,64 @@
-"""The file by which others on this machine find a running session; it is locked for as long as the session lives."""
+"""The folder by which other programs on this machine find a running session; it is locked for as long as it lives."""
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import json
 import os
+import shutil
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
-from humanoid_sim.client import REPLY_SUFFIX, SUFFIX, SessionError, session_folder
+from humanoid_sim.client import LOCK, SessionError, is_locked, session_folder
 from humanoid_sim.errors import InputError
 
-_SOCKETS = (".intents", ".data")
 
-
-def made_session_folder() -> Path:
-    """Return the folder of this user's sessions, made for its user alone, without what killed sessions left there.
-
-    Raises `InputError` if it cannot be made, or others may enter it.
-    """
-    try:
-        folder = session_folder()
-        folder.mkdir(mode=0o700, exist_ok=True)
-        session_folder()
-    except SessionError as error:
-        raise InputError(str(error)) from None
-    except OSError as error:
-        raise InputError(f"{error.filename}: cannot be made: {error.strerror}") from None
-    for path in folder.glob(f"*{SUFFIX}"):
-        _sweep(path)
-    for path in folder.glob(f"*{REPLY_SUFFIX}"):
-        _sweep_reply(path)
-    return folder
-
-
+@dataclass(slots=True)
 class Registration:
-    """Held from `register` to `close`."""
+    """This process's folder, from its creation to `close`, which removes it."""
 
-    def __init__(self) -> None:
-        """Choose the names of this process's session. Raises `InputError` if there can be none."""
-        folder = made_session_folder()
-        stem = str(os.getpid())
-        self.path = folder / f"{stem}{SUFFIX}"
-        self.intents, self.data = (folder / f"{stem}{suffix}" for suffix in _SOCKETS)
-        self._handle: int | None = None
-        if self.path.exists():  # swept if nobody held it: this process has a session, or one in another namespace
-            raise InputError(f"{self.path}: another session has this process id")
+    path: Path
+    _lock: IO[bytes] | None = field(repr=False)
 
-    def register(self, *, robot: str, policy: str, hardware: str, feed: Path) -> None:
-        """Let others find the session. Raises `InputError` if the file cannot be written."""
-        self._told = {
-            "process": os.getpid(),
-            "robot": robot,
-            "policy": policy,
-            "folder": os.getcwd(),
-            "hardware": hardware,
-            "feed": str(feed),
-            "intents": str(self.intents),
-            "data": str(self.data),
-        }
+    @classmethod
+    def create(cls, base: Path | None = None) -> Registration:
+        """Make the folder, and remove those of killed sessions; `base` is in place of the user's folder of sessions.
+
+        Raises `InputError` if it cannot be made, or others may enter it.
+        """
         try:
-            self._write()
+            folder = session_folder() if base is None else base
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if base is None:
+                session_folder()
+            with open(folder / LOCK, "wb") as creating:  # nobody sweeps a folder that is not locked yet
+                fcntl.flock(creating, fcntl.LOCK_EX)
+                for path in folder.glob("*/"):
+                    if not is_locked(path):
+                        shutil.rmtree(path, ignore_errors=True)
+                path = folder / str(os.getpid())
+                if path.exists():  # this process has a session, or one in another namespace
+                    raise InputError(f"{path}: another session has this process id")
+                path.mkdir(mode=0o700)
+                lock = open(path / LOCK, "wb")  # noqa: SIM115 - held until `close`
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        except SessionError as error:
+            raise InputError(str(error)) from None
         except OSError as error:
-            self.close()
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+            raise InputError(f"{error.filename}: cannot be made: {error.strerror}") from None
+        return cls(path, lock)
 
-    def _write(self) -> None:
-        temporary, before = self.path.with_name(f".{self.path.name}"), self._handle
-        try:
-            handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-            self._handle = handle
-            # Locked before it has its name: nobody ever sees it without.
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with open(handle, "wb", closefd=False) as file:
-                file.write(json.dumps(self._told).encode())
-            temporary.rename(self.path)
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
-        if before is not None:
-            os.close(before)
+    def register(self, *, robot: str, policy: str, hardware: str) -> None:
+        """Let others find the session, whose sockets are open by now."""
+        fields = {"process": os.getpid(), "robot": robot, "policy": policy, "folder": os.getcwd(), "hardware": hardware}
+        temporary = self.path / "session"
+        temporary.write_text(json.dumps(fields), encoding="utf-8")
+        temporary.rename(self.path / "session.json")
 
     def close(self) -> None:
-        """Take the file away. May be called twice."""
-        if self._handle is not None:
-            self.path.unlink(missing_ok=True)
-            os.close(self._handle)
-            self._handle = None
-
-
-def _sweep(path: Path) -> None:
-    """Remove what a killed session left."""
-    with contextlib.suppress(OSError):
-        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if not os.path.samestat(os.fstat(handle), path.stat()):  # replaced meanwhile
-                return
-            for left in (*(path.with_suffix(suffix) for suffix in _SOCKETS), path):
-                left.unlink(missing_ok=True)
-        finally:
-            os.close(handle)
-
-
-def _sweep_reply(path: Path) -> None:
-    """Remove the socket for answers of a client that was killed."""
-    with contextlib.suppress(OSError, ValueError):
-        try:
-            os.kill(int(path.name.partition("-")[0]), 0)
-        except ProcessLookupError:
-            path.unlink(missing_ok=True)
+        """Remove the folder. May be called twice."""
+        if self._lock is not None:
+            shutil.rmtree(self.path, ignore_errors=True)
+            self._lock.close()
+            self._lock = None

@@ -13,19 +13,13 @@ from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.robot import Robot
 
-_REST_VELOCITY = 0.02
-"""rad/s below which a joint counts as slow."""
-_REST_TIME = 0.5
-"""s that every joint must be slow."""
-_OLD = 0.2
-"""s since a joint was heard, after which its last velocity says nothing about whether it moves now."""
+_REST_VELOCITY = 0.02  # rad/s below which a joint is slow
+_REST_TIME = 0.5  # s for which every joint must be slow: a held arm is slow when it is let go, and falls after
+_OLD = 0.2  # s since a joint answered, after which its last velocity says nothing
 
 
 class RestDetector:
-    """Tells when the joints have come to rest: all of them slow, for a while.
-
-    For a while, because an arm that was held still is slow in the very tick in which it is let go, and falls after.
-    """
+    """Tells when the joints have come to rest: all of them slow, for a while."""
 
     def __init__(self, period: float) -> None:
         """Start; `period` is the time between two updates, s."""
@@ -33,13 +27,10 @@ class RestDetector:
         self._slow = 0
 
     def update(self, state: MITState) -> bool:
-        """Take a state into account; whether the joints are at rest.
-
-        A velocity that is not finite tells nothing; where a joint has not been heard for a while, nobody knows.
-        """
+        """Return True if the joints are at rest; velocities that are not finite say nothing."""
         known = np.abs(state.joint_velocity[np.isfinite(state.joint_velocity)])
-        is_heard = bool((state.joint_age <= _OLD).all())
-        is_slow = is_heard and known.size > 0 and bool((known < _REST_VELOCITY).all())
+        answers = bool((state.joint_age <= _OLD).all())
+        is_slow = answers and known.size > 0 and bool((known < _REST_VELOCITY).all())
         self._slow = self._slow + 1 if is_slow else 0
         return self._slow > self._needed
 
@@ -53,7 +44,7 @@ def damp_without_supervisor(
     longest: float,
     pause: Callable[[float], None] | None,
 ) -> MITState:
-    """Send DAMPING's commands until the joints rest, after something broke; returns the last state.
+    """Send DAMPING's commands until the joints rest, after something broke; return the last state.
 
     Whatever fails here, the next tick tries again: a bus that lost one frame may take the next, and the exception that
     brought the run here is the one that is reported.
@@ -79,7 +70,7 @@ def damp_without_supervisor(
                 break
             if pause is not None and longest > 0.0:
                 pause(period)
-        except BaseException as error:  # an impatient Ctrl-C: the robot is damped first, and then it is heard
+        except BaseException as error:  # an impatient Ctrl-C: the robot is damped first
             interrupted = interrupted or error
     if interrupted is not None:
         raise interrupted
@@ -87,7 +78,7 @@ def damp_without_supervisor(
 
 
 def _damped_command(joints: tuple[str, ...], controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
-    """DAMPING's command, captured afresh, at K_p 0 the position exerts no torque; zero torque if it cannot be sent."""
+    """Return DAMPING's command, captured afresh; zero torque if it cannot be sent."""
     tick_input = TickInput(state)
     with contextlib.suppress(Exception):
         controller = controllers[DAMPING]

@@ -11,12 +11,9 @@ from typing import Protocol
 
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
-QUEUE_LIMIT = 4096
-"""Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
-BACKLOG_LIMIT = 2000
-"""Default backlog of a sink, in ticks, beyond which a run without deadlines waits for it."""
-_STUCK_AFTER = 5.0
-"""s that a sink may take over one item, or over all that is left when it is closed, before nobody waits for it."""
+QUEUE_LIMIT = 4096  # ticks and events that may wait (20 s at 200 Hz); beyond that they are left out and counted
+BACKLOG_LIMIT = 2000  # ticks
+_STUCK_AFTER = 5.0  # s that a sink may take over one item, or over all that is left when it is closed
 
 
 class Sink(Protocol):
@@ -34,7 +31,7 @@ class Sink(Protocol):
         return
 
     def event(self, event: Event) -> None:
-        """Something happened outside the ticks."""
+        """Take in something that happened outside the ticks."""
         return
 
     @property
@@ -56,7 +53,7 @@ class SinkGroup:
     """Hands ticks and events to every sink that still works: a broken viewer must not stop a robot in mid-motion."""
 
     def __init__(self, sinks: Sequence[Sink], clock: Callable[[], float]) -> None:
-        """Hand out in this order; `clock`, the robot's in s, is for the event that says that a sink is left out."""
+        """Hand out in this order; `clock` is the robot's, s, for events."""
         self._sinks = tuple(sinks)
         self._clock = clock
         self.failures: list[str] = []
@@ -64,17 +61,9 @@ class SinkGroup:
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
         """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
-        self._stack = stack
         for sink in self._sinks:
             header = sink.start(header) or header
             stack.callback(sink.close)
-
-    def replace(self, sink: Sink, successor: Sink, header: SessionHeader) -> None:
-        """Close a sink, and start another one in its place. Raises `InputError` if that cannot start."""
-        sink.close()
-        successor.start(header)
-        self._stack.callback(successor.close)
-        self._sinks = tuple(successor if other is sink else other for other in self._sinks)
 
     def tick(self, record: TickRecord) -> None:
         """Hand out a tick."""
@@ -94,7 +83,7 @@ class SinkGroup:
                 self._drop(sink, error)
 
     def lags(self) -> bool:
-        """Return whether a sink is so far behind that a run without deadlines waits for it."""
+        """Return True if a sink is so far behind that a run without deadlines waits for it."""
         return any(sink.backlog > sink.backlog_limit for sink in self._sinks)
 
     def _drop(self, sink: Sink, error: Exception) -> None:
@@ -125,16 +114,15 @@ class WorkerSink(Sink):
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
     def start(self, header: SessionHeader) -> None:
-        """Begin."""
-        self.handle_start(header)
+        """Start the thread."""
         self._thread.start()
 
     def tick(self, record: TickRecord) -> None:
-        """Queue a tick. Never waits."""
+        """Queue a tick."""
         self._put(record)
 
     def event(self, event: Event) -> None:
-        """Queue an event. Never waits."""
+        """Queue an event."""
         self._put(event)
 
     @property
@@ -146,22 +134,18 @@ class WorkerSink(Sink):
 
     @property
     def is_alive(self) -> bool:
-        """Return whether the thread runs, or is stuck."""
+        """Return True if the thread runs, or is stuck."""
         return self._thread.is_alive()
 
     def close(self) -> None:
         """Let the thread deal with the rest of the queue and end; leave it behind if it does not."""
         self._stop.set()
         if self._thread.ident is None:
-            self._finish()
             return
         self._thread.join(_STUCK_AFTER)
         if self._thread.is_alive():
             self.error = self.error or TimeoutError(f"did not finish within {_STUCK_AFTER:g} s")
             self._queue.clear()
-
-    def handle_start(self, header: SessionHeader) -> None:
-        """Start, before the first tick, on the caller's thread."""
 
     def handle_tick(self, record: TickRecord) -> None:
         """Take in a tick, on the worker's thread."""
@@ -173,22 +157,31 @@ class WorkerSink(Sink):
         """Use the pause after the queue has been emptied."""
 
     def handle_close(self) -> None:
-        """Close after the last tick, on the worker's thread; on the caller's if the sink was never started."""
+        """Close after the last tick, on the worker's thread."""
 
     def _work(self) -> None:
-        while self.error is None:
-            is_last = self._stop.wait(self._period)
-            self._guarded_drain()
-            if is_last:
-                break
-        self._stop.wait()
-        self._finish()
-
-    def _finish(self) -> None:
         try:
+            is_last = False
+            while not is_last:
+                is_last = self._stop.wait(self._period)
+                self._drain()
             self.handle_close()
-        except Exception as error:  # a sink that cannot finish must not keep the session from closing the robot
-            self.error = self.error or error
+        except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken
+            self.error = error
+            self._queue.clear()
+            self._busy_since = None
+
+    def _drain(self) -> None:
+        while self._queue:
+            self._busy_since = monotonic()
+            item = self._queue.popleft()
+            if isinstance(item, TickRecord):
+                self.handle_tick(item)
+            else:
+                self.handle_event(item)
+        self._busy_since = monotonic()
+        self.handle_pause()
+        self._busy_since = None
 
     def _put(self, item: TickRecord | Event) -> None:
         if self.error is not None:
@@ -197,20 +190,3 @@ class WorkerSink(Sink):
             self.lost += 1
         else:
             self._queue.append(item)
-
-    def _guarded_drain(self) -> None:
-        try:
-            while self._queue:
-                self._busy_since = monotonic()
-                item = self._queue.popleft()
-                if isinstance(item, TickRecord):
-                    self.handle_tick(item)
-                else:
-                    self.handle_event(item)
-            self._busy_since = monotonic()
-            self.handle_pause()
-        except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken
-            self.error = self.error or error
-            self._queue.clear()
-        finally:
-            self._busy_since = None

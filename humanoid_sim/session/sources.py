@@ -1,10 +1,9 @@
-"""Non-blocking sources of a tick's inputs other than the robot: intents, remote commands, live terms."""
+"""Inputs of a tick other than the robot's: intents, remote commands, velocities and live terms."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
@@ -18,7 +17,7 @@ from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
 
 class IntentSource(Protocol):
-    """An operator, a script, a gamepad."""
+    """An operator, a script, a gamepad. Nothing here waits."""
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Return the intents since the last call.
@@ -28,26 +27,19 @@ class IntentSource(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Return whether this source wants the session to end; a source that never does need not say so."""
+        """Return True if this source wants the session to end."""
         return False
-
-
-class RemoteSource(Protocol):
-    """The way in for commands from outside the loop."""
-
-    def latest(self) -> RemoteCommand | None:
-        """Return the latest accepted command, if there ever was one."""
 
 
 class ExternSource(Protocol):
     """Named live observation terms: piano keys, a velocity command."""
 
     def latest(self) -> Mapping[str, Extern]:
-        """Return the latest value of every term that was ever heard."""
+        """Return the latest value of every term that ever came."""
 
 
 class Freshness:
-    """Decides whether what somebody asks for still counts, who had seen the robot as it was some time ago.
+    """Refuses what was requested for the robot as it was some time ago, or before it was last damped.
 
     For one source of intents, on the loop's thread. Ages are those of CLOCK_MONOTONIC, whatever the robot's clock does.
     DAMP counts always.
@@ -58,41 +50,36 @@ class Freshness:
 
     def __init__(self) -> None:
         self._polled = self._entered = 0
-        self.mode = Mode.ZERO_TORQUE
-        """Mode of the previous tick."""
+        self._mode = Mode.ZERO_TORQUE
 
     def follow(self, output: TickOutput | None) -> None:
-        """Take the mode of the previous tick into account: to be called in every poll, before anything is judged."""
+        """Follow the mode of the previous tick: to be called in every poll, before anything is judged."""
         mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, monotonic_ns()
-        if mode is not self.mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
+        if mode is not self._mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
             # The tick that entered it polled before it was published; a fresh start happens between two ticks.
             self._entered = now if output is None else self._polled
-        self.mode, self._polled = mode, now
+        self._mode, self._polled = mode, now
 
     def problem(self, seen: int) -> str:
-        """Return why what was asked for does not count; empty if it does.
-
-        `seen`, ns, is when what its sender had seen was so.
-        """
+        """Return why a request does not count whose sender saw the robot at `seen`, ns; empty if it does."""
         age = 1e-9 * (monotonic_ns() - seen)
         if age < 0.0:
             return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:
-            late = f"too late, it was meant for the robot of {age:.2f} s ago"
-            return f"{late}, at most {self.OLDEST:g} s; look, and ask again"
+            return f"too late, meant for the robot of {age:.2f} s ago, at most {self.OLDEST:g} s; look, and ask again"
         if seen < self._entered:
-            return f"the robot went to {self.mode.name} meanwhile, which its sender had not seen; look, and ask again"
+            return f"the robot went to {self._mode.name} meanwhile, which its sender had not seen; look, and ask again"
         return ""
 
 
 class PolicySelection:
-    """Hands the request for another of the loaded policies to the next tick; used on the control thread alone."""
+    """Hands the newest request for another of the loaded policies, a name, to the next tick."""
 
     def __init__(self) -> None:
         self._wanted = ""
 
     def request(self, name: str) -> None:
-        """Request a policy by its name; the newest request of a tick counts."""
+        """Request a policy."""
         self._wanted = name
 
     def take(self) -> str:
@@ -101,86 +88,40 @@ class PolicySelection:
         return wanted
 
 
-class IntentQueue(IntentSource):
-    """Intents from other threads (a service, a user interface), handed over at the next tick."""
-
-    def __init__(self, tell: Callable[[str], None] = lambda _: None) -> None:
-        """Queue nothing; `tell` records why an intent is left out."""
-        self._pending: deque[tuple[Intent, int | None]] = deque()
-        self._freshness = Freshness()
-        self._tell = tell
-
-    def put(self, intent: Intent, seen: int | None = None) -> None:
-        """Queue an intent; may be called from any thread.
-
-        `seen`, ns of CLOCK_MONOTONIC, is as of `Freshness`; None for what never grows old.
-        """
-        self._pending.append((intent, seen))
-
-    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """All queued intents that count."""
-        self._freshness.follow(output)
-        intents = []
-        # Only this side removes, and a deque's ends are atomic: no intent is lost between the two threads.
-        for intent, seen in [self._pending.popleft() for _ in range(len(self._pending))]:
-            problem = "" if seen is None or intent is Intent.DAMP else self._freshness.problem(seen)
-            if problem:
-                self._tell(f"{intent.name} refused: {problem}")
-            else:
-                intents.append(intent)
-        return intents
-
-
 class RemoteInbox:
-    """Holds the latest accepted command. One thread puts, the control thread takes."""
+    """Holds the latest accepted command for REMOTE."""
 
-    def __init__(
-        self, joints: tuple[str, ...], clock: Callable[[], float], latest: RemoteCommand | None = None
-    ) -> None:
-        """Take commands that name the robot's joints in this order; `clock` is the robot's, s."""
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        """Accept commands that name the robot's joints in this order."""
         self._joints = joints
-        self._clock = clock
-        self._latest = latest
-        self.accepted = 0
-        self.rejected = 0
+        self._latest: RemoteCommand | None = None
 
-    def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float | None = None) -> None:
-        """Accept a command of shape (n,), which arrived at a time in s on the robot's clock; None: now.
+    def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float) -> None:
+        """Accept a command of shape (n,), which arrived at a time in s on the robot's clock.
 
         Raises `FieldError` if the joint names or their order differ, or the command is not one finite value per joint
         and field, its gains not negative.
         """
         problem = remote_problem(joint_names, command, self._joints)
         if problem:
-            self.rejected += 1
             raise FieldError(problem)
-        self._latest = RemoteCommand(command, self._clock() if arrival_time is None else arrival_time)
-        self.accepted += 1
+        self._latest = RemoteCommand(command, arrival_time)
 
     def latest(self) -> RemoteCommand | None:
         """Return the latest accepted command."""
         return self._latest
 
 
-_LONGEST_NAMES = 400
-"""Characters of joint names that are shown."""
-
-
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
-    """Return what keeps a command from outside from being accepted; else ''.
-
-    `joint_names` came with the command, whose shape is (n,); `joints` are the robot's, in its order.
-    """
+    """Return why a command of shape (n,) is not accepted by a robot with these joints, in this order; else ''."""
     if tuple(joint_names) != joints:
-        given = ", ".join(joint_names)[: _LONGEST_NAMES + 1] or "missing"
-        given = f"{given[:_LONGEST_NAMES]} …" if len(given) > _LONGEST_NAMES else given
+        given = ", ".join(joint_names)[:400] or "missing"
         return f"remote command: joint_names are {given}, expected {', '.join(joints)} in this order"
     problem = command_problem(command, joints)
     return f"remote {problem}" if problem else ""
 
 
-_STEP = 0.1
-"""m/s, and rad/s, that one key press adds."""
+_STEP = 0.1  # m/s, and rad/s, that one key press adds
 
 VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
     {
@@ -201,11 +142,27 @@ VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 
 
 def velocity_key_help() -> str:
-    """One line that names the keys."""
+    """Return the line that names the keys."""
     return (
         f"velocity, by {_STEP:g}: w s or arrow up down: forward, back; , . left, right; j k or arrow left right: turn; "
         "0 stop"
     )
+
+
+_VELOCITY_AXES = (
+    ("vx", "m/s", 10.0, "is it in cm/s or km/h?"),
+    ("vy", "m/s", 10.0, "is it in cm/s or km/h?"),
+    ("wz", "rad/s", 4.0 * math.pi, "is it in degrees per second?"),
+)
+"""Name, unit, largest magnitude where the policy states no range, and the likely wrong unit."""
+
+
+def velocity_numbers(text: str) -> list[float]:
+    """Return the three numbers of `vx,vy,wz`. Raises `InputError` if there are not three finite numbers."""
+    values = [number_in(part) for part in text.split(",")]
+    if len(values) != 3 or any(map(math.isnan, values)):
+        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
+    return values
 
 
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
@@ -223,48 +180,29 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
     return np.array(values)
 
 
-def velocity_numbers(text: str) -> list[float]:
-    """Return the three numbers of `vx,vy,wz`, whatever a policy knows.
-
-    Raises `InputError` if there are not three finite numbers.
-    """
-    values = [number_in(part) for part in text.split(",")]
-    if len(values) != 3 or any(map(math.isnan, values)):
-        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
-    return values
-
-
-_VELOCITY_AXES = (
-    ("vx", "m/s", 10.0, "is it in cm/s or km/h?"),
-    ("vy", "m/s", 10.0, "is it in cm/s or km/h?"),
-    ("wz", "rad/s", 4.0 * math.pi, "is it in degrees per second?"),
-)
-"""Axes of a command: name, unit, largest magnitude where the policy states no range, and the likely wrong unit."""
-
-
-KEYBOARD = "keyboard"
-"""Owner of a velocity that was set in this process."""
+KEYBOARD = "keyboard"  # owner of a velocity that was set in this process
 
 
 class VelocityCommand:
-    """An `ExternSource` with one owner: whoever last changed the command deliberately.
+    """An `ExternSource` with one owner: the producer that last changed the command deliberately.
 
-    What the keyboard set holds until it is changed; what a producer outside set, as long as it is repeated. Another
-    thread may press keys.
+    What the keyboard set holds until it is changed; what a producer outside set, as long as it is repeated.
     """
 
-    def __init__(self, command: FloatArray, ranges: FloatArray | None = None) -> None:
+    def __init__(self, command: FloatArray, ranges: FloatArray | None = None, *, is_observed: bool = True) -> None:
         """Start with a command.
 
         Args:
             command: shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame.
             ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
+            is_observed: the policy takes a command; if not, no tick has one.
         """
         self.owner: object = ""
         """Owner that changed it last: a producer, or `KEYBOARD`; falsy if nobody did, or that producer fell silent."""
-        self.is_observed = True
-        """True if the policy takes a command; if not, no tick has one."""
-        self.begin(command, ranges)
+        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
+        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
+        self._is_observed = is_observed
+        self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
 
     @property
     def command(self) -> FloatArray:
@@ -273,34 +211,18 @@ class VelocityCommand:
 
     def latest(self) -> Mapping[str, Extern]:
         """Return the command. One that was set here never grows too old."""
-        return self._extern if self.is_observed else {}
-
-    def begin(self, command: FloatArray, ranges: FloatArray | None = None, *, is_observed: bool = True) -> None:
-        """Begin anew for another policy; arguments as for the constructor, and `is_observed` as above."""
-        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
-        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
-        self._begun = np.array(command, dtype=np.float64)
-        self.is_observed = is_observed
-        self.restart()
-
-    def restart(self) -> None:
-        """Go back to the command that it began with."""
-        self._extern = {VELOCITY_COMMAND: Extern(self._begun, 0.0)}
-        self.owner = ""
+        return self._extern if self._is_observed else {}
 
     def press(self, key: str) -> None:
-        """Change the command as a key says; other keys do nothing."""
-        change = VELOCITY_KEYS.get(key)
-        if change is None:
-            return
-        value = self.command + change if any(change) else np.zeros(3)
+        """Change the command as one of `VELOCITY_KEYS` says."""
+        change = VELOCITY_KEYS[key]
         self.owner = KEYBOARD
-        self._set(value, 0.0, math.inf)
+        self._set(self.command + change if any(change) else np.zeros(3), 0.0, math.inf)
 
     def offer(
         self, owner: object, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool
     ) -> object:
-        """Take the command of a producer, if the velocity is its own, or becomes so now; who owns it.
+        """Take the command of a producer if it owns the velocity, or takes it over; return the owner.
 
         Args:
             value: shape (3,), finite.

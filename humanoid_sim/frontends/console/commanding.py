@@ -48,7 +48,6 @@ class Commanding:
         self._timeout = 1e-3 * attachment.description.remote_policy_controller.stale_command_timeout_ms
         self._intake = Intake(attachment.session, "console")
         self._name = f"{self._intake.producer} ({os.getpid()})"
-        self._status: tuple[int, dict[str, Any]] = (0, {})
         self._let_go_text = ""
         self._notes: list[str] = []
         self._is_leaving = self._is_closing = False
@@ -242,20 +241,16 @@ class Commanding:
         owner = self._other_owner("REMOTE", since)
         if owner is None:
             return ""
-        mine = [line for line in self._status[1].get("refused", ()) if str(line).startswith(self._name)]
+        mine = [line for line in self._attachment.feed.status().get("refused", ()) if str(line).startswith(self._name)]
         why = mine[-1] if mine else "nobody owns REMOTE"
         return f"REMOTE belongs to {owner}" if owner else f"the commands are refused: {why}"
 
     def _owners(self) -> dict[str, str]:
-        number = self._attachment.feed.newest("status")
-        if number != self._status[0]:
-            self._status = number, self._attachment.feed.status()
-        return dict(self._status[1].get("owners", {}))
+        return dict(self._attachment.feed.status().get("owners", {}))
 
     def _other_owner(self, what: str, since: int) -> str | None:
         """Return who has it, if the session says so after `since` (ns) and some grace; None if this console has it."""
-        sample = self._attachment.feed.latest("status")
-        if sample is None or sample.stamp < since + int(1e9 * _GRACE):
+        if self._attachment.feed.status().get("stamp", 0) < since + int(1e9 * _GRACE):
             return None
         owner = self._owners().get(what, "")
         return None if owner == self._name else owner

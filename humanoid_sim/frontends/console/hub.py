@@ -32,9 +32,8 @@ from humanoid_sim.frontends.console.showing import Showing
 from humanoid_sim.frontends.console.state import LoopRate, Reasons, base_velocity, known_supervisor, state
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
-from humanoid_sim.session.intent_socket import MARK, RateLimit
-from humanoid_sim.session.reactivation import REACTIVATE
-from humanoid_sim.session.simulation_controls import SIMULATION_WORDS
+from humanoid_sim.session.intent_socket import MARK, PUSH
+from humanoid_sim.session.reactivation import REACTIVATE, RESET
 
 _PERIOD = 0.1
 """s between two states that are sent to a page."""
@@ -55,7 +54,26 @@ _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
 _WISHES_PER_SECOND, _WISHES_AT_ONCE = 60.0, 60
 """Rate limit of one page's heartbeats, sliders and keys; taking a joint counts as a request, as intents do."""
 _WATCHING = "this address is for watching only"
-_WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE, *SIMULATION_WORDS})
+_WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE, PUSH, RESET})
+
+
+class RateLimit:
+    """So many a second, and so many at once."""
+
+    def __init__(self, rate: float, burst: int) -> None:
+        """Begin with the whole burst; `rate` in 1/s."""
+        self._rate, self._burst = rate, burst
+        self._left, self._time = float(burst), float("-inf")
+
+    def admits(self, time: float) -> bool:
+        """Return whether one more may pass now; `time` in s."""
+        if time > self._time:
+            self._left = min(self._left + self._rate * (time - self._time), float(self._burst))
+        self._time = time
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
 
 
 @dataclass
@@ -193,7 +211,7 @@ class Hub:
                 told["stamp"] = 1e-9 * self._stamp
                 told |= self._reasons.told(self._record)
                 told["vitals"] = self._vitals(self._record)
-                told["owners"], told["lost"] = (self._status.get(name, {}) for name in ("owners", "lost"))
+                told["owners"], told["lost"] = self._status.get("owners", {}), {}
                 if (simulation := self._status.get("simulation")) is not None:
                     told["simulation"] = simulation
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
@@ -217,10 +235,10 @@ class Hub:
     async def _pong(self, connection: ServerConnection, ping: int) -> None:
         """Answer a page after the next tick, in which a request of that moment would count; not if none comes."""
         feed = self._attachment.feed
-        before, deadline = feed.newest(), time.monotonic() + _PATIENCE
-        while feed.newest() == before and time.monotonic() < deadline:
+        before, deadline = feed.latest(), time.monotonic() + _PATIENCE
+        while feed.latest() == before and time.monotonic() < deadline:
             await asyncio.sleep(_NEXT_TICK)
-        if feed.newest() != before:
+        if feed.latest() != before:
             with contextlib.suppress(Exception):  # a page that is gone
                 await connection.send(encoded({"pong": ping}))
 

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from humanoid_sim.client import Intake, Looks, SessionError, SessionInfo, monotonic_ns
+from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.frontends.attach import Attachment
@@ -175,36 +175,19 @@ _MOST_READ = 64
 
 
 class ArrivalClock:
-    """Arrival times of samples, in ns of CLOCK_MONOTONIC.
-
-    A sample is stamped with the time of the look before the one that found it, as `Looks` says. One that is found after
-    a suspension is as much later than its writer's last one before it as the writer's clock says, within that time:
-    only differences of that clock count, not what it shows.
-    """
+    """Arrival times of samples, ns of CLOCK_MONOTONIC: that of the poll before the one that found them."""
 
     def __init__(self, now: int) -> None:
         """Start; `now` in ns, as all here."""
-        self._looks = Looks(_STOOD_STILL, _SETTLE, now)
-        self._last: OrderedDict[int, tuple[int, int]] = OrderedDict()
+        self._newest = self._before = now
 
     def look(self, now: int) -> None:
-        """Begin a look."""
-        self._looks.look(now)
+        """Begin a poll."""
+        self._before, self._newest = self._newest, now
 
-    def stamp(self, writer: int, source: int) -> int:
-        """Return when a sample that this look has found arrived, the latest that is certain.
-
-        `source` is when it was written, ns by its writer's own clock.
-        """
-        first = self._looks.stamp
-        if self._looks.is_settling:
-            last_source, last = self._last.get(writer, (source, first))
-            return min(max(last + source - last_source, first), self._looks.newest)
-        self._last[writer] = source, first
-        self._last.move_to_end(writer)
-        if len(self._last) > _MOST_WRITERS:
-            self._last.popitem(last=False)
-        return first
+    def stamp(self) -> int:
+        """Return when a sample that this poll has found arrived, the latest that is certain."""
+        return self._before
 
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
@@ -298,7 +281,7 @@ class CommandReader:
                 self._refuse(COMMAND_TOPIC, str(error))
                 continue
             if sample.writer not in newest:
-                newest[sample.writer] = command, clock.stamp(sample.writer, sample.source_ns)
+                newest[sample.writer] = command, clock.stamp()
         for writer, (command, stamp) in reversed(newest.items()):
             fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
             self._intake(writer).remote(self._joints, *map(list, fields), stamp=stamp)
@@ -308,10 +291,10 @@ class CommandReader:
         self._reason = f"{topic}: {problem}"
 
     def _report(self, own: Intake) -> None:
-        """Tell the session what was refused here: at once, and then once a second."""
+        """Record what was refused here: at once, and then once a second."""
         now = time.monotonic()
-        is_due = self._refused > self._reported and now - self._reported_at >= _REPORT_PERIOD
-        if is_due and own.refused(self._reason, self._refused):
+        if self._refused > self._reported and now - self._reported_at >= _REPORT_PERIOD:
+            own.post(f"mark {self._refused - self._reported} samples refused, the last: {self._reason}"[:200])
             self._reported, self._reported_at = self._refused, now
 
     def _intake(self, writer: int) -> Intake:

@@ -5,7 +5,6 @@ No program finds it as a session, and whatever is asked of it stays here: modes 
 
 from __future__ import annotations
 
-import fcntl
 import os
 import signal
 import socket
@@ -46,6 +45,7 @@ from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Subscription
 from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.registration import Registration
 
 _PERIOD = 0.02
 """s between two messages of a robot's topics on hardware."""
@@ -76,8 +76,8 @@ class Mirror:
         latest = [topic.look() for topic in (self._states, self._mode, self._described)]
         return None not in latest
 
-    def begin(self) -> tuple[FeedWriter, RobotDescription]:
-        """Make a feed for the robot that is there.
+    def begin(self, folder: Path) -> tuple[FeedWriter, RobotDescription]:
+        """Make a feed for the robot that is there, in a session's folder.
 
         Raises `InputError` if its description is not a URDF of a robot with these joints.
         """
@@ -101,7 +101,7 @@ class Mirror:
         self.header = SessionHeader(description.name, self._names, _PERIOD, self._start, documents)
         buffer = np.zeros(mujoco.mj_sizeModel(self._model), dtype=np.uint8)
         mujoco.mj_saveModel(self._model, None, buffer)
-        self._writer = FeedWriter(self.header, {MODEL_BLOB: buffer.tobytes()})
+        self._writer = FeedWriter(folder, self.header, {MODEL_BLOB: buffer.tobytes()})
         self._publish()
         return self._writer, description
 
@@ -206,11 +206,13 @@ def mirrored(
                 yield None
                 return
             time.sleep(_LOOK)
-        writer, description = mirror.begin()
-        stack.callback(writer.close)
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="humanoid_sim-")))
+        registration = Registration.create(folder)
+        stack.callback(registration.close)
+        writer, description = mirror.begin(registration.path)
+        stack.callback(writer.close)
         where = f"{interface}, domain {participant.domain}"
-        session = _session(stack, folder, description.name, where, writer)
+        session = _session(stack, registration, description.name, where)
         feed = stack.enter_context(Feed(session))
         intake = stack.enter_context(Intake(session, "mirror"))
         yield Attachment(session, feed, intake), mirror
@@ -265,24 +267,8 @@ class RobotElsewhere:
             yield None if found is None else (found[0], found[1].look, ended)
 
 
-def _session(stack: ExitStack, folder: Path, robot: str, where: str, writer: FeedWriter) -> SessionInfo:
-    """Return a session that nobody else finds, and that hears nothing."""
-    lock = folder / "lock"
-    handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    stack.callback(os.close, handle)
-    fcntl.flock(handle, fcntl.LOCK_EX)
-    ends = {}
+def _session(stack: ExitStack, registration: Registration, robot: str, where: str) -> SessionInfo:
+    """Return a session that no program finds, and that receives nothing."""
     for name in ("intents", "data"):
-        end = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-        end.bind(str(folder / name))
-        ends[name] = str(folder / name)
-    return SessionInfo(
-        process=os.getpid(),
-        robot=robot,
-        policy="unknown",
-        folder=f"DDS on {where}",
-        hardware="",
-        feed=str(writer.path),
-        file=lock,
-        **ends,
-    )
+        stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)).bind(str(registration.path / name))
+    return SessionInfo(os.getpid(), robot, "unknown", f"DDS on {where}", "", registration.path)
