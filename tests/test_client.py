@@ -16,7 +16,8 @@ sys.path.append(sys.argv[1])
 import humanoid_client as client
 assert "numpy" not in sys.modules
 with client.Feed(client.find_session()) as feed, client.Intake(feed.session, "outside") as intake:
-    tick = feed.decode(feed.latest())
+    print(flush=True)
+    tick = feed.decode(feed.wait(0, 10.0))
     print(tick["mode"], tick["joint_position"].tolist(), feed.joint_names)
     token = intake.post("load_a")
     print(intake.velocity(0.25, 0, 0, deliberate=True), flush=True)
@@ -32,6 +33,8 @@ def test_the_one_file_works_by_itself_in_an_isolated_python(local, tmp_path):
     with subprocess.Popen(
         [sys.executable, "-I", "-c", PROGRAM, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as program:
+        assert program.stdout.readline() == "\n"
+        local.tick()
         assert program.stdout.readline() == "1 [0.4, 0.5, 0.6] ('shoulder', 'elbow', 'wrist')\n"
         assert program.stdout.readline() == "True\n"
         record = local.tick()

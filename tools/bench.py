@@ -170,10 +170,29 @@ def _run(session: Session) -> None:
         session.tick(())
 
 
-def _feed() -> FeedWriter:
+_SUBSCRIBER = """
+import sys, time
+from pathlib import Path
+from humanoid_sim.client import Feed, SessionInfo
+with Feed(SessionInfo(0, "", "", "", "", Path(sys.argv[1]))):
+    print(flush=True)
+    sys.stdin.readline()
+"""
+
+
+@contextmanager
+def _feed() -> Iterator[FeedWriter]:
+    """Yield a feed with one subscriber, another process."""
     description, checkpoint = load_robot("lite"), load_checkpoint(SAMPLE_POLICY)
     loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path(SAMPLE_MOTION)))
-    return FeedWriter(run_header(description, 1.0 / description.simulation.control_frequency, loaded, settings={}))
+    header = run_header(description, 1.0 / description.simulation.control_frequency, loaded, settings={})
+    with tempfile.TemporaryDirectory() as folder, closing(FeedWriter(Path(folder), header)) as feed:
+        command = [sys.executable, "-c", _SUBSCRIBER, folder]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as subscriber:
+            assert subscriber.stdout is not None
+            subscriber.stdout.readline()
+            yield feed
+            subscriber.communicate("\n")
 
 
 def control_tick(repetitions: int) -> Iterator[Figure]:
@@ -182,7 +201,7 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
     with (
         tempfile.TemporaryDirectory() as folder,
         closing(McapRecorder(Path(folder) / "bench.mcap")) as recorder,
-        closing(_feed()) as feed,
+        _feed() as feed,
         _playing(feed, recorder) as (session, _, robot),
     ):
         data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)
@@ -206,7 +225,7 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
 def publishing(repetitions: int) -> Iterator[Figure]:
     """Return what publishing a tick costs the control thread."""
     kept = _Kept()
-    with closing(_feed()) as feed, _playing(feed, kept) as (session, _, _):
+    with _feed() as feed, _playing(feed, kept) as (session, _, _):
         _run(session)
 
         def publish() -> None:

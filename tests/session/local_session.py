@@ -1,6 +1,7 @@
 """A session's local ends without a loop: registered for this process, in a folder of the test's own."""
 
 import os
+import shutil
 import socket
 import threading
 from collections.abc import Iterator, Mapping
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import rig
 
-from humanoid_sim.client import Intake, SessionInfo, find_session
+from humanoid_sim.client import Intake, SessionInfo, find_session, monotonic_ns
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import Extern
 from humanoid_sim.session.data_socket import DataSocket
@@ -33,6 +34,8 @@ class LocalSession:
     stack: ExitStack = field(default_factory=ExitStack)
     told: list[str] = field(default_factory=list)
     index: int = 0
+    sent: int = 0
+    """ns, when the latest tick was published."""
     safety: tuple[SafetyStatus, ...] = ()
     takes: Mapping[str, int] = field(default_factory=lambda: {"keys": 2})
     """Live inputs from outside."""
@@ -47,18 +50,22 @@ class LocalSession:
         self.run = rig.Run(rig.two_policies())
         self.output: TickOutput | None = None
         self.reactivation = Reactivation()
-        self.registration = Registration()
+        self.registration = Registration.create()
         self.stack.callback(self.registration.close)
         self.outside = OutsideSafety(self.watchdogs)
         self.selection = PolicySelection()
         self.intents = IntentSocket(
-            self.registration.intents, self.reactivation, self.told.append, self.outside, selection=self.selection
+            self.registration.path / "intents",
+            self.reactivation,
+            self.told.append,
+            self.outside,
+            selection=self.selection,
         )
         self.stack.callback(self.intents.close)
-        self.inbox = RemoteInbox(rig.JOINTS, lambda: self.time)
+        self.inbox = RemoteInbox(rig.JOINTS)
         self.velocity = VelocityCommand(np.zeros(3))
         self.data = DataSocket(
-            self.registration.data,
+            self.registration.path / "data",
             self.inbox,
             0.1,
             clock=lambda: self.time,
@@ -68,9 +75,9 @@ class LocalSession:
             tell=self.told.append,
         )
         self.stack.callback(self.data.close)
-        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, live_inputs=self.takes)
+        self.feed = FeedWriter(self.registration.path, HEADER, {"model.mjb": b"model"}, live_inputs=self.takes)
         self.stack.callback(self.feed.close)
-        self.registration.register(robot="three", policy="p.onnx", hardware="", feed=self.feed.path)
+        self.registration.register(robot="three", policy="p.onnx", hardware="")
 
     @property
     def info(self) -> SessionInfo:
@@ -81,10 +88,11 @@ class LocalSession:
     ) -> None:
         """Register again, as a session of another robot."""
         self.feed.close()
-        self.registration.close()
-        self.feed = FeedWriter(header, blobs or {})
+        shutil.rmtree(self.registration.path / "files")
+        (self.registration.path / "ticks").unlink()
+        self.feed = FeedWriter(self.registration.path, header, blobs or {})
         self.stack.callback(self.feed.close)
-        self.registration.register(robot=robot, policy="none", hardware=hardware, feed=self.feed.path)
+        self.registration.register(robot=robot, policy="none", hardware=hardware)
 
     def intake(self, name: str = "test") -> Intake:
         return self.stack.enter_context(Intake(self.info, name))
@@ -102,6 +110,7 @@ class LocalSession:
         self.output = output
         record = TickRecord(self.index, tick_input, output, 1e-4, False, None)
         self.index += 1
+        self.sent = monotonic_ns()
         for sink in (self.feed, self.intents, self.data):
             sink.tick(record)
         if self.index % 25 == 0:

@@ -1,47 +1,9 @@
-import os
-import pty
-import signal
-import subprocess
-import sys
-import time
+"""The operator's device."""
 
 import pytest
 import rig
 
 from humanoid_sim.session.losses import DeviceWatch
-
-CHILD = """
-import time
-from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
-from humanoid_sim.session.keyboard import Keyboard
-keyboard, heard, deadline = Keyboard(), [], time.monotonic() + 20.0
-print("ready", flush=True)
-while Intent.QUIT not in heard and time.monotonic() < deadline:
-    heard += keyboard.poll(0.0, None)
-    time.sleep(0.005)
-keyboard.close()
-print(*(intent.name for intent in heard))
-"""
-
-
-@pytest.mark.soak
-def test_keys_typed_while_the_process_was_stopped_only_damp():
-    """What was meant for a shell moves nothing."""
-    master, slave = pty.openpty()
-    command = [sys.executable, "-c", CHILD]
-    with subprocess.Popen(command, stdin=slave, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout.readline() == "ready\n"
-        os.write(master, b"b")
-        time.sleep(0.3)
-        child.send_signal(signal.SIGSTOP)
-        time.sleep(0.5)
-        os.write(master, b"la a")
-        child.send_signal(signal.SIGCONT)
-        time.sleep(0.5)
-        os.write(master, b"rq")
-        assert child.stdout.readline().split() == ["LOAD_B", "DAMP", "START_REMOTE", "QUIT"]
-    os.close(master)
-    os.close(slave)
 
 
 class Watched:
@@ -76,7 +38,7 @@ def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss(watched):
     silent = watched.run.time
     while not watched.tick():
         assert watched.run.time - silent < 0.3
-    assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"]
+    assert watched.told == ["gamepad: lost, no heartbeat for 0.2 s: DAMP"]
     watched.run.time += 7.0
     watched.tick()
-    assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"], "nor is one that is lost there again by it"
+    assert watched.told == ["gamepad: lost, no heartbeat for 0.2 s: DAMP"], "nor is one that is lost there again by it"

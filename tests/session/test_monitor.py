@@ -42,8 +42,8 @@ def record(index, mode=Mode.DAMPING, *, effort=None, safety=(), duration=1e-4, o
     )
 
 
-def monitored(*records, tracker=None):
-    result = RunMonitor(JointUse(rig.JOINTS, LIMIT, -LIMIT, LIMIT), tracker)
+def monitored(*records):
+    result = RunMonitor(JointUse(rig.JOINTS, LIMIT, -LIMIT, LIMIT))
     result.start(HEADER)
     for item in records:
         result.tick(item)
@@ -96,7 +96,7 @@ def test_faults_refusals_and_safety_with_their_times():
         record(5, safety=(ok,)),
         record(6, safety=(ok, warning)),
     )
-    assert figures.faults == [(0.5, "rl_policy_controller: action is nan")]
-    assert figures.refusals == [(1.0, "LOAD_A refused"), (1.0, "LOAD_B refused")]
+    assert list(figures.faults) == [(0.5, "rl_policy_controller: action is nan")]
+    assert list(figures.refusals) == [(1.0, "LOAD_A refused"), (1.0, "LOAD_B refused")]
     text = "safety WARNING INVALID_FRAME from can1"
-    assert figures.safety == [(1.5, text), (3.0, text)]
+    assert list(figures.safety) == [(1.5, text), (3.0, text)]

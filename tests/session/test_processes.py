@@ -82,7 +82,7 @@ def test_random_datagrams_do_nothing_worse_than_being_refused(local):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
         client.setblocking(False)
         for i in range(3000):
-            path = (local.registration.data, local.registration.intents)[i % 2]
+            path = local.registration.path / ("data", "intents")[i % 2]
             data = generator.bytes(int(generator.integers(0, 300)))
             if i % 4 == 0:
                 kind, name, topic = (int(generator.integers(0, limit)) for limit in (6, 20, 60))

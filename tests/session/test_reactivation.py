@@ -4,7 +4,6 @@ from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import IntentQueue
 
 DONE = "reactivated: the robot is verified and enabled afresh"
 
@@ -21,7 +20,7 @@ def test_the_stack_begins_again_without_torque():
     session(robot, **options).run()
     assert robot.log.count("activate") == 2
     assert reactivation.answer == Answer(True, DONE)
-    assert not reactivation.is_asked
+    assert not reactivation.is_requested
     assert sink.events == [DONE, "ending: duration of 0.4 s reached"]
     assert sink.kinds == [EventKind.FRESH_START, EventKind.ENDING]
     modes = [record.output.control_mode.mode for record in sink.records]
@@ -33,18 +32,21 @@ def test_the_stack_begins_again_without_torque():
 
 def test_of_what_was_asked_for_during_the_activation_only_damp_counts():
     for asked, mode in (((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)):
-        reactivation, robot, queue = Reactivation(), FakeRobot(), IntentQueue()
-        sink, options = asked_at(5, reactivation, intents=[queue])
-
-        def ask(robot=robot, queue=queue, asked=asked):
-            if robot.log.count("activate") == 2:
-                for intent in asked:
-                    queue.put(intent)
-
-        robot.on_activate = ask
+        reactivation, robot = Reactivation(), FakeRobot()
+        sink, options = asked_at(5, reactivation, intents=[FakeSource({6: asked})])
         result = session(robot, **options).run()
         assert result.reason == "duration of 0.4 s reached"
         assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
+
+
+def test_a_simulated_robot_is_reset_in_motion():
+    reactivation, robot = Reactivation(), FakeRobot()
+    sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
+    sink.on_tick = lambda record: reactivation.request(is_reset=True) if record.index == 5 else None
+    session(robot, **options).run()
+    assert robot.log.count("activate") == 2
+    assert sink.kinds[0] is EventKind.FRESH_START
+    assert sink.records[8].output.control_mode.mode is Mode.ZERO_TORQUE
 
 
 def test_in_motion_it_is_refused():

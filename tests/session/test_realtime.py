@@ -67,29 +67,11 @@ def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    monkeypatch.setattr(realtime, "_may_lock_everything", lambda: False)
+    monkeypatch.setattr(realtime, "_may_lock_memory", lambda: False)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1 << 40, 1 << 40))  # what does not fit fails in mid-run
     with real_time() as lines:
         assert lines[2] == "SCHED_FIFO refused (Operation not permitted): give this user an rtprio limit of 50 or more"
         assert lines[3] == "memory not locked: give this user an unlimited memlock limit"
-
-
-@pytest.mark.parametrize(
-    ("limit", "capabilities", "may"),
-    [
-        (resource.RLIM_INFINITY, "0000000000000000", True),
-        (1 << 40, "0000000000000000", False),  # what is locked now may fit; what does not would fail in mid-run
-        (1 << 40, "0000000000004000", True),
-        (1 << 40, "ffffffffffffbfff", False),
-        (1 << 40, None, False),
-    ],
-)
-def test_memory_is_locked_only_where_nothing_limits_it(limit, capabilities, may, tmp_path, monkeypatch):
-    status = tmp_path / "status"
-    if capabilities is not None:
-        status.write_text(f"Name:\tpython\nCapEff:\t{capabilities}\n", encoding="utf-8")
-    monkeypatch.setattr(realtime, "_STATUS", status)
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
-    assert realtime._may_lock_everything() is may
 
 
 def test_a_thread_started_meanwhile_runs_as_punctually_and_threads_may_be_made_so_alone():

@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -10,19 +11,14 @@ from humanoid_sim.session.registration import Registration
 
 KILLED = """
 import os, signal, sys
-from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.registration import Registration
-from humanoid_sim.messages import SessionHeader
-registration = Registration()
-feed = FeedWriter(SessionHeader("r", ("a",), 0.02, 0))
-registration.intents.touch(), registration.data.touch()
-registration.register(robot="r", policy="p", hardware="can0", feed=feed.path)
-print(os.getpid(), feed.path, flush=True)
+registration = Registration.create()
+registration.register(robot="r", policy="p", hardware="can0")
+print(registration.path, flush=True)
 if sys.argv[1] == "kill":
     os.kill(os.getpid(), signal.SIGKILL)
 sys.stdin.readline()
 registration.close()
-feed.close()
 """
 
 
@@ -50,6 +46,17 @@ def test_a_folder_that_others_may_enter_is_refused(folder):
     folder.mkdir(mode=0o755)
     folder.chmod(0o755)
     with pytest.raises(InputError, match="only its user can enter"):
-        Registration()
+        Registration.create()
     with pytest.raises(SessionError, match="only its user can enter"):
         running_sessions()
+
+
+def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(runtime):
+    with subprocess.Popen([sys.executable, "-c", KILLED, "kill"], stdout=subprocess.PIPE, text=True) as killed:
+        left = Path(killed.stdout.readline().strip())
+    assert left.is_dir()
+    assert running_sessions() == []
+    registration = Registration.create()
+    assert not left.exists()
+    registration.close()
+    assert not registration.path.exists()

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 import rig
 from fakes import (
@@ -11,10 +10,6 @@ from fakes import (
 )
 
 import humanoid_sim.session.session as loop
-from humanoid_sim.controllers.contract import Term
-from humanoid_sim.controllers.live_inputs import LiveInputs
-from humanoid_sim.controllers.reference import no_reference
-from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session import pace
@@ -34,64 +29,6 @@ def test_one_tick_reads_collects_steps_writes_and_hands_out():
     tick = ["read", "poll", "remote", "step", "write", "hand out"]
     last = ["read", "remote", "step", "write", "hand out"]  # the loop's own QUIT: the sources are not asked any more
     assert log == ["start sink", "activate", *tick, *tick, *tick, *last, "close robot", "close sink"]
-
-
-def live_supervisor():
-    """The rig's, with a policy that observes the joints and two values that only a program knows."""
-    wiring = rig.contract(
-        task_type="locomotion", body_names=(), observation=(Term("foot_contact", width=2), "joint_pos")
-    )
-    policy = RLPolicyController(
-        rig.JOINTS, wiring, no_reference(), rig.good_answer, control_period=rig.PERIOD, extern=wiring.live_inputs
-    )
-    return rig.supervisor(rl_policy_controller=policy)
-
-
-def live_inputs(source):
-    controller = live_supervisor().controllers["rl_policy_controller"]
-    assert isinstance(controller, RLPolicyController)
-    return LiveInputs(controller.contract, {"foot_contact": source})
-
-
-def driven_live(live):
-    """The ticks of a run to LOCOMOTION, of a policy that observes a live input."""
-    sink = FakeSink()
-    options = {} if live is None else {"live": live_inputs(live)}
-    intents = [FakeSource(TO_LOCOMOTION)]
-    session(FakeRobot(), supervisor=live_supervisor(), duration=0.4, intents=intents, sinks=[sink], **options).run()
-    return sink.records
-
-
-def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks():
-    records = driven_live(lambda state: [state.time, 0.5])
-    steps = [record for record in records if record.output.policy_step is not None]
-    assert len(steps) >= 3
-    for record in steps:
-        time = record.input.state.time
-        assert record.output.policy_step.observation[:2].tolist() == [np.float32(time), 0.5]
-        assert record.input.state.extern["foot_contact"].arrival_time == time
-    # What was decided follows from the recorded inputs alone.
-    again = live_supervisor()
-    memory = again.initial()
-    for record in records:
-        memory, output = again.step(memory, record.input)
-        np.testing.assert_array_equal(output.command.position, record.output.command.position)
-        assert output.control_mode == record.output.control_mode
-
-
-@pytest.mark.parametrize(
-    ("live", "reason"),
-    [
-        (lambda _: [1.0, np.inf], "observation foot_contact[1] is inf, expected a finite number"),
-        (lambda _: np.ones(3), "MITState.extern['foot_contact']: has shape (3,), expected (2,)"),
-    ],
-    ids=["not finite", "another shape"],
-)
-def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live, reason):
-    records = driven_live(live)
-    modes = [record.output.control_mode for record in records]
-    assert not any(record.output.policy_step for record in records)
-    assert any(mode.mode is Mode.DAMPING and reason in mode.status_message for mode in modes)
 
 
 def test_the_safety_filter_decides_what_the_supervisor_sees():
@@ -137,9 +74,6 @@ def test_a_robot_that_does_not_confirm_its_end_makes_the_run_a_failure():
     summary = session(Unconfirmed(), duration=0.1, sinks=[sink]).run()
     assert summary.failures == ("robot: left: not known to be off",)
     assert sink.events[-1] == "failed to close the robot: left: not known to be off"
-
-
-# Sinks.
 
 
 # Time.

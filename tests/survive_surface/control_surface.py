@@ -226,7 +226,7 @@ class Link:
         folder = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="hs-")))
         self._open.enter_context(mock.patch("time.clock_gettime_ns", side_effect=lambda _: self._stamp(0.0)))
         self._paths = paths = [folder / "intents", folder / "data"]
-        inbox = RemoteInbox(joints, lambda: self._robot.time)
+        inbox = RemoteInbox(joints)
         velocity = VelocityCommand(np.zeros(3))
         tell = self.refusals.append
         intents = IntentSocket(paths[0], tell=tell)
@@ -244,8 +244,7 @@ class Link:
             externs=(data, velocity),
             sinks=(intents, data, self._last),
         )
-        told = dict.fromkeys(("robot", "policy", "folder", "hardware", "feed"), "")
-        info = SessionInfo(process=1, intents=str(paths[0]), data=str(paths[1]), file=folder / "s", **told)
+        info = SessionInfo(process=1, robot="", policy="", folder="", hardware="", path=folder)
         self._intake = self._open.enter_context(Intake(info, "producer"))
 
     def close(self) -> None:

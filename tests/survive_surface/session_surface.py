@@ -406,7 +406,7 @@ def reach(
 def _mode_of(process: subprocess.Popen) -> Mode | None:
     try:
         with Feed(find_session(process.pid)) as feed:
-            sample = feed.latest()
+            sample = feed.wait(0, 1.0)
             return None if sample is None else Mode(feed.decode(sample)["mode"])
     except SessionError:
         return None
@@ -445,14 +445,14 @@ class PadDesk:
         self._make_pad = VirtualPad
         self._pads = Pads()
         stack.callback(self._pads.close)
-        registration = Registration()
+        registration = Registration.create()
         stack.callback(registration.close)
-        intents = IntentSocket(registration.intents)
+        intents = IntentSocket(registration.path / "intents")
         stack.callback(intents.close)
         clock = lambda: self._session.time  # noqa: E731
-        data = DataSocket(registration.data, RemoteInbox(JOINTS, clock), 0.1, clock=clock)
+        data = DataSocket(registration.path / "data", RemoteInbox(JOINTS), 0.1, clock=clock)
         stack.callback(data.close)
-        registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "", feed=Path("none"))
+        registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "")
         self._other = stack.enter_context(OtherProgram("operator"))
         intake = stack.enter_context(Intake(find_session(os.getpid()), "gamepad"))
         self._driver = Driver(intake, GamepadConfig(), speeds=None, is_hardware=is_hardware)
