@@ -8,7 +8,6 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.frontends.attach import Attachment, ready
@@ -52,7 +51,7 @@ async def _serve(
 
     ending = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ending.set)
-    socket = Path(attachment.session.intents).parent / f"{os.getpid()}.viser"
+    socket = attachment.session.path / f"{os.getpid()}.viser"
     scene = Scene(socket, attachment.model(), attachment.description, attachment.reference_ghost())
     hub = Hub(attachment, Showing(attachment, scene))
     try:

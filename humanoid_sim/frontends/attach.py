@@ -33,6 +33,8 @@ _LATE = 0.2
 _LATE_TICKS = 3
 _BEHIND = 30
 """Priorities behind the control loop, and behind all its threads."""
+_STATUS_WITHIN = 0.5
+"""s for which an attachment waits for the session's status."""
 _LOOK_PERIOD = 0.5
 """s between two looks whether the session is still there."""
 
@@ -150,6 +152,9 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
         info = find_session(session)
         with Feed(info) as feed, Intake(info, producer) as intake:
             os.nice(niceness)
+            deadline = time.monotonic() + _STATUS_WITHIN
+            while not feed.status() and time.monotonic() < deadline:
+                time.sleep(0.005)
             yield Attachment(info, feed, intake)
     except SessionError as error:
         raise InputError(str(error)) from None

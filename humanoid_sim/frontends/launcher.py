@@ -125,6 +125,7 @@ class FrontEnds(Sink):
         while not all(child.is_ready for child in self._children) and not self._is_ending():
             for key, _ in self._selector.select(_PERIOD):
                 self._read(key.data)
+            self._feed.status(self._status())
             for child in self._children:
                 if child.has_ended and not child.is_ready:
                     self._end_children()

@@ -149,7 +149,7 @@ end = time.monotonic() + float(sys.argv[1])
 while time.monotonic() < end:
     for session in running_sessions():
         with Feed(session) as feed:
-            if feed.newest():
+            if feed.wait(0, 1.0):
                 sys.exit(0)
     time.sleep(0.05)
 sys.exit("no session began")

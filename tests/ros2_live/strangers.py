@@ -97,7 +97,7 @@ from humanoid_sim.client import Feed, find_session
 seconds, lines = float(sys.argv[1]), []
 end = time.monotonic() + seconds
 with Feed(find_session()) as feed:
-    number = feed.newest()
+    number = feed.wait(0, 10.0).number
     print("ready", flush=True)
     while time.monotonic() < end and not (seconds == math.inf and select.select([sys.stdin], [], [], 0)[0]):
         for sample in feed.since(number):
