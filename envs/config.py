@@ -20,12 +20,11 @@ from humanoid_sim.envs.tasks import Task
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, required_contract, zero_policy
 from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.own import read_contract_file
-from humanoid_sim.policy.reading import required_contract
 from humanoid_sim.policy.song import named_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of

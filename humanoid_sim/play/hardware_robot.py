@@ -133,7 +133,7 @@ def _homing_offsets(
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
     """Refuse what the motors cannot be told, what cannot be meant, and what nobody measures."""
     suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
-    findings = [*suspicious, *motor_findings(contract, description, hardware=True)]
+    findings = [*suspicious, *motor_findings(contract, description)]
     for finding in findings:
         if finding.severity == "error":
             raise InputError(

@@ -22,7 +22,7 @@ from humanoid_sim.policy.checkpoint import (
     read_contract,
     zero_policy,
 )
-from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.describe import assumptions
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
@@ -198,9 +198,8 @@ def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
     if not golden and not policy.warning and not policy.checkpoint.contract.live_inputs:
         golden = "none, so nothing proves that the policy is wired here as it was trained"
     reading = policy.checkpoint.reading
-    assumed = [line for line in field_lines(policy.checkpoint.contract) if line.is_assumed]
     return (
-        *(f"{line.name} {line.value}: {line.source}" for line in assumed),
+        *(f"{values}: {source}" for source, values in assumptions(policy.checkpoint.contract).items()),
         *(f"not used: {line}" for line in ([] if reading is None else reading.unused)),
         *policy.notices,
         *((f"golden vectors: {golden}",) if golden else ()),

@@ -1,9 +1,9 @@
-"""A checkpoint as the control stack sees it: its contract, a callable, and where it came from."""
+"""A checkpoint: everything that speaks about it read and joined to a contract, and the policy that runs."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,16 +16,32 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.graph_motion import sweep_motion
-from humanoid_sim.policy.layers import Reading
+from humanoid_sim.policy.layers import Layer, Reading, join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
-from humanoid_sim.policy.readers.own import GOLDEN_KEY, find_contract
-from humanoid_sim.policy.reading import read_checkpoint, required_contract
+from humanoid_sim.policy.readers.berkeley import find_berkeley, read_berkeley
+from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
+from humanoid_sim.policy.readers.isaaclab import ENV_FILE, read_env
+from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
+from humanoid_sim.policy.readers.own import (
+    GOLDEN_KEY,
+    STAMP_KEY,
+    find_contract,
+    is_own,
+    own_contract,
+    read_contract_file,
+    read_own,
+    read_stamp,
+)
+from humanoid_sim.policy.readers.trainer_files import find_beside
+from humanoid_sim.policy.readers.unitree import DEPLOY_FILE, read_deploy
 from humanoid_sim.robots.description import RobotDescription
 
-PLACEHOLDER = "placeholder"
-"""Source of the stand-in that runs where no policy can run."""
+PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
+_ANCHOR_QUATERNION = "ref_quat_xyzw"  # holosoma's output
+_DIALECTS = ((is_own, read_own), (is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
+_MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +75,8 @@ class Checkpoint:
 
     def with_motion(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
         """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
-        motion = self.motion if motion is None else motion
-        return load_policy(
-            self.contract,
-            self.policy,
-            motion,
-            self.observation_width,
-            source=self.source,
-            motion_source=motion_source,
-        )
+        motion, width = self.motion if motion is None else motion, self.observation_width
+        return load_policy(self.contract, self.policy, motion, width, source=self.source, motion_source=motion_source)
 
 
 def load_checkpoint(
@@ -90,10 +99,8 @@ def load_checkpoint(
         answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
     for width in (policy.action_width, len(answer)):
         if width != contract.action_count:
-            raise InputError(
-                f"{path}: the model's output is {width} wide, expected {contract.action_count}, "
-                "one for each of action_joint_names"
-            )
+            expected = f"{contract.action_count}, one for each of action_joint_names"
+            raise InputError(f"{path}: the model's output is {width} wide, expected {expected}")
     checkpoint = Checkpoint(
         contract,
         policy,
@@ -115,8 +122,9 @@ def read_model(
     model: OnnxModel, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> Reading:
     """Return what the sources of a model state; arguments as of `load_checkpoint`."""
-    outputs = [tensor.name for tensor in model.outputs]
-    return read_checkpoint(model.path, model.metadata, outputs, contract_file, robot_joints, model.width)
+    return read_checkpoint(
+        model.path, model.metadata, [tensor.name for tensor in model.outputs], contract_file, robot_joints
+    )
 
 
 def read_contract(
@@ -125,6 +133,61 @@ def read_contract(
     """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it."""
     metadata, outputs = read_header(path)
     return required_contract(read_checkpoint(path, metadata, outputs, contract_file, robot_joints), path)
+
+
+def read_checkpoint(
+    path: Path,
+    metadata: Mapping[str, str],
+    outputs: Collection[str] = (),
+    contract_file: Path | None = None,
+    robot_joints: tuple[str, ...] | None = None,
+) -> Reading:
+    """Return what everything that speaks about a checkpoint states together.
+
+    A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
+    Raises `InputError` if a source is malformed. `outputs` are the names of the model's outputs.
+    """
+    layers: list[Layer] = []
+    if _ANCHOR_QUATERNION in outputs:
+        layers.append(Layer(f"assumed (output {_ANCHOR_QUATERNION})", {"reference_quaternion": "xyzw"}))
+    with blaming(f"{path}: metadata", _MALFORMED):
+        if STAMP_KEY in metadata:
+            layers += read_stamp(metadata, str(path))
+        else:
+            read = next((read for is_spoken, read in _DIALECTS if is_spoken(metadata)), None)
+            layers += [] if read is None else read(metadata, str(path))
+            layers += _side_layers(path, robot_joints)
+    chosen = find_contract(path) if contract_file is None else contract_file
+    if chosen is not None:
+        layers.append(read_contract_file(chosen))
+    return join(layers, str(path))
+
+
+def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
+    """Return what the files state that trainers write beside the model, the one of its deployment last."""
+    layers: list[Layer] = []
+    env, deploy, berkeley = find_beside(path, ENV_FILE), find_beside(path, DEPLOY_FILE), find_berkeley(path)
+    if env is not None:
+        try:
+            with blaming(env, _MALFORMED):
+                layers += read_env(env)
+        except InputError as error:
+            layers.append(Layer(env.name, {}, unused=(f"{env.name} cannot be read: {error}",)))
+    if deploy is not None:
+        with blaming(deploy, _MALFORMED):
+            layers += read_deploy(deploy, robot_joints)
+    if berkeley is not None:
+        with blaming(berkeley, _MALFORMED):
+            layers += read_berkeley(berkeley, robot_joints)
+    return layers
+
+
+def required_contract(reading: Reading, path: Path) -> PolicyContract:
+    """Return the contract. Raises `InputError` with everything that keeps it from being one."""
+    refusal = reading.refusal(own_contract(path).name)
+    if refusal or reading.contract is None:
+        raise InputError(f"{path}: {refusal}")
+    return reading.contract
 
 
 def file_digest(path: Path) -> str:

@@ -16,8 +16,8 @@ from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.mit import BASE, IMU, BoolArray, FloatArray
 from humanoid_sim.names import mirrored_pairs, near_miss
-from humanoid_sim.policy.describe import field_lines
-from humanoid_sim.policy.findings import Finding, Severity, list_joints, on_joints
+from humanoid_sim.policy.describe import assumptions
+from humanoid_sim.policy.findings import Finding, Severity, list_joints
 from humanoid_sim.policy.layers import is_from_robot
 from humanoid_sim.robots.actuators import NO_RANGE, own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
@@ -27,14 +27,10 @@ _ALIKE = 0.85  # likeness of two names, 0 to 1, from which one is probably a sli
 _FEW = 4  # joints below which values that are alike show nothing
 _ANGLE = 1e-3  # rad; exporters round poses to three decimals
 _POSE = 0.01  # rad by which the two sides of a pose may differ
-_STUCK = 0.02  # rad; a joint that an action of one unit moves by less hardly moves
 _CLOSE = 0.02  # relative, within which two gains are the same
-_RATIO = (0.005, 0.5)  # s, K_d / K_p of position-controlled legs and arms
 _PLACEHOLDER = 1.0  # N·m/rad; K_p is hardly as low at every joint
-_RATES = (20.0, 200.0)  # Hz, of policies that run on robots
 _DECIMALS = 3  # as mjlab's exporter rounds
 _LOST = (0.005, 0.1)  # relative error by rounding, from which it is a warning, and an error
-_FACTORS = (1e-3, 1e3)  # beyond these a factor of an observation term is not a change of units
 _RULED = 0.7  # share of the joints from which on a formula is probably the exporter's
 
 
@@ -43,9 +39,8 @@ def contract_findings(
 ) -> list[Finding]:
     """Run every check of a contract, in the order in which a person would.
 
-    Args:
-        model: the robot's, as `humanoid_sim.robots.mjcf.bare_model` gives it.
-        hardware: the real robot, which has no estimator, and needs motors.
+    `model` is the robot's, as `bare_model` gives it; `hardware`: the real robot, which has no estimator, and needs
+    motors.
     """
     damping = own_joint_damping(model, description)
     own = [joint.stiffness for joint in description.joints]
@@ -53,7 +48,8 @@ def contract_findings(
     return [
         *_joint_findings(contract, description),
         *_frame_findings(contract, description.name, model),
-        *motor_findings(contract, description, hardware=hardware),
+        *(motor_findings(contract, description) if hardware else ()),
+        *(_rate_findings(contract, description) if hardware else ()),
         *_range_findings(contract, description),
         *effort_findings(contract, description),
         *suspicious_findings(contract, damping, max(own)),
@@ -62,29 +58,26 @@ def contract_findings(
         *_actuator_findings(contract, model, damping),
         *_scale_findings(contract, description),
         *model_damping_findings(contract, damping),
-        *(_rate_findings(contract, description) if hardware else ()),
         *_rounding_findings(contract),
         *_assumption_findings(contract),
     ]
 
 
-def _where(names: Sequence[str], hits: BoolArray, text: str = "", *columns: FloatArray) -> Any:
-    """Return the joints at which a mask is set: their names, or, with a text, by name that text with their values."""
-    chosen = [name for name, hit in zip(names, hits.tolist(), strict=True) if hit]
-    if not text:
-        return chosen
-    rows = zip(*(column[hits].tolist() for column in columns), strict=True)
-    return {name: text.format(*row) for name, row in zip(chosen, rows, strict=True)}
+def _on(
+    severity: Severity, field: str, message: str, names: Sequence[str], hits: Any, text: str = "", *columns: FloatArray
+) -> Iterator[Finding]:
+    """Yield one finding for all joints that a mask hits, in the place of `{}`, with values as `text`."""
+    joints = [name for name, hit in zip(names, hits, strict=True) if hit]
+    if joints:
+        rows = [text.format(*(column[i] for column in columns)) for i in np.flatnonzero(hits)]
+        listed = list_joints(dict(zip(joints, rows, strict=True))) if text else list_joints(joints, len(names))
+        yield Finding(severity, field, message.replace("{}", listed), tuple(joints))
 
 
 def _of_robot(description: RobotDescription, names: Sequence[str], attribute: str) -> FloatArray:
     """Return a value of each joint's description, in the order of `names`; NaN for joints that the robot lacks."""
     own = {joint.name: getattr(joint, attribute) for joint in description.joints}
     return np.array([own.get(name, np.nan) for name in names])
-
-
-def _joints_of(contract: PolicyContract, field: str) -> tuple[str, ...]:
-    return contract.action_joint_names if field == "action_scale" else contract.joint_names
 
 
 # --- names ---
@@ -97,10 +90,15 @@ def _joint_findings(contract: PolicyContract, description: RobotDescription) -> 
     foreign = [name for name in contract.joint_names if name not in description.joint_names]
     meant = {name: near_miss(name, surplus, _ALIKE) for name in foreign}
     slips = {name: f"robot has {other}" for name, other in meant.items() if other}
-    yield from on_joints("error", field, f"not of {robot}, rename in x.contract.yaml:", slips)
-    yield from on_joints("error", field, f"not of {robot}:", [name for name in foreign if name not in slips])
+    others = [name for name in foreign if name not in slips]
     lacking = [name for name in surplus if name not in meant.values()]
-    yield from on_joints("error", field, f"have to be the robot's, the policy lacks {robot}'s", lacking)
+    for joints, what in (
+        (slips, f"not of {robot}, rename in x.contract.yaml:"),
+        (others, f"not of {robot}:"),
+        (lacking, f"have to be the robot's, the policy lacks {robot}'s"),
+    ):
+        if joints:
+            yield Finding("error", field, f"{what} {list_joints(joints)}", tuple(joints))
     source = contract.source.get(field, "")
     if is_from_robot(source):
         message = f"are those of {robot} ({source}): any robot with as many would do; x.contract.yaml can name them"
@@ -114,9 +112,6 @@ def _frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel)
     needed = [("body_names", name, "body", bodies) for name in contract.body_names]
     if contract.anchor_body:
         needed.append(("anchor_body", contract.anchor_body, "body", bodies))
-        if contract.body_names and contract.anchor_body not in contract.body_names:
-            message = f"'{contract.anchor_body}' is not among body_names; a motion of those does not say where it is"
-            yield Finding("warning", "anchor_body", message)
     for term in contract.terms:
         if term.scan is not None:
             needed.append((f"observation term {term.name}", term.scan.at, "site or body", [*sites, *bodies]))
@@ -131,31 +126,36 @@ def _frame_findings(contract: PolicyContract, robot: str, model: mujoco.MjModel)
 # --- what the robot can do ---
 
 
-def motor_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
-    """Gains beyond what the robot's CAN motors can encode."""
+def motor_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Joints without a motor, and gains beyond what CAN motors can encode."""
     models = {joint.name: joint.motor.model for joint in description.joints if joint.motor is not None}
+    joints = contract.joint_names
     if not models:
         message = f"the description of '{description.name}' names no CAN motors, so that gains were not compared"
-        yield Finding("error" if hardware else "info", "robot", f"{message} with what they encode")
-        return
-    if hardware:
-        without = [name for name in description.joint_names if name in contract.joint_names and name not in models]
-        yield from on_joints("error", "robot", "the description names no motor of", without)
-    motors = [MOTORS.get(models.get(name, "")) for name in contract.joint_names]
+        yield Finding("error", "robot", f"{message} with what they encode")
+    else:
+        without = [name in description.joint_names and name not in models for name in joints]
+        yield from _on("error", "robot", "the description names no motor of {}", joints, without)
+    motors = [MOTORS.get(models.get(name, "")) for name in joints]
     for gain in ("stiffness", "damping"):
         most = np.array([np.inf if motor is None else getattr(motor, gain) for motor in motors])
-        gains = getattr(contract, f"joint_{gain}")
-        over = _where(contract.joint_names, gains > most, "{:g}, at most {:g}", gains, most)
-        yield from on_joints("error", f"joint_{gain}", "is more than the motor can encode for", over)
+        gains, message = getattr(contract, f"joint_{gain}"), "is more than the motor can encode for {}"
+        yield from _on("error", f"joint_{gain}", message, joints, gains > most, "{:g}, at most {:g}", gains, most)
+
+
+def _rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    period = 1.0 / description.hardware.control_frequency
+    if not ticks_per_step(contract.policy_dt, period)[1]:
+        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
+        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate")
 
 
 def _range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Poses and targets beyond the joints' ranges, and scales that hardly move a joint."""
+    """Poses and targets beyond the joints' ranges."""
     joints, driven, pose = contract.joint_names, contract.action_joint_names, contract.default_joint_pos
-    places = [joints.index(name) for name in driven]
     offset: Any = contract.action_offset
     held = np.where(np.isin(joints, driven), np.nan, 0.0)
-    moved = np.where(np.abs(offset - pose[places]) > _ANGLE, offset, np.nan)
+    moved = np.where(np.abs(offset - pose[[joints.index(name) for name in driven]]) > _ANGLE, offset, np.nan)
     for field, names, values, what in (
         ("default_joint_pos", joints, pose, ""),
         ("action_offset", driven, moved, ""),
@@ -165,33 +165,24 @@ def _range_findings(contract: PolicyContract, description: RobotDescription) -> 
         far = (values < lower - _ANGLE) | (values > upper + _ANGLE)
         turned = np.deg2rad(values)
         in_degrees = (np.abs(values) > np.pi) & (turned >= lower) & (turned <= upper)
-        remark = "; is it in degrees?" if in_degrees[far].all() else ""
-        beyond = _where(names, far, "{:g}, range {:.4g} to {:.4g}", values, lower, upper)
-        yield from on_joints("error", field, f"is {what}beyond the range, rad, of {{}}{remark}", beyond)
-    scale = np.abs(contract.action_scale)
-    stuck = _where(driven, (scale > 0.0) & (scale < _STUCK), "{:g}", scale)
-    yield from on_joints("warning", "action_scale", "an action of 1 hardly moves, in rad,", stuck)
-    clip = contract.position_clip
-    if clip is not None and not isinstance(clip, str):
-        lower, upper = (_of_robot(description, driven, end) for end in ("lower", "upper"))
-        is_wide = (clip[:, 0] < lower - _ANGLE) | (clip[:, 1] > upper + _ANGLE)
-        text = "{:.4g} to {:.4g}, range {:.4g} to {:.4g}"
-        wide = _where(driven, is_wide, text, clip[:, 0], clip[:, 1], lower, upper)
-        yield from on_joints("warning", "position_clip", "is wider than the range of", wide)
+        message = f"is {what}beyond the range, rad, of {{}}{'; is it in degrees?' if in_degrees[far].all() else ''}"
+        yield from _on("error", field, message, names, far, "{:g}, range {:.4g} to {:.4g}", values, lower, upper)
 
 
 def effort_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints whose torque nothing limits, and those whose robot has other limits than the policy was trained with."""
-    names, text, count = contract.joint_names, "{:g}, robot {:g}", description.joint_count
+    names, field, text = contract.joint_names, "effort_limit", "{:g}, robot {:g}"
     robot = _of_robot(description, names, "effort_limit")
     trained = np.full(len(names), np.inf) if contract.effort_limit is None else contract.effort_limit
     where = f"no torque limit, in the contract or in '{description.name}', for {{}}: a simulation applies any torque"
-    free = _where(names, (robot == np.inf) & (trained == np.inf))
-    yield from on_joints("warning", "effort_limit", where, free, count)
-    weaker = _where(names, (robot < trained) & (trained < np.inf), text, trained, robot)
-    yield from on_joints("warning", "effort_limit", "the robot allows less, N·m, which counts, for", weaker)
-    stronger = _where(names, (robot > trained) & (robot < np.inf), text, trained, robot)
-    yield from on_joints("info", "effort_limit", "the robot allows more, N·m; simulations keep these for", stronger)
+    yield from _on("warning", field, where, names, (robot == np.inf) & (trained == np.inf))
+    weaker, stronger = (robot < trained) & (trained < np.inf), (robot > trained) & (robot < np.inf)
+    less, more = (
+        "the robot allows less, N·m, which counts, for {}",
+        "the robot allows more, N·m; simulations keep these for {}",
+    )
+    yield from _on("warning", field, less, names, weaker, text, trained, robot)
+    yield from _on("info", field, more, names, stronger, text, trained, robot)
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
@@ -203,22 +194,14 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
     if not pairs:
         return
     listed = "; ".join(f"{kd:g} + {model:g} for {list_joints(names)}" for (kd, model), names in pairs.items())
-    decision = contract.model_joint_damping
-    is_open = decision == "undecided" and any(kd > 0.0 for kd, _ in pairs)
+    is_open = contract.model_joint_damping == "undecided" and any(kd > 0.0 for kd, _ in pairs)
     effect = {
         "undecided": "nobody decides, so both act; x.contract.yaml decides, keep or drop",
         "keep": "keep: both act",
         "drop": "drop: simulations leave out the second number",
-    }[decision]
+    }[contract.model_joint_damping]
     message = f"{effect}: the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
     yield Finding("warning" if is_open else "info", "model_joint_damping", message)
-
-
-def _rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    period = 1.0 / description.hardware.control_frequency
-    if not ticks_per_step(contract.policy_dt, period)[1]:
-        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
-        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate")
 
 
 # --- values that are hardly meant ---
@@ -227,59 +210,37 @@ def _rate_findings(contract: PolicyContract, description: RobotDescription) -> I
 def suspicious_findings(
     contract: PolicyContract, own_damping: Mapping[str, float] = MappingProxyType({}), own_stiffness: float = 0.0
 ) -> Iterator[Finding]:
-    """Gains, scales, pose and rate that hardly anybody means.
+    """Gains and scales that hardly anybody means.
 
-    Args:
-        own_damping: N·m·s/rad by joint, of the robot's model: where it is kept, it brakes a joint without K_d.
-        own_stiffness: N·m/rad, the robot's largest; a low one excuses low ones in the contract.
+    `own_damping`, N·m·s/rad by joint, is of the robot's model: where it is kept, it brakes a joint without K_d; a low
+    `own_stiffness`, N·m/rad, the robot's largest, excuses low ones in the contract.
     """
     joints, driven, scale = contract.joint_names, contract.action_joint_names, contract.action_scale
-    stiffness, damping, count = contract.joint_stiffness, contract.joint_damping, len(joints)
-    limp = _where(joints, (stiffness == 0.0) & np.isin(joints, driven))
-    yield from on_joints("error", "joint_stiffness", "is 0: the action cannot move", limp, count)
+    stiffness, damping = contract.joint_stiffness, contract.joint_damping
+    limp = (stiffness == 0.0) & np.isin(joints, driven)
+    yield from _on("error", "joint_stiffness", "is 0: the action cannot move {}", joints, limp)
     is_weak = 0.0 < own_stiffness <= _PLACEHOLDER
-    if count >= _FEW and 0.0 < stiffness.max() <= _PLACEHOLDER and not is_weak:
+    if len(joints) >= _FEW and 0.0 < stiffness.max() <= _PLACEHOLDER and not is_weak:
         yield Finding("error", "joint_stiffness", f"is {stiffness.max():g} or less for every joint: a placeholder?")
     kept = [] if contract.model_joint_damping == "drop" else list(own_damping)
-    free = _where(joints, (damping == 0.0) & ~np.isin(joints, kept))
-    severity: Severity = "error" if len(free) == count else "warning"
-    yield from on_joints(severity, "joint_damping", "is 0: nothing brakes", free, count)
-    has_both = (damping > 0.0) & (stiffness > 0.0)
-    ratio = damping / np.where(has_both, stiffness, 1.0)
-    if has_both.any() and ratio[has_both].min() > 1.0:
+    free = (damping == 0.0) & ~np.isin(joints, kept)
+    yield from _on("error" if free.all() else "warning", "joint_damping", "is 0: nothing brakes {}", joints, free)
+    both = (damping > 0.0) & (stiffness > 0.0)
+    if both.any() and (damping > stiffness)[both].all():
         yield Finding("error", "joint_damping", "is larger than joint_stiffness for every joint: swapped?")
-    else:
-        odd = _where(joints, has_both & ((ratio < _RATIO[0]) | (ratio > _RATIO[1])), "{:.2g}", ratio)
-        message = f"over joint_stiffness, in s, is unusual for {{}}; {_RATIO[0]:g} to {_RATIO[1]:g} are usual"
-        yield from on_joints("warning", "joint_damping", message, odd)
-    still, turned = _where(driven, scale == 0.0), _where(driven, scale < 0.0)
-    yield from on_joints("error", "action_scale", "is 0: the action cannot move", still, len(driven))
-    yield from on_joints("warning", "action_scale", "is negative, direction reversed? for", turned)
+    yield from _on("error", "action_scale", "is 0: the action cannot move {}", driven, scale == 0.0)
+    yield from _on("warning", "action_scale", "is negative, direction reversed? for {}", driven, scale < 0.0)
     if (scale == 1.0).all():
         yield Finding("warning", "action_scale", "is 1 rad for every joint: usual are less than 0.6; was it forgotten?")
-    if count >= _FEW and not contract.default_joint_pos.any():
-        message = "is 0 for every joint: is it the pose that the policy was trained around?"
-        yield Finding("warning", "default_joint_pos", message)
-    rate, period = 1.0 / contract.policy_dt, f"is {contract.policy_dt:g} s"
-    if not _RATES[0] <= rate <= _RATES[1]:
-        yield Finding("warning", "policy_dt", f"{period} ({rate:g} Hz); usual are {_RATES[0]:g} to {_RATES[1]:g} Hz")
-    elif abs(rate - round(rate)) > 1e-3 * rate:
-        yield Finding("warning", "policy_dt", f"{period}, {rate:.4g} Hz: rounded by an exporter?")
 
 
 def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
-    """Scales that hardly anybody trains with, estimates that a robot lacks, and live inputs."""
+    """Scales that hardly anybody trains with, and estimates that a robot lacks."""
     for term in contract.terms:
         kind, field, scale = contract.kind(term), f"observation term {term.name}", np.atleast_1d(term.scale)
-        size = np.abs(scale[scale != 0.0])
-        if (scale < 0.0).any():
-            up = ": when upright, gravity points up; almost always wrong" if term.name == "projected_gravity" else ""
-            yield Finding("warning", field, f"has the negative scale {scale.min():g}{up}")
-        if not len(size):
-            yield Finding("warning", field, "has scale 0: the policy sees zeros there")
-        elif size.min() < _FACTORS[0] or size.max() > _FACTORS[1]:
-            accepted = f"{_FACTORS[0]:g} to {_FACTORS[1]:g}"
-            yield Finding("warning", field, f"has the scale {size.max():g}, expected {accepted}")
+        if (scale <= 0.0).any():
+            up = ": when upright, gravity points up" if kind.name == "projected_gravity" and scale.min() else ""
+            yield Finding("warning", field, f"has the scale {scale.min():g}{up}")
         if kind.name == "motion_anchor_ori":
             if hardware:
                 yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
@@ -287,12 +248,8 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
             message = f"needs {kind.estimate}, which a simulation knows and a robot has to estimate"
             remark = "; there is no estimator" if hardware else ""
             yield Finding("error" if hardware else "info", field, f"{message}{remark}")
-        if term.width is not None:
-            source = f"programs send it by {term.topic or kind.topic}, or `live` feeds it"
-            yield Finding("info", field, f"is a live input of width {term.width}: {source}; doctor and regress cannot")
-        elif term.scan is not None:
-            message = f"a simulation scans {term.scan.count} points; on a robot a program has to send them"
-            yield Finding("info", field, message)
+        if term.width is not None or term.scan is not None:
+            yield Finding("info", field, f"is a live input: on a robot, programs send it by {term.topic or kind.topic}")
 
 
 # --- evidence at hand ---
@@ -301,7 +258,8 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
 def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
     """Gains, limits, scales and poses that differ between left and right; a pose may be mirrored by its sign."""
     for field in ("joint_stiffness", "joint_damping", "effort_limit", "default_joint_pos", "action_scale"):
-        names, values = _joints_of(contract, field), getattr(contract, field)
+        names = contract.action_joint_names if field == "action_scale" else contract.joint_names
+        values = getattr(contract, field)
         size = {} if values is None else dict(zip(names, np.abs(values).tolist(), strict=True))
         far, relative = (_POSE, 0.0) if field == "default_joint_pos" else (0.0, _CLOSE)
         found = {
@@ -309,7 +267,9 @@ def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
             for left, right in mirrored_pairs(list(size))
             if not np.isclose(size[left], size[right], rtol=relative, atol=far)
         }
-        yield from on_joints("warning", field, "differs between left and right:", found)
+        if found:
+            message = f"differs between left and right: {list_joints(found)}"
+            yield Finding("warning", field, message, tuple(found))
 
 
 def _actuator_findings(
@@ -323,16 +283,15 @@ def _actuator_findings(
     for gain, extra in (("stiffness", 0.0), ("damping", passive)):
         gains = np.array([getattr(own, gain) for own in servos.values()])
         ours = getattr(contract, f"joint_{gain}")[places] + 0.0  # no -0
-        is_same = _is_rounded(ours, gains) | _is_rounded(ours, gains + extra) | (gains == 0.0)
-        found = _where(names, ~is_same, "{:g}, actuator {:g}", ours, gains)
+        differs = ~(_is_rounded(ours, gains) | _is_rounded(ours, gains + extra) | (gains == 0.0))
         # One gain for all is a placeholder in the model.
         severity: Severity = "warning" if len(set(gains.tolist())) > 1 else "info"
-        message = f"is not that of the model's own actuators for {len(found)} joints:"
-        yield from on_joints(severity, f"joint_{gain}", message, found)
+        message = f"is not that of the model's own actuators for {differs.sum()} joints: {{}}"
+        yield from _on(severity, f"joint_{gain}", message, names, differs, "{:g}, actuator {:g}", ours, gains)
     if contract.position_clip is None:
-        clipped = [name for name, own in servos.items() if own.target_range != NO_RANGE]
+        clips = [own.target_range != NO_RANGE for own in servos.values()]
         message = f"none, but the model's own actuators clip the targets of {{}}: `{JOINT_LIMITS}` is what training saw"
-        yield from on_joints("warning", "position_clip", message, clipped, len(servos))
+        yield from _on("warning", "position_clip", message, names, clips)
 
 
 def _scale_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
@@ -351,15 +310,16 @@ def _scale_findings(contract: PolicyContract, description: RobotDescription) -> 
     holds = is_known & _is_rounded(scale, factor * unit)
     kinds = len({f"{value:.2g}" for value in unit[holds].tolist()})
     if kinds >= 3 and holds.sum() >= _RULED * is_known.sum():  # otherwise nothing shows that it is the exporter's
-        found = _where(names, is_known & ~holds, "{:g}, expected {:.3g}", scale, factor * unit)
-        message = f"is {factor:.3g} · effort limit / K_p for {holds.sum()} joints, but not for"
-        yield from on_joints("warning", "action_scale", message, found)
+        message = f"is {factor:.3g} · effort limit / K_p for {holds.sum()} joints, but not for {{}}"
+        others, text = is_known & ~holds, "{:g}, expected {:.3g}"
+        yield from _on("warning", "action_scale", message, names, others, text, scale, factor * unit)
 
 
 def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
     """Gains and scales that an exporter rounded to three decimals: one line."""
     worst, lost = 0.0, []
     for field in ("action_scale", "joint_stiffness", "joint_damping"):
+        names = contract.action_joint_names if field == "action_scale" else contract.joint_names
         values: FloatArray = np.abs(getattr(contract, field))
         fine = np.round(values, _DECIMALS) != np.round(values, _DECIMALS - 1)
         # Values that end early by themselves (0.25, 50) do not show that anything was cut off.
@@ -367,7 +327,7 @@ def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
         if is_cut and len(values) >= _FEW and "metadata" in contract.source.get(field, ""):
             smallest = int(np.argmin(np.where(fine, values, np.inf)))
             share = 0.5 * 10.0**-_DECIMALS / float(values[smallest])
-            lost.append(f"{field} {100.0 * share:.2g} % ({_joints_of(contract, field)[smallest]})")
+            lost.append(f"{field} {100.0 * share:.2g} % ({names[smallest]})")
             worst = max(worst, share)
     if lost:
         severity: Severity = "error" if worst > _LOST[1] else "warning" if worst > _LOST[0] else "info"
@@ -376,13 +336,8 @@ def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
 
 
 def _assumption_findings(contract: PolicyContract) -> Iterator[Finding]:
-    """Values that no source states: one line for each dialect that implies them."""
-    found: dict[str, list[str]] = {}
-    for line in field_lines(contract):
-        if line.is_assumed:
-            found.setdefault(line.source, []).append(f"{line.name} {line.value}")
-    for source, lines in found.items():
-        yield Finding("warning", source, f"{'; '.join(lines)}: no source states it; x.contract.yaml can")
+    for source, values in assumptions(contract).items():
+        yield Finding("warning", source, f"{values}: no source states it; x.contract.yaml can")
 
 
 def _is_rounded(values: FloatArray, expected: FloatArray) -> BoolArray:

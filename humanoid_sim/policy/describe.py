@@ -1,67 +1,50 @@
-"""A checkpoint's contract in words and plain values, for people, for other programs, and for the names in plots."""
+"""A checkpoint's contract as rows of a table, and the names in plots."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import PolicyContract, Term
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.terms import value_names
-from humanoid_sim.files import finite
 from humanoid_sim.policy.findings import list_joints, shown
 from humanoid_sim.policy.layers import Reading, is_assumed
-from humanoid_sim.policy.readers.own import plain
-
-_OPTIONS = ("kind", "clip", "frame", "at", "layout", "inverse", "quaternion", "form", "joints", "scan")
-"""Options of a term that are shown where they are not the usual ones."""
 
 
-class FieldLine(NamedTuple):
+class Row(NamedTuple):
     """One field of a contract and where it came from."""
 
-    name: str
+    field: str
     value: str
     source: str
-    replaced: str = ""
-    """What other sources said of it."""
-
-    @property
-    def is_assumed(self) -> bool:
-        """True if no source states it."""
-        return is_assumed(self.source)
 
 
-def field_lines(contract: PolicyContract, layout: ObservationLayout | None = None) -> list[FieldLine]:
+def contract_rows(contract: PolicyContract, layout: ObservationLayout | None = None) -> list[Row]:
     """Return every field that some source gives, and each observation term, with its place in the layout, if given."""
-    sources, lines = contract.source, list[FieldLine]()
-    for item in fields(contract):
-        value = getattr(contract, item.name)
-        is_usual = item.name == "action_joint_names" and value == contract.joint_names
-        if item.name in sources and item.name != "observation" and not is_usual:
-            lines.append(FieldLine(item.name, _value(item.name, value), sources[item.name]))
+    sources, rows = contract.source, list[Row]()
+    for name in (item.name for item in fields(contract) if item.name in sources and item.name != "observation"):
+        value = getattr(contract, name)
+        if name != "action_joint_names" or value != contract.joint_names:
+            rows.append(Row(name, value_text(name, value), sources[name]))
     for whole in ("phase", "tensors"):
+        owner = getattr(contract, whole)
         for source, parts in _parts(sources, whole).items():
-            owner = getattr(contract, whole)
-            text = ", ".join(f"{part} {_value(part, getattr(owner, part))}" for part in parts)
-            lines.append(FieldLine(whole, text, source))
+            rows.append(Row(whole, ", ".join(f"{part} {shown(getattr(owner, part))}" for part in parts), source))
     starts = {} if layout is None else _starts(layout)
     stated = sources.get("observation", "default")
-    options: dict[tuple[str, str], list[str]] = {}
+    options: dict[Row, list[str]] = {}
     for term in contract.terms:
-        lines.append(FieldLine(term.name, f"{starts.get(term.name, '')}{_term(contract, term)}", stated))
+        rows.append(Row(term.name, starts.get(term.name, "") + _words(contract, term), stated))
         for source, names in _parts(sources, f"observation.{term.name}").items():
             if source != stated:
-                options.setdefault((", ".join(names), source), []).append(term.name)
-    for (listed, source), owners in options.items():
-        whose = "of every term" if len(owners) == len(contract.terms) else f"of {', '.join(owners)}"
-        lines.append(FieldLine(f"terms' {listed}", whose, source))
-    return lines
+                options.setdefault(Row(f"terms' {', '.join(names)}", "", source), []).append(term.name)
+    for row, terms in options.items():
+        rows.append(row._replace(value=f"of {', '.join(terms) if len(terms) < len(contract.terms) else 'every term'}"))
+    return rows
 
 
 def _parts(sources: Mapping[str, str], whole: str) -> dict[str, list[str]]:
@@ -84,67 +67,52 @@ def _starts(layout: ObservationLayout) -> dict[str, str]:
     return starts
 
 
-def _term(contract: PolicyContract, term: Term) -> str:
-    kind, usual = contract.kind(term), Term(term.name, term.kind, width=term.width)
-    words = [kind.meaning]
-    if "relative" in kind.conventions:
-        words.append("less the default pose" if kind.is_relative(term) else "absolute")
-    if np.any(np.not_equal(term.scale, 1.0)):
-        words.append(f"scale {_value('scale', term.scale)}")
-    if term.history > 1:
-        words.append(f"{term.history} steps, {term.history_order.replace('_', ' ')}")
-    changed = {name: getattr(term, name) for name in _OPTIONS if getattr(term, name) != getattr(usual, name)}
-    words += [f"{name} {shown(value)}" for name, value in changed.items()]
-    if kind.topic:
-        timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
-        stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
-        words.append(f"from other programs by {term.topic or kind.topic}, {stale}")
-    return "; ".join(words)
+def _words(contract: PolicyContract, term: Term) -> str:
+    """Return what a term means, and the options that are not the usual ones."""
+    usual = Term(term.name, width=term.width)
+    options = {item.name: getattr(term, item.name) for item in fields(term) if item.name != "name"}
+    changed = {name: value for name, value in options.items() if np.any(np.not_equal(value, getattr(usual, name)))}
+    return "; ".join([contract.kind(term).meaning, *(f"{name} {shown(value)}" for name, value in changed.items())])
 
 
-def _value(name: str, value: Any) -> str:
+def value_text(name: str, value: Any) -> str:
+    """Return a field's value in few words."""
     if name == "policy_dt":
         return f"{value:g} s ({1.0 / value:g} Hz)"
-    if isinstance(value, np.ndarray):
-        if value.size > 1 and (value == value.flat[0]).all():
-            return f"{value.flat[0]:g}"
-        return shown(value) if value.size <= 6 else f"{value.min():g} to {value.max():g}, {value.size} values"
+    if isinstance(value, np.ndarray) and value.size > 6 and np.ptp(value) > 0.0:
+        return f"{value.min():g} to {value.max():g}, {value.size} values"
     if isinstance(value, tuple):
         return list_joints([str(item) for item in value]) or "none"
-    return shown(value) if value != "" else "none"
+    return shown(value) or "none"
 
 
-def reading_lines(reading: Reading, layout: ObservationLayout | None) -> list[FieldLine]:
-    """Return what is known of a checkpoint, complete or not, with the values that others replaced."""
+def reading_rows(reading: Reading, layout: ObservationLayout | None) -> list[Row]:
+    """Return what is known of a checkpoint, complete or not; behind its source, the values that one replaced."""
+    rows = [Row(name, value_text(name, value), reading.source[name]) for name, value in reading.values.items()]
     if reading.contract is not None:
-        lines = field_lines(reading.contract, layout)
-    else:
-        lines = [FieldLine(name, _value(name, value), reading.source[name]) for name, value in reading.values.items()]
-    return [line._replace(replaced=_replaced(reading, line.name)) for line in lines]
+        rows = contract_rows(reading.contract, layout)
+    replaced = replaced_values(reading)
+    return [
+        row._replace(source=f"{row.source} (replaces {replaced[row.field]})") if row.field in replaced else row
+        for row in rows
+    ]
 
 
-def _replaced(reading: Reading, name: str) -> str:
-    return "; ".join(f"{_value(name, old.value)} {old.source}" for old in reading.replaced.get(name, ()))
-
-
-def document(reading: Reading, layout: ObservationLayout | None) -> dict[str, Any]:
-    """Return the same as plain JSON values; null stands for infinity."""
-    contract = reading.contract
-    found: dict[str, Any] = {
-        "contract": None if contract is None else finite(plain(contract)),
-        "source": dict(reading.source),
-        "assumed": [name for name, source in reading.source.items() if is_assumed(source)],
-        "replaced": {name: _replaced(reading, name) for name in reading.replaced},
-        "missing": list(reading.missing),
-        "differences": list(reading.differences),
-        "unused": list(reading.unused),
+def replaced_values(reading: Reading) -> dict[str, str]:
+    """Return by field what other sources said of it."""
+    return {
+        name: "; ".join(f"{value_text(name, value)} {source}" for value, source in statements)
+        for name, statements in reading.replaced.items()
     }
-    if layout is not None:
-        found["observation_width"] = layout.width
-        found["terms"] = [
-            {"name": bound.name, "width": bound.width, "words": _term(bound.contract, bound.term)}
-            for bound in layout.terms
-        ]
+
+
+def assumptions(contract: PolicyContract) -> dict[str, str]:
+    """Return the fields that no source states, with their values, by the dialect that implies them."""
+    found: dict[str, str] = {}
+    for row in contract_rows(contract):
+        if is_assumed(row.source):
+            before = f"{found[row.source]}; " if row.source in found else ""
+            found[row.source] = f"{before}{row.field} {row.value}"
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -19,11 +19,9 @@ class Finding:
     """One thing that a check found."""
 
     severity: Severity
-    field: str
-    """Field of the contract, or `model`, `golden vectors`, `robot`."""
+    field: str  # of the contract, or `model`, `golden vectors`, `robot`
     message: str
-    joints: tuple[str, ...] = ()
-    """All joints that it concerns."""
+    joints: tuple[str, ...] = ()  # all that it concerns
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"
@@ -36,16 +34,6 @@ def list_joints(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> st
     items = [f"{name} ({text})" for name, text in joints.items()] if isinstance(joints, Mapping) else list(joints)
     more = len(items) - _LISTED
     return ", ".join(items) if more <= 1 else f"{', '.join(items[:_LISTED])} and {more} more"
-
-
-def on_joints(
-    severity: Severity, field: str, message: str, joints: Sequence[str] | Mapping[str, str], count: int = 0
-) -> Iterator[Finding]:
-    """Yield one finding for all the joints, if there are any; they stand in the place of `{}` or at the end."""
-    if joints:
-        listed = list_joints(joints, count)
-        text = message.replace("{}", listed) if "{}" in message else f"{message} {listed}"
-        yield Finding(severity, field, text, tuple(joints))
 
 
 def shown(value: Any, width: int = 60) -> str:

@@ -22,7 +22,7 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import REFERENCE, STATE_ARRAYS, Trace
 
-SAMPLE_COUNT = 8
+_SAMPLES = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 """Absolute for values up to 1, relative beyond; targets in rad. float32 sums in another order stay below, wrong wiring
 does not; networks amplify the rounding of other hardware."""
@@ -41,7 +41,8 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
     with blaming(checkpoint.source, (FieldError, ValueError)):
         whole = _with_memory(checkpoint, loaded, trace)
         _verify(checkpoint, whole)
-    return whole.rows(np.unique(np.linspace(0, len(whole) - 1, SAMPLE_COUNT).round().astype(np.intp)))
+    chosen = np.unique(np.linspace(0, len(whole) - 1, _SAMPLES).round().astype(np.intp))
+    return replace(whole, arrays={name: array[chosen] for name, array in whole.arrays.items()})
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
@@ -110,14 +111,6 @@ def _verify(checkpoint: Checkpoint, samples: Trace) -> None:
         _compare(samples, "target", position, [f"of {name}" for name in samples.joint_names])
 
 
-def value_name(wiring: PolicyWiring, i: int) -> str:
-    """Return the name of an observation's value: its term and place, and its joint."""
-    located = wiring.layout.locate(i)
-    joints = value_names(wiring.layout.term_at(i).term, wiring.contract)
-    place = int(located.partition("[")[2].partition("]")[0])
-    return f"{located} ({joints[place]})" if place < len(joints) else located
-
-
 def _followed(checkpoint: Checkpoint, samples: Trace) -> LoadedPolicy:
     """Return the policy with the samples' own rows of the motion, if they hold any."""
     tables: dict[str, Float32Array] = {}
@@ -131,6 +124,14 @@ def _followed(checkpoint: Checkpoint, samples: Trace) -> LoadedPolicy:
 
 def _wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
     return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
+
+
+def value_name(wiring: PolicyWiring, i: int) -> str:
+    """Return the name of an observation's value: its term and place, and its joint."""
+    located = wiring.layout.locate(i)
+    joints = value_names(wiring.layout.term_at(i).term, wiring.contract)
+    place = int(located.partition("[")[2].partition("]")[0])
+    return f"{located} ({joints[place]})" if place < len(joints) else located
 
 
 def _compare(samples: Trace, kind: str, values: npt.NDArray[np.floating], names: Sequence[str]) -> None:
@@ -150,6 +151,9 @@ def _compare(samples: Trace, kind: str, values: npt.NDArray[np.floating], names:
         )
 
 
+# --- as one line of JSON ---
+
+
 def encode_samples(samples: Trace) -> str:
     """Return one line of JSON from which `stored_samples` makes the same samples, bit for bit."""
     arrays = {
@@ -161,20 +165,14 @@ def encode_samples(samples: Trace) -> str:
 
 
 def stored_samples(checkpoint: Checkpoint) -> Trace | None:
-    """Return a trainer's samples in a checkpoint's metadata; None without any.
-
-    Raises `InputError` if they are malformed.
-    """
-    text = checkpoint.metadata.get(GOLDEN_KEY)
-    if text is None:
+    """Return a trainer's samples in a checkpoint's metadata; None without any. Raises `InputError` if malformed."""
+    if GOLDEN_KEY not in checkpoint.metadata:
         return None
-    malformed = (KeyError, TypeError, ValueError, AttributeError)
+    malformed = (LookupError, TypeError, ValueError, AttributeError)
     with blaming(f"{checkpoint.source}: golden vectors are malformed, stamp it again", malformed):
-        document = json.loads(text)
+        document = json.loads(checkpoint.metadata[GOLDEN_KEY])
         if document["version"] != _VERSION:
             raise ValueError(f"version is {document['version']!r}, expected {_VERSION}")
-        if document["origin"] != "trainer":  # of the program's own wiring, in files of older versions
-            return None
         arrays = {name: _decoded(name, value) for name, value in document["arrays"].items()}
         missing = {*STATE_ARRAYS, "observation", "action", "last_action", "frame"} - arrays.keys()
         if missing or len({len(array) for array in arrays.values()}) != 1 or not len(arrays["action"]):

@@ -24,15 +24,9 @@ _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is n
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
 
-    Raises `InputError` if the outputs do not fit the contract, or never end.
-
-    Args:
-        policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
-            in the order of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body.
-        contract: of the policy; `reference_quaternion` says in which order the quaternions are.
-
-    Returns:
-        A motion of layout `joints_bodies_w`, float32 as the graph gives it, quaternions w x y z.
+    The outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w` in the order
+    of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body. Raises `InputError` if
+    they do not fit the contract, or never end.
     """
     available = {tensor.name for tensor in policy.model.outputs}
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
@@ -68,13 +62,9 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
                 values[place] = np.zeros(3, dtype=np.float32)
             return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
 
-        return Motion(
-            frames=np.stack(_rows(frame)),
-            body_names=bodies,
-            policy_dt=contract.policy_dt,
-            layout="joints_bodies_w",
-            joint_names=contract.joint_names,
-        )
+        rows = np.stack(_rows(frame))
+        joints = contract.joint_names
+        return Motion(rows, bodies, contract.policy_dt, layout="joints_bodies_w", joint_names=joints)
 
 
 def _rows(frame: Callable[[int], Float32Array | None]) -> list[Float32Array]:

@@ -7,7 +7,7 @@ trainer's own sources differ by more than rounding both are named, and `x.contra
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -17,15 +17,12 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames, Term
 from humanoid_sim.controllers.terms import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, known_names, one_line
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.findings import list_joints, shown
 
 ROBOTS_ORDER = "robot's own order"
-COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-"""Axes of the velocity command in files, in the order of a contract's `command_ranges`."""
-
-_OF_ACTIONS = ("action_scale", "action_offset", "position_clip")
-_MAY_DIFFER = ("command_ranges", "dataset_repo_id")  # a trainer and its deployment may well give these differently
-_REQUIRED = (
+COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
+REQUIRED = (
     *("joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"),
     *("observation", "action_scale", "policy_dt"),
 )
@@ -33,7 +30,8 @@ _NEUTRAL: Mapping[str, Any] = {
     **{"joint_stiffness": 1.0, "joint_damping": 1.0, "default_joint_pos": 0.0, "action_scale": 1.0},
     **{"policy_dt": 0.02, "anchor_body": "?", "lookahead_steps": (1,), "phase.period": 1.0},
 }
-"""Harmless values in the place of missing ones: the observation's width is known all the same."""
+"""In the place of missing values: the observation's width is known all the same."""
+_MAY_DIFFER = ("command_ranges", "dataset_repo_id")  # between a trainer and its deployment
 
 
 class Statement(NamedTuple):
@@ -45,35 +43,28 @@ class Statement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Statements of one source."""
+    """Statements of one source; one whose name begins with `assumed` comes before everything stated."""
 
     source: str
-    """For people: `mjlab metadata`, `deploy.yaml`; one that begins with `assumed` comes before everything stated."""
     values: Mapping[str, Any]
     """By the contract's field, `phase.PART`, `tensors.PART` or `observation.TERM.OPTION`, as the source writes it.
     `observation` holds names alone. Values for each joint may be a mapping from names or patterns of them; names of
     joints may be places in `joint_names`, a slice of it, or patterns."""
-    is_decisive: bool = False
-    """A person wrote it, to decide between the others."""
-    unused: tuple[str, ...] = ()
-    """What it has that is not read, a line each."""
+    is_decisive: bool = False  # a person wrote it, to decide between the others
+    unused: tuple[str, ...] = ()  # what it has that is not read, a line each
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
     """All that the sources of a checkpoint state, and what is wrong with it."""
 
-    values: Mapping[str, Any]
-    """By field, as in `Layer.values`, in the order of the joints."""
+    values: Mapping[str, Any]  # by field, as in `Layer.values`, in the order of the joints
     source: Mapping[str, str]
     replaced: Mapping[str, tuple[Statement, ...]]
-    differences: tuple[str, ...]
-    """Contradictions between the trainer's own sources, a line for each field."""
+    differences: tuple[str, ...]  # between the trainer's own sources, a line for each field
     missing: tuple[str, ...]
     unused: tuple[str, ...]
-    """What was found and not read, a line each."""
-    problem: str = ""
-    """Why the fields do not make a contract."""
+    problem: str = ""  # why the fields do not make a contract
     outline: PolicyContract | None = None
     """The contract, with something harmless in the place of what is missing; None without terms, or with a problem."""
 
@@ -95,43 +86,40 @@ class Reading:
 
 
 def is_assumed(source: str) -> bool:
-    """Return whether no source states a field, but a dialect implies it."""
+    """Return True if no source states a field, but a dialect implies it."""
     return source.startswith("assumed")
 
 
 def is_from_robot(source: str) -> bool:
-    """Return whether the robot gives the joints' names, so that any robot with as many joints would fit."""
+    """Return True if the robot gives the joints' names, so that any robot with as many joints would fit."""
     return source == ROBOTS_ORDER or source.endswith("and the robot")
 
 
 def join(layers: Iterable[Layer], where: str) -> Reading:
-    """Join what several sources of the checkpoint `where` state; the later one wins.
-
-    Raises `InputError` for a value that no contract can have.
-    """
-    given = list(layers)
-    implied = [layer for layer in given if is_assumed(layer.source) or layer.source == ROBOTS_ORDER]
+    """Join what several sources of the checkpoint `where` state. Raises `InputError` for a value that cannot be."""
+    implied, stating = list[Layer](), list[Layer]()
+    for layer in layers:
+        (implied if is_assumed(layer.source) or layer.source == ROBOTS_ORDER else stating).append(layer)
     # Of assumptions the first source's count: the model's own metadata knows its dialect best.
-    ordered = [*reversed(implied), *(layer for layer in given if layer not in implied)]
-    names = _Names(ordered)
+    ordered = [*reversed(implied), *stating]
+    names = _Names(ordered, where)
     found: dict[str, Statement] = {}
-    stated = set[str]()
-    replaced: dict[str, list[Statement]] = {}
+    replaced: dict[str, tuple[Statement, ...]] = {}
     differences: dict[str, str] = {}
+    stated = set[str]()
     for layer in ordered:
         for key, value in names.resolved(layer, found, where):
             new = Statement(value, layer.source)
             if key in stated:
                 both = _merged(key, found[key], new, names, names.owners(key, found))
-                if isinstance(both, str):
-                    replaced.setdefault(key, []).append(found[key])
-                    if key not in _MAY_DIFFER:
-                        differences[key] = both
-                else:
+                if isinstance(both, Statement):
                     new = both
-            if layer.is_decisive:
+                else:
+                    replaced[key] = (*replaced.get(key, ()), found[key])
+                    differences[key] = both
+            if layer.is_decisive or key in _MAY_DIFFER:
                 differences.pop(key, None)
-            if layer not in implied:
+            if layer in stating:
                 stated.add(key)
             if key == "phase":  # null takes away the clock that another source gives part by part
                 found = {name: old for name, old in found.items() if not name.startswith("phase.")}
@@ -139,16 +127,15 @@ def join(layers: Iterable[Layer], where: str) -> Reading:
     _derive(found)
     values = {name: statement.value for name, statement in found.items()}
     source = {name: statement.source for name, statement in found.items()}
-    missing = tuple(_missing(values))
-    old = {key: tuple(items) for key, items in replaced.items() if key in found}
-    unused = tuple(line for layer in ordered for line in layer.unused)
+    missing, unused = tuple(_missing(values)), tuple(line for layer in ordered for line in layer.unused)
+    old = {key: items for key, items in replaced.items() if key in found}
     reading = Reading(values, source, old, tuple(differences.values()), missing, unused)
     if {"joint_names", "observation"} & set(missing):
         return reading
     lacking = {"phase.period" if name == "phase" else name for name in missing}
-    filled = {name: value for name, value in _NEUTRAL.items() if name in lacking}
+    neutral = {name: value for name, value in _NEUTRAL.items() if name in lacking}
     try:
-        return replace(reading, outline=build({**filled, **values}, source))
+        return replace(reading, outline=build({**neutral, **values}, source))
     except FieldError as error:
         problem = str(error).removeprefix("PolicyContract.").replace("PhaseRule.", "phase.")
         origin = source.get(problem.partition(":")[0])
@@ -157,17 +144,11 @@ def join(layers: Iterable[Layer], where: str) -> Reading:
 
 # --- values as sources write them ---
 
-_NUMBERS = frozenset(
+_PER_JOINT = frozenset(
     {"joint_stiffness", "joint_damping", "default_joint_pos", "effort_limit", "command_ranges"}
     | {"action_scale", "action_offset", "position_clip", "scale", "offsets"}
 )
-_NAMES = frozenset({"joint_names", "body_names", "command_names", "observation"})
-_JOINTS = frozenset({"action_joint_names", "joints"})
-_ACCEPTED = {
-    **dict.fromkeys(_NUMBERS, "a number, one for each joint, or a mapping from names or patterns of joints"),
-    **dict.fromkeys(_NAMES, "a list of names"),
-    **dict.fromkeys(_JOINTS, "a list of names, patterns or places"),
-}
+_NAMES = frozenset({"joint_names", "body_names", "command_names", "observation", "action_joint_names", "joints"})
 _OWNERS = {"": PolicyContract, "phase": PhaseRule, "tensors": TensorNames, "observation": Term}
 
 
@@ -184,36 +165,35 @@ def checked(name: str, value: Any, where: str) -> Any:
     if value is None and type(None) in get_args(types[option]):
         return None
     try:
-        return msgspec.convert(value, types[option]) if whole == "tensors" else _converted(option, value, types[option])
+        if option in _PER_JOINT:
+            return _numbers(option, value)
+        if option in _NAMES and whole != "tensors":
+            return _names(option, value)
+        return msgspec.convert(value, types[option])
     except (msgspec.ValidationError, TypeError, ValueError) as error:
-        expected = f", expected {_ACCEPTED[option]}" if option in _ACCEPTED else f": {one_line(str(error))}"
-        raise InputError(f"{where}: is {shown(value)}{expected}") from None
+        reason = one_line(str(error))
+        if option in _PER_JOINT:  # NumPy says less
+            reason = "expected a number, one for each joint, or a mapping from names or patterns of joints"
+        raise InputError(f"{where}: is {shown(value)}: {reason}") from None
 
 
-def _converted(option: str, value: Any, kind: Any) -> Any:
-    if option in _NUMBERS:
-        if isinstance(value, dict):
-            return {str(joint): _numbers(row) for joint, row in value.items()}
-        if option == "position_clip":
-            return value if isinstance(value, str) else _numbers(value).reshape(-1, 2)
-        return _numbers(value)
-    if option in _JOINTS and (isinstance(value, slice) or (value and all(type(item) is int for item in value))):
+def _numbers(option: str, value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(joint): _numbers("", row) for joint, row in value.items()}
+    if option == "position_clip" and isinstance(value, str):
         return value
-    return _texts(value) if option in _NAMES | _JOINTS else msgspec.convert(value, kind)
-
-
-def _numbers(value: Any) -> Any:
     array = np.array(value)
     if array.dtype.kind not in "iuf" or array.ndim > 2 or np.isnan(array).any():
         raise ValueError
-    return array.astype(np.float64)
+    array = array.astype(np.float64)
+    return array.reshape(-1, 2) if option == "position_clip" else array
 
 
-def _texts(value: Any) -> tuple[str, ...]:
-    texts = (value,) if isinstance(value, str) else tuple(value)
-    if not all(isinstance(text, str) for text in texts):
-        raise TypeError
-    return texts
+def _names(option: str, value: Any) -> Any:
+    is_places = isinstance(value, list) and len(value) > 0 and all(type(item) is int for item in value)
+    if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
+        return value
+    return msgspec.convert([value] if isinstance(value, str) else value, tuple[str, ...])
 
 
 # --- names ---
@@ -222,28 +202,28 @@ def _texts(value: Any) -> tuple[str, ...]:
 class _Names:
     """Names that the fields of all layers refer to: joints, and terms, which sources may call differently."""
 
-    def __init__(self, layers: Sequence[Layer]) -> None:
-        def last(name: str) -> tuple[str, ...]:
-            found = [layer.values[name] for layer in layers if name in layer.values]
-            try:
-                return _texts(found[-1]) if found else ()
-            except TypeError:
-                return ()  # refused where it is joined
+    def __init__(self, layers: Sequence[Layer], where: str) -> None:
+        names: dict[str, tuple[str, ...]] = {}
+        self.kinds: dict[str, str] = {}
+        for layer in layers:
+            for name, value in layer.values.items():
+                if name in ("joint_names", "observation", "command_names"):
+                    names[name] = checked(name, value, f"{where}: {layer.source}: {name}")
+                elif name.endswith(".kind"):
+                    self.kinds[term_option(name)[0]] = str(value)
+        self.joints, self.terms = names.get("joint_names", ()), names.get("observation", ())
+        self.commands = names.get("command_names", ())
 
-        self.joints, self.terms, self.commands = last("joint_names"), last("observation"), last("command_names")
-        stated = (item for layer in layers for item in layer.values.items())
-        self.kinds = {term_option(name)[0]: str(kind) for name, kind in stated if name.endswith(".kind")}
-
-    def kind(self, name: str) -> TermKind:
-        return term_kind(self.kinds.get(name, name), self.commands)
+    def kind(self, name: str) -> str:
+        return term_kind(self.kinds.get(name, name), self.commands).name
 
     def owners(self, key: str, found: Mapping[str, Statement]) -> tuple[str, ...]:
         """Return the joints, in order, for each of which a field has a value."""
-        if key in _OF_ACTIONS and "action_joint_names" in found:
+        if key in ("action_scale", "action_offset", "position_clip") and "action_joint_names" in found:
             return found["action_joint_names"].value  # type: ignore[no-any-return]
         return self.joints
 
-    def resolved(self, layer: Layer, found: Mapping[str, Statement], where: str) -> Iterable[tuple[str, Any]]:
+    def resolved(self, layer: Layer, found: Mapping[str, Statement], where: str) -> Iterator[tuple[str, Any]]:
         """Yield a layer's fields with names, places and patterns of joints resolved."""
         # Names of the driven joints come first: values for each of them may be given by name.
         for name in sorted(layer.values, key=lambda name: name != "action_joint_names"):
@@ -261,7 +241,7 @@ class _Names:
         term, option = term_option(name)
         if not name.startswith("observation.") or term in self.terms:
             return name
-        same = [own for own in self.terms if self.kind(own).name == self.kind(term).name]
+        same = [own for own in self.terms if self.kind(own) == self.kind(term)]
         if len(same) == 1:
             return f"observation.{same[0]}.{option}"
         if layer.is_decisive and self.terms and "observation" not in layer.values:
@@ -276,7 +256,7 @@ def term_option(name: str) -> tuple[str, str]:
 
 
 def matches(pattern: str, joint: str, where: str) -> bool:
-    """Return whether a name or pattern is for a joint. Raises `InputError` if it is neither."""
+    """Return True if a name or pattern is for a joint. Raises `InputError` if it is neither."""
     try:
         return pattern == joint or re.fullmatch(pattern, joint) is not None
     except re.error as error:
@@ -299,106 +279,104 @@ def _chosen(value: Any, joints: tuple[str, ...], where: str) -> tuple[str, ...]:
     return tuple(joint for joint in joints if any(matches(item, joint, where) for item in value))
 
 
-def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where: str) -> Any:
+def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where: str) -> FloatArray:
     """Return values by name or pattern as an array; joints that are left out have no limit, or are refused."""
-    rows: dict[str, Any] = {}
+    usual = {"effort_limit": np.array(np.inf), "position_clip": np.array([-np.inf, np.inf])}.get(key)
+    rows: dict[str, Any] = {} if usual is None else dict.fromkeys(owners, usual)
     for pattern, row in value.items():
         matching = [owner for owner in owners if matches(pattern, owner, where)]
         if not matching and pattern.isidentifier():  # a name; patterns may be for joints that this robot lacks
             raise InputError(f"{where}: {known_names('joint', pattern, owners)}")
         rows |= dict.fromkeys(matching, row)
-    usual = {"effort_limit": np.array(np.inf), "position_clip": np.array([-np.inf, np.inf])}.get(key)
     lacking = [owner for owner in owners if owner not in rows]
-    if lacking and usual is None:
+    if lacking:
         raise InputError(f"{where}: lacks {list_joints(lacking, len(owners))}, expected each joint")
     if len({np.shape(row) for row in rows.values()}) > 1:
         raise InputError(f"{where}: is {shown(dict(value))}, expected one number for each name, or one pair")
-    return np.array([rows.get(owner, usual) for owner in owners], dtype=np.float64)
+    return np.array([rows[owner] for owner in owners], dtype=np.float64)
 
 
 # --- two values of one field ---
 
 
-def _merged(key: str, first: Statement, second: Statement, names: _Names, owners: Sequence[str]) -> Statement | str:
+def _merged(key: str, old: Statement, new: Statement, names: _Names, owners: Sequence[str]) -> Statement | str:
     """Return what two statements agree in; or, in words, what they differ in."""
-    a, b = first.value, second.value
-    if key == "observation":
-        kinds = [names.kind(name).name for name in a], [names.kind(name).name for name in b]
-        # The later names count: options of terms stand under them.
-        return second if kinds[0] == kinds[1] else _names_differ(key, first, second, *kinds)
-    if key == "command_names" and ("motion" in a) == ("motion" in b):  # any other name is a velocity's
-        return first
-    if key.endswith("names"):
-        return first if a == b else _names_differ(key, first, second, a, b)
+    a, b = old.value, new.value
     if isinstance(a, np.ndarray | float) and isinstance(b, np.ndarray | float):
-        return _merged_numbers(key, first, second, owners)
-    return first if type(a) is type(b) and bool(a == b) else _differ(key, first, second)
+        return _merged_numbers(key, old, new, owners)
+    if key == "observation":
+        kinds = [names.kind(name) for name in a], [names.kind(name) for name in b]
+        # The later names count: options of terms stand under them.
+        return new if kinds[0] == kinds[1] else _names_differ(key, old, new, *kinds)
+    if key == "command_names" and ("motion" in a) == ("motion" in b):  # any other name is a velocity's
+        return old
+    if type(a) is type(b) and (isinstance(a, dict) or a == b):  # values by name cannot be compared without joints
+        return old
+    is_names = isinstance(a, tuple) and isinstance(b, tuple) and key.endswith("names")
+    return _names_differ(key, old, new, a, b) if is_names else _differ(key, old, new)
 
 
-def _differ(key: str, first: Statement, second: Statement) -> str:
-    return f"{key}: {shown(first.value)} in {first.source}, {shown(second.value)} in {second.source}"
+def _differ(key: str, old: Statement, new: Statement) -> str:
+    return f"{key}: {shown(old.value)} in {old.source}, {shown(new.value)} in {new.source}"
 
 
-def _names_differ(key: str, first: Statement, second: Statement, ours: Sequence[str], theirs: Sequence[str]) -> str:
+def _names_differ(key: str, old: Statement, new: Statement, a: Sequence[str], b: Sequence[str]) -> str:
     """Return the names that only one of two lists has; where both have the same, the first place that differs."""
     parts = []
-    for statement, mine, other in ((first, ours, theirs), (second, theirs, ours)):
+    for statement, mine, other in ((old, a, b), (new, b, a)):
         surplus = [name for name, kind in zip(statement.value, mine, strict=True) if kind not in other]
         parts += [f"{', '.join(surplus)} only in {statement.source}"] if surplus else []
     if not parts:
-        unequal = (i for i, pair in enumerate(zip(ours, theirs, strict=False)) if pair[0] != pair[1])
-        place = next(unequal, min(len(ours), len(theirs)))
-        there = [f"{(*statement.value, 'nothing')[place]} in {statement.source}" for statement in (first, second)]
+        place = int(np.argmax([x != y for x, y in zip(a, b, strict=False)]))
+        there = (f"{statement.value[place]} in {statement.source}" for statement in (old, new))
         parts = [f"the order differs at place {place}: {', '.join(there)}"]
     return f"{key}: {'; '.join(parts)}"
 
 
-def _merged_numbers(key: str, first: Statement, second: Statement, owners: Sequence[str]) -> Statement | str:
+def _merged_numbers(key: str, old: Statement, new: Statement, owners: Sequence[str]) -> Statement | str:
     """Return the exact one of two lists of numbers where the other is rounded, joints with both values otherwise."""
-    a, b = np.asarray(first.value, dtype=np.float64), np.asarray(second.value, dtype=np.float64)
+    a, b = np.asarray(old.value, dtype=np.float64), np.asarray(new.value, dtype=np.float64)
     if a.shape != b.shape and 1 not in (a.size, b.size):
-        return f"{key}: {a.size} values in {first.source}, {b.size} in {second.source}"
+        return f"{key}: {a.size} values in {old.source}, {b.size} in {new.source}"
     with np.errstate(invalid="ignore"):
         differs = ~((a == b) | (np.abs(a - b) <= 1e-9 * np.maximum(np.abs(a), np.abs(b)) + _unit(a) + _unit(b)))
     if not differs.any():
         if a.size != b.size:
-            return first if a.size > b.size else second
+            return old if a.size > b.size else new
         if _digits(a) == _digits(b):
-            return second
-        fine, coarse = (first, second) if _digits(a) > _digits(b) else (second, first)
+            return new
+        fine, coarse = (old, new) if _digits(a) > _digits(b) else (new, old)
         return Statement(fine.value, f"{fine.source} ({coarse.source} has it rounded)")
     if differs.ndim != 1 or len(owners) != len(differs):
-        return _differ(key, first, second)
+        return _differ(key, old, new)
     a, b = np.broadcast_arrays(a, b)
     pairs: dict[tuple[float, float], list[str]] = {}
     for i in np.flatnonzero(differs).tolist():
         pairs.setdefault((a[i], b[i]), []).append(owners[i])
     parts = [f"{list_joints(joints, len(owners))} {x:g} against {y:g}" for (x, y), joints in pairs.items()]
     listed = "; ".join(parts[:4]) + (f"; and {len(parts) - 4} more" if len(parts) > 4 else "")
-    return f"{key}: {first.source} and {second.source} differ: {listed}"
+    return f"{key}: {old.source} and {new.source} differ: {listed}"
 
 
-def _digits(values: Any) -> tuple[int, int]:
+def _digits(values: FloatArray) -> tuple[int, int]:
     """Return the most significant digits, and decimals, with which any of these numbers is written."""
-    texts = [np.format_float_positional(abs(x), trim="-") for x in np.ravel(values) if np.isfinite(x) and x]
+    texts = [np.format_float_positional(abs(x), trim="-") for x in values.ravel() if np.isfinite(x) and x]
     decimals = max((len(text.partition(".")[2]) for text in texts), default=0)
     significant = max((len(text.replace(".", "").strip("0")) for text in texts), default=0)
     return significant, decimals
 
 
-def _unit(values: Any) -> Any:
+def _unit(values: FloatArray) -> FloatArray:
     """Return half a unit in the last place, for each number of a list that an exporter may have rounded; else 0.
 
     Exporters write at most three decimals, or three significant digits. A list with a single digit is not a rounded
     one: 0.2 is not 0.25.
     """
     significant, decimals = _digits(values)
-    half = np.zeros(np.shape(values))
-    if significant >= 2 and 1 <= decimals <= 3:
-        half += 0.5 * 10.0**-decimals
+    half = np.full(values.shape, 0.5 * 10.0**-decimals if significant >= 2 and 1 <= decimals <= 3 else 0.0)
     if significant == 3:
         size = np.abs(values)
-        places = np.floor(np.log10(size, out=np.full(np.shape(size), -np.inf), where=size > 0.0)) - 2.0
+        places = np.floor(np.log10(size, out=np.full(size.shape, -np.inf), where=size > 0.0)) - 2.0
         half = np.maximum(half, 0.5 * 10.0**places)
     return half * (1.0 + 1e-6)
 
@@ -415,22 +393,23 @@ def _derive(found: dict[str, Statement]) -> None:
     """Add what no source has to state, because it follows from other fields."""
     if "joint_names" in found:
         found.setdefault("action_joint_names", Statement(found["joint_names"].value, "follows from joint_names"))
-    if "observation" in found:
-        kinds = _kinds({name: statement.value for name, statement in found.items()})
-        tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
-        derived: dict[str, Any] = {"task_type": (*tasks, "locomotion")[0], "command_names": ()}
-        if all(kind.requires != "body_names" for kind in kinds):
-            derived["body_names"] = ()
-        for name, value in derived.items():
-            found.setdefault(name, Statement(value, "follows from observation"))
-        assumed = found.get("reference_quaternion", Statement("", "")).source
-        if found["task_type"].value != "tracking" and is_assumed(assumed):
-            del found["reference_quaternion"]  # of no meaning without a motion
+    if "observation" not in found:
+        return
+    kinds = _kinds({name: statement.value for name, statement in found.items()})
+    tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
+    derived: dict[str, Any] = {"task_type": (*tasks, "locomotion")[0], "command_names": ()}
+    if all(kind.requires != "body_names" for kind in kinds):
+        derived["body_names"] = ()
+    for name, value in derived.items():
+        found.setdefault(name, Statement(value, "follows from observation"))
+    assumed = found.get("reference_quaternion", Statement("", "")).source
+    if found["task_type"].value != "tracking" and is_assumed(assumed):
+        del found["reference_quaternion"]  # of no meaning without a motion
 
 
-def _missing(values: Mapping[str, Any]) -> Iterable[str]:
+def _missing(values: Mapping[str, Any]) -> Iterator[str]:
     has_clock = values.get("phase", "") is not None and any(name.startswith("phase") for name in values)
-    for name in dict.fromkeys([*_REQUIRED, *(kind.requires for kind in _kinds(values) if kind.requires)]):
+    for name in dict.fromkeys([*REQUIRED, *(kind.requires for kind in _kinds(values) if kind.requires)]):
         if name == "phase" and has_clock:
             if "phase.period" not in values:
                 yield "phase.period"

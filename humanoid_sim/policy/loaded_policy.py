@@ -86,15 +86,14 @@ def _reference(contract: PolicyContract, motion: Motion | None, motion_source: s
         raise FieldError(f"task_type {task} follows a motion, and none is given: use --motion")
     if motion.task_type not in ("", task):
         raise FieldError(f"{motion_source} is a motion for task_type {motion.task_type}, expected one for {task}")
-    is_in_world = motion.layout == "joints_bodies_w"
-    if not is_in_world and task == "tracking" and motion.body_names not in ((), contract.body_names):
-        bodies = f"{', '.join(motion.body_names)}, expected {', '.join(contract.body_names)}"
-        raise FieldError(f"{motion_source} describes the bodies {bodies}")
     if not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
         period = f"{motion.policy_dt:g} s, expected policy_dt {contract.policy_dt:g} s"
         raise FieldError(f"{motion_source} has a frame every {period}; resample the motion")
-    if is_in_world:
+    if motion.layout == "joints_bodies_w":
         return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
+    if task == "tracking" and motion.body_names not in ((), contract.body_names):
+        bodies = f"{', '.join(motion.body_names)}, expected {', '.join(contract.body_names)}"
+        raise FieldError(f"{motion_source} describes the bodies {bodies}")
     return build_reference(contract, motion.frames)
 
 
@@ -113,14 +112,9 @@ def contract_layout(contract: PolicyContract, observation_width: int | None = No
 def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
     joints, bodies = len(contract.joint_names), len(contract.body_names)
     widths = {
-        "reference_joint_pos": joints,
-        "reference_joint_vel": joints,
-        "anchor_pos": 3,
-        "anchor_quat": 4,
-        "motion_body_pos_b": 3 * bodies,
-        "motion_body_ori_b": 6 * bodies,
-        "target_keys": keys,
-        "target_keys_future": keys * len(contract.lookahead_steps),
+        **{"reference_joint_pos": joints, "reference_joint_vel": joints, "anchor_pos": 3, "anchor_quat": 4},
+        **{"motion_body_pos_b": 3 * bodies, "motion_body_ori_b": 6 * bodies},
+        **{"target_keys": keys, "target_keys_future": keys * len(contract.lookahead_steps)},
     }
     reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
     extern = {KEY_PRESSED: keys, **contract.extern_widths}

@@ -34,10 +34,7 @@ from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, 
 from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
-MOTION_ATTACHMENT = "motion.mcap"
-"""Name of the motion file inside a recording."""
-
-_NANOSECONDS = 1e9
+MOTION_ATTACHMENT = "motion.mcap"  # name of the motion file inside a recording
 _FRAME = f"{FLOAT32_MULTI_ARRAY} (cdr)"
 
 
@@ -45,20 +42,13 @@ _FRAME = f"{FLOAT32_MULTI_ARRAY} (cdr)"
 class Motion:
     """One episode of a reference motion, checked and read-only."""
 
-    frames: Float32Array
-    """Shape (F, width), one row per policy step, F ≥ 1; finite."""
-    body_names: tuple[str, ...]
-    """The B tracked bodies in the order of the frame; empty without bodies, or if the file does not say."""
-    policy_dt: float
-    """s between two frames."""
-    task_type: str = "tracking"
-    """`tracking`, `piano` or `locomotion`; empty if the file does not say."""
-    robot: str = ""
-    """The robot that the motion was made for; empty if the file does not say."""
+    frames: Float32Array  # shape (F, width), one row per policy step, F ≥ 1; finite
+    body_names: tuple[str, ...]  # the B tracked bodies in the order of the frame; empty if the file does not say
+    policy_dt: float  # s between two frames
+    task_type: str = "tracking"  # `tracking`, `piano` or `locomotion`; empty if the file does not say
+    robot: str = ""  # that the motion was made for; empty if the file does not say
     layout: MotionLayout = "bodies_b"
-    """Content of a tracking frame."""
-    joint_names: tuple[str, ...] = ()
-    """The n joints of the layout `joints_bodies_w`, in the order of the frame."""
+    joint_names: tuple[str, ...] = ()  # the n joints of the layout `joints_bodies_w`, in the order of the frame
 
     def __post_init__(self) -> None:
         frames = np.array(self.frames, dtype=np.float32)
@@ -69,10 +59,9 @@ class Motion:
             raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
         one_of("Motion", "layout", self.layout, MotionLayout)
         width, bodies, joints = frames.shape[1], len(self.body_names), len(self.joint_names)
+        expected = 9 * bodies if bodies and self.task_type == "tracking" else width
         if self.layout == "joints_bodies_w":
             expected = 2 * joints + 7 * bodies
-        else:
-            expected = 9 * bodies if bodies and self.task_type == "tracking" else width
         what = f"{expected}: layout {self.layout} of {joints} joints and {bodies} bodies"
         require(width == expected, "Motion.frames", f"{width} values per frame", what)
         require(0.0 < self.policy_dt < np.inf, "Motion.policy_dt", self.policy_dt, "seconds > 0")
@@ -99,12 +88,9 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 
 
 def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
-    """Read and check a motion file, a recording, or a folder of rosbag2.
+    """Read a motion file, a recording, or a folder of rosbag2. Raises `InputError` with the file and what is wrong.
 
-    Raises `InputError` with the file and what is wrong with it.
-
-    Args:
-        topic: of the motion, where there are others; None: it has to be the only one.
+    `topic` is that of the motion, where there are others; None: it has to be the only one.
     """
     path = Path(path)
     # rosbag2 numbers its files; the shorter name is the lower number.
@@ -153,19 +139,18 @@ def _motion(files: Iterable[IO[bytes]], name: str, topic: str | None) -> Motion:
 def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion:
     if not messages:
         raise FieldError("the topic holds no frames")
-    times = [message.log_time for message in messages]
     rows: list[Float32Array] = []
     for i, message in enumerate(messages):
         with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
             rows.append(decode_float32_array(message.data))
         if len(rows[i]) != len(rows[0]):
             raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
-        if times[i] < times[max(i - 1, 0)]:
+        if message.log_time < messages[max(i - 1, 0)].log_time:
             raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
     return Motion(
         frames=np.stack(rows),
         body_names=tuple(csv(metadata.get("body_names", ""))),
-        policy_dt=_policy_dt(metadata, times),
+        policy_dt=_policy_dt(metadata, [message.log_time for message in messages]),
         task_type=metadata.get("task_type", ""),
         robot=metadata.get("robot", ""),
         layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
@@ -175,13 +160,12 @@ def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion
 
 def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
     """Return the frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
-    text = metadata.get("policy_dt")
-    if text is not None:
-        return number_in(text)
+    if "policy_dt" in metadata:
+        return number_in(metadata["policy_dt"])
     steps = np.diff(times)
     if len(steps) == 0 or steps.min() <= 0 or steps.max() - steps.min() > 0.01 * steps.mean():
         raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced in time")
-    return float(round(steps.mean())) / _NANOSECONDS
+    return float(round(steps.mean())) / 1e9
 
 
 def motion_bytes(motion: Motion) -> bytes:
@@ -202,7 +186,7 @@ def motion_bytes(motion: Motion) -> bytes:
     schema = writer.register_schema(FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text(FLOAT32_MULTI_ARRAY).encode())
     channel = writer.register_channel("/motion", "cdr", schema)
     for index, frame in enumerate(motion.frames):
-        time = round(index * motion.policy_dt * _NANOSECONDS)
+        time = round(index * motion.policy_dt * 1e9)  # ns
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
     writer.finish()
     return stream.getvalue()

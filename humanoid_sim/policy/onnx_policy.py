@@ -17,29 +17,18 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
-ONNX_SECONDS = 10.0
-"""s of one inference of a model whose graph can loop; on hardware much less, see `play`."""
-_ACTIONS = ("actions", "action")
-_TIME_STEP = "time_step"
+ONNX_SECONDS = 10.0  # s of one inference of a model whose graph can loop; on hardware much less, see `play`
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 _LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
 _SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
-_OF_TRAINERS = {
-    ".pt": "a PyTorch checkpoint, expected an ONNX file: export it to ONNX first",
-    ".pth": "a PyTorch checkpoint, expected an ONNX file: export it to ONNX first",
-    ".zip": "a stable-baselines3 checkpoint, expected an ONNX file: give the policy.onnx beside it",
-}
-"""By a file's suffix: what trainers call so, and what to do."""
 
 
 class Tensor(NamedTuple):
     """An input or output of a model."""
 
     name: str
-    type: str
-    """As ONNX Runtime calls it: `tensor(float)`."""
-    shape: tuple[int | str | None, ...]
-    """A text or None stands for a size that is left open."""
+    type: str  # as ONNX Runtime calls it: `tensor(float)`
+    shape: tuple[int | str | None, ...]  # a text or None stands for a size that is left open
 
     @property
     def width(self) -> int | None:
@@ -76,8 +65,7 @@ class OnnxModel:
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
         self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
         self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
-        self.time_limit = ONNX_SECONDS
-        """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
+        self.time_limit = ONNX_SECONDS  # s after which an inference is ended, where the graph can loop
         self._session = session
         content = path.read_bytes()
         self._can_loop = any(name in content for name in _LOOPS)
@@ -115,10 +103,8 @@ class OnnxModel:
         bundle = self.path.with_suffix(".yaml")
         text = bundle.read_text(encoding="utf-8", errors="replace") if is_file(bundle) else ""
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
-            raise InputError(
-                f"{self.path}: is a LEAPP bundle, which {bundle.name} beside it describes; a graph of {len(names)} "
-                f"inputs ({', '.join(names)}) is not supported: export the network with one observation"
-            )
+            what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
+            raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
         fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
         state = fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]
         if state:
@@ -135,7 +121,7 @@ def onnx_runtime() -> Any:
 
 
 def has_onnxruntime() -> bool:
-    """Return whether ONNX Runtime can be imported on this machine."""
+    """Return True if ONNX Runtime can be imported on this machine."""
     try:
         onnx_runtime()
     except ImportError:
@@ -155,11 +141,8 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
 
 def check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file."""
-    other = _OF_TRAINERS.get(path.suffix.lower())
-    if other and is_file(path):
-        raise InputError(f"{path}: is {other}")
-    if regular_file(path, "an ONNX file").stat().st_size == 0:
-        raise InputError(f"{path}: is empty, expected an ONNX file")
+    if regular_file(path, "an ONNX file").stat().st_size == 0 or path.suffix.lower() in (".pt", ".pth", ".zip"):
+        raise InputError(f"{path}: is no ONNX file: export the policy as ONNX")
 
 
 def external_file(path: Path) -> Path:
@@ -171,46 +154,43 @@ class OnnxPolicy:
     """`(observation (N,), frame) -> action (m,)`, float32. A model with a `time_step` input gets the frame there."""
 
     def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
-        """Find the tensors of a model and check their form.
+        """Find the tensors of a model; names that are empty are found by their place.
 
         Raises `InputError` if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
         action, float32 (1, M).
-
-        Args:
-            tensors: names; those that are empty are found by their place.
         """
-        self.model = OnnxModel(model) if isinstance(model, Path) else model
-        named, path = TensorNames() if tensors is None else tensors, self.model.path
-        inputs = {tensor.name: tensor for tensor in self.model.inputs}
-        outputs = {tensor.name: tensor for tensor in self.model.outputs}
-        time_step = named.time_step or (_TIME_STEP if _TIME_STEP in inputs and len(inputs) > 1 else "")
-        observation = named.observation or next((name for name in inputs if name != time_step), "")
-        action = named.action or next((name for name in (*_ACTIONS, *outputs) if name in outputs), "")
+        model = OnnxModel(model) if isinstance(model, Path) else model
+        tensors = TensorNames() if tensors is None else tensors
+        inputs = {tensor.name: tensor for tensor in model.inputs}
+        outputs = {tensor.name: tensor for tensor in model.outputs}
+        time_step = tensors.time_step or ("time_step" if "time_step" in inputs and len(inputs) > 1 else "")
+        observation = tensors.observation or next((name for name in inputs if name != time_step), "")
+        action = tensors.action or next((name for name in ("actions", "action", *outputs) if name in outputs), "")
+        known: dict[str, Tensor]
         for kind, name, known in (
             ("input", time_step, inputs),
             ("input", observation, inputs),
             ("output", action, outputs),
         ):
             if name and name not in known:
-                raise InputError(f"{path}: has no {kind} '{name}'; its {kind}s are {', '.join(known) or 'none'}")
+                raise InputError(f"{model.path}: has no {kind} '{name}'; its {kind}s are {', '.join(known) or 'none'}")
         if inputs.keys() != {observation, time_step} - {""} or not action:
             found = f"has the inputs {', '.join(inputs) or 'none'} and {len(outputs)} outputs"
-            raise InputError(f"{path}: {found}, expected one input, or one and '{_TIME_STEP}', and an output")
-        self.observation_width = _row(path, "input", inputs[observation])
-        self.action_width = _row(path, "output", outputs[action])
-        self.has_time_step = bool(time_step)
+            raise InputError(f"{model.path}: {found}, expected one input, or one and 'time_step', and an output")
+        self.model, self.has_time_step = model, bool(time_step)
+        self.observation_width = _row(model.path, "input", inputs[observation])
+        self.action_width = _row(model.path, "output", outputs[action])
         self._observation, self._action, self._time_step = observation, action, time_step
         self._frame_type: Any = np.float32
         if time_step:
-            self._frame_type = _NUMBERS.get(inputs[time_step].type, np.float32)
-            _row(path, "input", inputs[time_step], width=1, types=tuple(_NUMBERS))
+            _row(model.path, "input", inputs[time_step], width=1, types=tuple(_NUMBERS))
+            self._frame_type = _NUMBERS[inputs[time_step].type]
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
         if observation.shape != (self.observation_width,):
-            raise InputError(
-                f"observation: has shape {observation.shape}, expected ({self.observation_width},), of one robot"
-            )
+            expected = f"({self.observation_width},), of one robot"
+            raise InputError(f"observation: has shape {observation.shape}, expected {expected}")
         action: Float32Array = self.run([self._action], observation, frame)[0][0]
         return action
 

@@ -24,11 +24,10 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
 
+PERCUSSION = 9  # channel whose notes are drums, counted from 0
 _LEAD_IN = 1.0  # s before the first note, in which a robot's hands come over the keys
 _GAP = 0.06  # s for which a key is released before it is struck again
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
-PERCUSSION = 9
-"""Channel whose notes are drums, counted from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,7 @@ class Song:
 
     @property
     def seconds(self) -> float:
-        """s, the end of the last note."""
+        """End of the last note, s."""
         return max((note.end for note in self.notes), default=0.0)
 
 
@@ -61,11 +60,9 @@ def key_name(key: int) -> str:
 
 
 def read_song(path: str | Path, *, tracks: Sequence[int] | None = None) -> Song:
-    """Read a MIDI file.
+    """Read a MIDI file; `tracks` are counted from 0, None for all. Drums are left out.
 
-    A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
-    what is not MIDI, has no notes, no such track, or counts time in frames.
-    `tracks` are counted from 0; None for all.
+    Raises `InputError` for what is not MIDI, has no notes, no such track, or counts time in frames.
     """
     path = regular_file(path, "a MIDI file (.mid)")
     with blaming(f"{path}: is not a MIDI file that can be read", Exception):
@@ -77,23 +74,23 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None) -> Song:
     for track in chosen:
         if not 0 <= track < len(names):
             raise InputError(f"{path}: has no track {track}; tracks: {dict(enumerate(names))}")
-    tempo = [mido.MidiTrack(map(_tempo_alone, track)) for track in file.tracks]
-    notes: list[Note] = []
-    for i in chosen:
-        alone = [file.tracks[i], *tempo[:i], *tempo[i + 1 :]]
-        notes += _notes(mido.MidiFile(ticks_per_beat=file.ticks_per_beat, tracks=alone))
+    file.tracks = [track if i in chosen else _without_notes(track) for i, track in enumerate(file.tracks)]
+    notes = sorted(_notes(file), key=lambda note: (note.start, note.key))
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
-    return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
+    return Song(tuple(notes), names)
 
 
-def _tempo_alone(message: Any) -> Any:
-    """Return a message that takes as long and does nothing but set the tempo, which holds for all tracks."""
-    return message if message.type == "set_tempo" else mido.MetaMessage("text", time=message.time)
+def _without_notes(track: Any) -> Any:
+    """Return a track whose notes do nothing: its changes of tempo hold for all."""
+    silent = mido.MidiTrack()
+    for message in track:
+        silent.append(mido.MetaMessage("text", time=message.time) if "note" in message.type else message)
+    return silent
 
 
 def _notes(messages: Iterable[Any]) -> list[Note]:
-    """Return the notes of messages whose `time` is in s, since the one before."""
+    """Return the notes of messages whose `time` is in s, since the one before; a key struck again ends its note."""
     notes: list[Note] = []
     sounding: dict[tuple[int, int], tuple[float, int]] = {}  # start and velocity, by channel and MIDI note
     now = 0.0

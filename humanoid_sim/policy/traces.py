@@ -30,15 +30,11 @@ STATE_ARRAYS = (
     *("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"),
 )
 """What the robot reports, apart from the live inputs."""
-EXTERN, REFERENCE = "extern/", "reference/"
-"""Prefixes of the names of live inputs, and of the motion's terms."""
+EXTERN, REFERENCE = "extern/", "reference/"  # prefixes of the names of live inputs, and of the motion's terms
 _NAMES = {"obs": "observation", "actions": "action", "cmd": mit.VELOCITY_COMMAND}
 _MEMORY: Mapping[str, type[np.generic]] = {
-    "last_action": np.float32,
-    "frame": np.int64,
-    "walked": np.float64,
-    "history": np.float32,
-    "alignment": np.float64,
+    **{"last_action": np.float32, "frame": np.int64, "walked": np.float64},
+    **{"history": np.float32, "alignment": np.float64},
 }
 
 
@@ -46,18 +42,15 @@ _MEMORY: Mapping[str, type[np.generic]] = {
 class Trace:
     """S policy steps of a run."""
 
-    name: str
-    """Name of the file that it comes from."""
-    joint_names: tuple[str, ...]
-    """The J joints of the states, in the robot's order."""
+    name: str  # of the file
+    joint_names: tuple[str, ...]  # the J joints of the states, in the robot's order
     arrays: Arrays
     """By name, S rows each: `STATE_ARRAYS` (rad, rad/s, w x y z, m/s²); `extern/NAME` of each live input; `observation`
     and `action`, raw; `target`, rad, where the trainer's is known. Of the policy's memory, as far as it is known:
     `last_action`, `frame`, `walked` (rad of gait phase), `history` (S, steps, width) oldest first, `alignment` (S, 7),
     the motion's world in the robot's; NaN where there is none. `reference/NAME`: rows of the motion at `frame`, for a
     model that does not carry it."""
-    frame_count: int = 1
-    """Frames of that motion."""
+    frame_count: int = 1  # of that motion
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
@@ -66,20 +59,12 @@ class Trace:
         """Return the arrays of live inputs, or of the motion, by their own names."""
         return {name.removeprefix(prefix): array for name, array in self.arrays.items() if name.startswith(prefix)}
 
-    def rows(self, chosen: npt.NDArray[np.intp]) -> Trace:
-        """Return these steps alone."""
-        return replace(self, arrays={name: array[chosen] for name, array in self.arrays.items()})
-
     def state(self, i: int) -> MITState:
         """Return what the robot reported in step i; efforts are not recorded."""
         zeros = np.zeros(len(self.joint_names))
-        return MITState(
-            time=0.0,
-            **{name: self.arrays[name][i] for name in STATE_ARRAYS},
-            joint_effort=zeros,
-            joint_age=zeros,
-            extern={name: Extern(array[i], 0.0) for name, array in self.under(EXTERN).items()},
-        )
+        extern = {name: Extern(array[i], 0.0) for name, array in self.under(EXTERN).items()}
+        rows = {name: self.arrays[name][i] for name in STATE_ARRAYS}
+        return MITState(time=0.0, **rows, joint_effort=zeros, joint_age=zeros, extern=extern)
 
     def memory(self, i: int, memory: PolicyMemory) -> PolicyMemory:
         """Return a policy's memory with what is known of it in step i."""
@@ -104,8 +89,7 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
 
 def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReader | None) -> Trace:
     action = _table(given, "action", None, contract.action_count)
-    steps = len(action)
-    names = _joint_names(given)
+    steps, names = len(action), _joint_names(given)
     # A free joint has 7 values, and any other 1; it has a name of its own, or none.
     surplus = given["qpos"].shape[-1] - len(names) if "qpos" in given else 0
     hinges = names[1:] if surplus == 6 else names
@@ -130,16 +114,15 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
     arrays: dict[str, npt.NDArray[Any]] = {name: known[name] for name in STATE_ARRAYS}
     arrays |= {name: known[name][:, columns] for name in STATE_ARRAYS[:2]}
     arrays |= {EXTERN + name: known[name] for name in live if name in known}
-    observation = _table(given, "observation", steps)
-    arrays |= {"observation": observation.astype(np.float32), "action": action.astype(np.float32)}
+    arrays["observation"] = _table(given, "observation", steps).astype(np.float32)
+    arrays["action"] = action.astype(np.float32)
     if "target" in given:
         arrays["target"] = _table(given, "target", steps, len(hinges))[:, columns]
-    for part, kind in _MEMORY.items():
-        if part in given:
-            values = np.broadcast_to(given[part], (steps, 7)) if given[part].shape == (7,) else given[part]
-            if len(np.atleast_1d(values)) != steps:
-                raise FieldError(f"{part} has shape {values.shape}, expected {steps} rows")
-            arrays[part] = values.astype(kind)
+    for part in _MEMORY.keys() & given.keys():
+        values = np.broadcast_to(given[part], (steps, 7)) if given[part].shape == (7,) else given[part]
+        if len(np.atleast_1d(values)) != steps:
+            raise FieldError(f"{part} has shape {values.shape}, expected {steps} rows")
+        arrays[part] = values.astype(_MEMORY[part])
     return Trace(name, tuple(hinges[i] for i in columns), arrays)
 
 

@@ -29,8 +29,6 @@ class Show:
     robot: str | None = None
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
-    joints: bool = False
-    """Also show gains, pose and action of each joint."""
     json: bool = False
     """Print everything as JSON."""
 

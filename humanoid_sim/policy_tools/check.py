@@ -17,7 +17,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_model
 from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import SEVERITIES, Finding, Severity
+from humanoid_sim.policy.findings import SEVERITIES, Finding
 from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
@@ -41,9 +41,8 @@ def check(options: Check) -> int:
     findings = check_checkpoint(options.checkpoint, description, options.contract, hardware=options.hardware)
     counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
     if options.json:
-        what = {"checkpoint": str(options.checkpoint), "robot": description.name}
-        document = {**what, "counts": counts, "findings": [asdict(finding) for finding in findings]}
-        print(json.dumps(document, indent=2))
+        what = {"checkpoint": str(options.checkpoint), "robot": description.name, "counts": counts}
+        print(json.dumps({**what, "findings": [asdict(finding) for finding in findings]}, indent=2))
         return ExitStatus.of(counts["error"] == 0)
     console = make_console()
     for finding in findings:
@@ -60,10 +59,7 @@ def check_checkpoint(
     """Everything that can be said without running the policy on the robot, the worst first.
 
     Raises `InputError` if the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be
-    read.
-
-    Args:
-        contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
+    read. `contract_file` None: the one beside the checkpoint, if there is one.
     """
     model = OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
@@ -77,17 +73,8 @@ def check_checkpoint(
     findings = list(_source_findings(reading, policy, own_contract(path).name))
     contract = reading.contract
     if contract is not None and policy.action_width == contract.action_count:
-        bare = bare_model(description)
-        findings += _answer_findings(contract, policy)
-        checkpoint = Checkpoint(contract, policy, str(path), observation_width=policy.observation_width)
-        findings.append(_golden_finding(checkpoint))
-        findings += contract_findings(contract, description, bare, hardware=hardware)
-        if set(contract.joint_names) == set(description.joint_names):
-            findings += _stability_findings(contract, description)
-            if unwatched := describe_unwatched(with_contract_physics(description, contract)):
-                findings.append(Finding("info", "guards", unwatched.removeprefix("guards: ")))
-        if description.is_floating:
-            findings.append(Finding("info", "imu", imu_line(bare, description)))
+        findings += _model_findings(Checkpoint(contract, policy, str(path), observation_width=policy.observation_width))
+        findings += _robot_findings(contract, description, hardware=hardware)
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
@@ -116,32 +103,35 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
         yield Finding("warning", "not used", line)
 
 
-def _answer_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
-    action = np.abs(policy(np.zeros(policy.observation_width, dtype=np.float32), 0))
-    joint, limit = contract.action_joint_names[int(np.argmax(action))], action_limit_of(contract)
+def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
+    """Yield what the model's own answers show: to an observation of zeros, and to golden vectors."""
+    contract, zeros = checkpoint.contract, np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
+    action, limit = np.abs(checkpoint.policy(zeros, 0)), action_limit_of(contract)
     if not action.max() <= limit:
+        joint = contract.action_joint_names[int(np.argmax(action))]
         message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
         yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it", (joint,))
-
-
-def _golden_finding(checkpoint: Checkpoint) -> Finding:
     try:
-        label = verify_golden(checkpoint)
+        none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
+        yield Finding("info", "golden vectors", verify_golden(checkpoint) or none)
     except InputError as error:
         reason = str(error).removeprefix(f"{checkpoint.source}: ").removeprefix("golden vectors: ")
-        return Finding("error", "golden vectors", reason)
-    none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
-    return Finding("info", "golden vectors", label or none)
+        yield Finding("error", "golden vectors", reason)
 
 
-def _stability_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Yield whether the policy's damping is stable at the robot's physics step; its joints must be the robot's."""
-    robot = with_contract(description, contract)
-    gains = resolve_action(contract, description.joint_names)
-    try:
-        warning = DampingStability(build_model(robot, scene=False), robot).check(gains.damping, "", gains.stiffness)
-        severity: Severity = "warning"
-    except InputError as error:
-        warning, severity = str(error), "error"
-    if warning:
-        yield Finding(severity, "joint_damping", warning.removeprefix(": "))
+def _robot_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
+    """Yield what is wrong with a contract on a robot, and what to know of the robot."""
+    bare = bare_model(description)
+    yield from contract_findings(contract, description, bare, hardware=hardware)
+    if set(contract.joint_names) == set(description.joint_names):
+        robot, gains = with_contract(description, contract), resolve_action(contract, description.joint_names)
+        try:
+            warning = DampingStability(build_model(robot, scene=False), robot).check(gains.damping, "", gains.stiffness)
+            if warning:
+                yield Finding("warning", "joint_damping", warning.removeprefix(": "))
+        except InputError as error:
+            yield Finding("error", "joint_damping", str(error).removeprefix(": "))
+        if unwatched := describe_unwatched(with_contract_physics(description, contract)):
+            yield Finding("info", "guards", unwatched.removeprefix("guards: "))
+    if description.is_floating:
+        yield Finding("info", "imu", imu_line(bare, description))

@@ -12,22 +12,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.files import regular_file
-from humanoid_sim.policy import describe
+from humanoid_sim.files import finite, regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint, read_model
+from humanoid_sim.policy.describe import reading_rows, replaced_values
 from humanoid_sim.policy.golden import verify_golden
-from humanoid_sim.policy.layers import Reading
+from humanoid_sim.policy.layers import Reading, is_assumed
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
-from humanoid_sim.policy.readers.own import own_contract
+from humanoid_sim.policy.readers.own import own_contract, plain
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 
-_PIPE_WIDTH = 160
-"""Columns of tables where no terminal says how many there are."""
+_PIPE_WIDTH = 160  # columns of tables where no terminal says how many there are
 
 
 def show(options: Show) -> int:
@@ -44,13 +42,11 @@ def show(options: Show) -> int:
         golden, refusal = _golden_verdict(checkpoint)
     if options.json:
         print(json.dumps(_document(model, reading) | {"golden": golden, "refusal": refusal}, indent=2, allow_nan=False))
-        return ExitStatus.of(not refusal)
-    console = make_console()
-    _print(console, model, reading, checkpoint, golden)
-    if options.joints and reading.contract is not None:
-        console.print(_joints(reading.contract))
-    if refusal:
-        console.print(f"[red]{escape(refusal)}[/red]", soft_wrap=True)
+    else:
+        console = make_console()
+        _print(console, model, reading, checkpoint, golden)
+        if refusal:
+            console.print(f"[red]{escape(refusal)}[/red]", soft_wrap=True)
     return ExitStatus.of(not refusal)
 
 
@@ -69,10 +65,21 @@ def checkpoint_document(checkpoint: Checkpoint) -> dict[str, Any]:
 
 
 def _document(model: OnnxModel, reading: Reading) -> dict[str, Any]:
-    groups = {"inputs": model.inputs, "outputs": model.outputs}
-    tensors = {name: [tensor._asdict() for tensor in group] for name, group in groups.items()}
-    head = {"checkpoint": str(model.path), "sha256": file_digest(model.path), **tensors}
-    return head | describe.document(reading, _layout(reading, model))
+    """Return a reading as plain JSON values; null stands for infinity."""
+    contract, layout = reading.contract, _layout(reading, model)
+    return {
+        "checkpoint": str(model.path),
+        "sha256": file_digest(model.path),
+        "inputs": [tensor._asdict() for tensor in model.inputs],
+        "outputs": [tensor._asdict() for tensor in model.outputs],
+        "contract": None if contract is None else finite(plain(contract)),
+        "source": dict(reading.source),
+        "replaced": replaced_values(reading),
+        "missing": list(reading.missing),
+        "differences": list(reading.differences),
+        "unused": list(reading.unused),
+        "terms": [{"name": term.name, "width": term.width} for term in (() if layout is None else layout.terms)],
+    }
 
 
 def _layout(reading: Reading, model: OnnxModel) -> ObservationLayout | None:
@@ -94,10 +101,8 @@ def _print(console: Console, model: OnnxModel, reading: Reading, checkpoint: Che
     tensors = (f"{tensor.name} {list(tensor.shape)}" for tensor in (*model.inputs, *model.outputs))
     console.print(escape(f"{model.path}: {', '.join(tensors)}"), soft_wrap=True)
     table = Table("field", "value", "source", box=None, pad_edge=False)
-    for row in describe.reading_lines(reading, _layout(reading, model)):
-        replaced = f" (replaces {row.replaced})" if row.replaced else ""
-        style = "yellow" if row.is_assumed else ""
-        table.add_row(escape(row.name), escape(row.value), escape(row.source + replaced), style=style)
+    for row in reading_rows(reading, _layout(reading, model)):
+        table.add_row(*map(escape, row), style="yellow" if is_assumed(row.source) else "")
     if checkpoint is not None and checkpoint.motion is not None:
         motion = checkpoint.motion
         table.add_row("motion", f"{len(motion.frames)} frames, {motion.duration:.2f} s", "model")
@@ -106,20 +111,6 @@ def _print(console: Console, model: OnnxModel, reading: Reading, checkpoint: Che
     console.print(table)
     for line in reading.unused:
         console.print(f"[yellow]not used: {escape(line)}[/yellow]", soft_wrap=True)
-
-
-def _joints(contract: PolicyContract) -> Table:
-    assert contract.action_offset is not None  # filled in at construction
-    table = Table("", "joint", "K_p", "K_d", "pose rad", "action", "scale rad", "offset rad", box=None, pad_edge=False)
-    driven = contract.action_joint_names
-    for i, name in enumerate(contract.joint_names):
-        gains = (contract.joint_stiffness[i], contract.joint_damping[i], contract.default_joint_pos[i])
-        cells = ["held at 0", "", ""]
-        if name in driven:
-            k = driven.index(name)
-            cells = [str(k), f"{contract.action_scale[k]:g}", f"{contract.action_offset[k]:g}"]
-        table.add_row(str(i), escape(name), *(f"{value:g}" for value in gains), *cells)
-    return table
 
 
 def make_console() -> Console:

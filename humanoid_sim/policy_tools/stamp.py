@@ -27,6 +27,23 @@ from humanoid_sim.simulation.model import SimConfig, build_model, joint_addresse
 from humanoid_sim.simulation.sensing import Sensors
 
 
+def stamp_copy(options: Stamp) -> int:
+    """Write the copy, and print what its golden vectors are worth."""
+    samples = stamp(
+        options.checkpoint,
+        options.output,
+        contract_file=options.contract,
+        description=None if options.robot is None else load_robot(options.robot),
+        trace=options.trace,
+        motion=options.motion,
+        overwrite=options.overwrite,
+    )
+    label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
+    text = f"{options.output}: contract inside; golden vectors: {label}"
+    make_console().print(escape(text), soft_wrap=True)
+    return 0
+
+
 def stamp(
     path: Path,
     output: Path,
@@ -79,8 +96,7 @@ def stamp(
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
-    Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or it is larger than the
-    2 GiB that a file can hold.
+    Raises `InputError` if a tensor is missing, or it is larger than the 2 GiB that a file can hold.
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
@@ -90,23 +106,6 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
         onnx.helper.set_model_props(model, {**present, **metadata})
         data: bytes = model.SerializeToString()
     return data
-
-
-def stamp_copy(options: Stamp) -> int:
-    """Write the copy, and say what its golden vectors are worth."""
-    samples = stamp(
-        options.checkpoint,
-        options.output,
-        contract_file=options.contract,
-        description=None if options.robot is None else load_robot(options.robot),
-        trace=options.trace,
-        motion=options.motion,
-        overwrite=options.overwrite,
-    )
-    label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
-    text = f"{options.output}: contract inside; golden vectors: {label}"
-    make_console().print(escape(text), soft_wrap=True)
-    return 0
 
 
 def body_reader(
@@ -124,17 +123,17 @@ def body_reader(
     model = build_model(description, scene=False if height_scan is None else "floor", sensors=config)
     data, sensors = mujoco.MjData(model), Sensors(model, description, config)
     no_effort = np.zeros(description.joint_count)
+    free = 7 if description.is_floating else 0
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)
-        free = 7 if description.is_floating else 0
         width = free + len(joint_names)
         if qpos.shape[1] != width:
             whose = "a free joint" if free else "no free joint"
             raise InputError(f"trace: qpos is {qpos.shape[1]} wide, expected {width}: robot has {whose}")
         rows: list[dict[str, FloatArray]] = []
         for position, velocity in zip(qpos, qvel, strict=True):
-            if description.is_floating:
+            if free:
                 place, turn, linear, angular = base_addresses(model, description)
                 data.qpos[place], data.qpos[turn] = position[:3], position[3:7]
                 data.qvel[linear], data.qvel[angular] = velocity[:3], velocity[3:6]

@@ -32,7 +32,6 @@ def findings_of(robot, *, hardware=False, **changes):
 
 def test_a_sound_contract_has_remarks_alone(robot):
     assert {finding.severity for finding in findings_of(robot)} <= {"info"}
-    assert "names no CAN motors" in found(findings_of(robot), "info", "robot").message
 
 
 CASES = {
@@ -42,21 +41,15 @@ CASES = {
     "no damping anywhere": ({"joint_damping": -0.0}, "error joint_damping", JOINTS, "all 4 joints"),
     "no damping": ({"joint_damping": [0.0, 0.0, 2.0, 2.0]}, "warning joint_damping", HIPS, "nothing brakes"),
     "swapped gains": ({"joint_damping": 70.0}, "error joint_damping", ANY, "swapped?"),
-    "a ratio": ({"joint_damping": [1.5, 1.5, 30.0, 30.0]}, "warning joint_damping", KNEES, "0.6"),
     "left and right": ({"joint_stiffness": [40.0, 44.0, 50.0, 50.0]}, "warning joint_stiffness", ("left_hip",), "44"),
     "a pose": ({"default_joint_pos": [-0.2, -0.2, 0.6, 0.5]}, "warning default_joint_pos", ("left_knee",), "0.5"),
-    "no pose": ({"default_joint_pos": 0.0}, "warning default_joint_pos", ANY, "is 0 for every joint"),
     "beyond": ({"default_joint_pos": [-0.2, -0.2, 2.5, 2.5]}, "error default_joint_pos", KNEES, "range -0.1 to 2"),
     "degrees": ({"default_joint_pos": [-20.0, -20.0, 0.6, 0.6]}, "error default_joint_pos", HIPS, "in degrees?"),
     "an offset": ({"action_offset": [0.6, 0.1, 1.9]}, "error action_offset", ("right_hip",), "1.9"),
     "no scale": ({"action_scale": [0.25, 0.0, 0.0]}, "error action_scale", HIPS, "cannot move"),
     "a negative scale": ({"action_scale": [0.25, -0.3, 0.3]}, "warning action_scale", ("left_hip",), "reversed?"),
     "a forgotten scale": ({"action_scale": 1.0}, "warning action_scale", ANY, "forgotten"),
-    "a tiny scale": ({"action_scale": [0.25, 0.01, 0.01]}, "warning action_scale", HIPS, "hardly moves"),
-    "a wide clip": ({"position_clip": [[-1.0, 3.0]] * 3}, "warning position_clip", ("right_knee", *HIPS), "wider than"),
     "no torque limit": ({"effort_limit": None}, "warning effort_limit", JOINTS, "all 4 joints"),
-    "another rate": ({"policy_dt": 1.0}, "warning policy_dt", ANY, "1 Hz"),
-    "a cut rate": ({"policy_dt": 0.0167}, "warning policy_dt", ANY, "rounded"),
     "a world upside down": (
         {"observation": terms(projected_gravity={"scale": -1.0})},
         "warning observation term projected_gravity",
@@ -64,20 +57,13 @@ CASES = {
         "gravity points up",
     ),
     "no term": ({"observation": [Term("base_ang_vel", scale=0.0)]}, "warning observation term base_ang_vel", ANY, "0"),
-    "a factor": ({"observation": [Term("joint_vel", scale=1e4)]}, "warning observation term joint_vel", ANY, "10000"),
-    "a live input": ({"observation": [Term("mood", width=2)]}, "info observation term mood", ANY, "width 2"),
+    "a live input": ({"observation": [Term("mood", width=2)]}, "info observation term mood", ANY, "/mood"),
     "a point": ({"observation": [Term("base_lin_vel", at="x")]}, "error observation term base_lin_vel", ANY, "no site"),
     "a body": (
         {**TRACKING, "observation": ("command",), "body_names": ("pelvis", "left_shin")},
         "error body_names",
         ANY,
         "'left_shin' is no body of 'walker'",
-    ),
-    "an anchor": (
-        {**TRACKING, "observation": ("motion_anchor_ori_b",), "body_names": ("left_thigh",), "anchor_body": "pelvis"},
-        "warning anchor_body",
-        ANY,
-        "not among body_names",
     ),
     "missing suffix": (
         {"joint_names": SUFFIXED, "action_joint_names": SUFFIXED, "action_scale": 0.3},

@@ -54,13 +54,6 @@ def test_a_contract_beside_the_checkpoint_that_contradicts_them_is_refused_too(s
         load_checkpoint(stamped)
 
 
-def test_samples_of_the_programs_own_wiring_prove_nothing(stamped):
-    """Checkpoints that were stamped without a trace used to hold such."""
-    document = json.loads(read_header(stamped)[0][GOLDEN_KEY])
-    stamped.write_bytes(add_metadata(stamped, {GOLDEN_KEY: json.dumps({**document, "origin": "own"})}))
-    assert load_checkpoint(stamped).golden == ""
-
-
 @pytest.mark.parametrize("changes", [{"version": 7}, {"arrays": {}}, {"joint_names": ["a", "b", "c", "d"]}])
 def test_broken_samples_are_one_line(stamped, changes):
     text = json.dumps({**json.loads(read_header(stamped)[0][GOLDEN_KEY]), **changes})

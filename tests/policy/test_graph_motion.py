@@ -10,9 +10,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.checkpoint import load_checkpoint, read_checkpoint
 from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
-from humanoid_sim.policy.reading import read_checkpoint
 
 pytestmark = pytest.mark.usefixtures("near_ends")
 

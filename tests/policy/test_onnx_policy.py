@@ -115,7 +115,7 @@ def truncated(path):
 FILES = {
     "missing": (lambda _: None, "no such file, expected an ONNX file"),
     "directory": (Path.mkdir, "is a directory, expected an ONNX file"),
-    "empty": (Path.touch, "is empty, expected an ONNX file"),
+    "empty": (Path.touch, "is no ONNX file"),
     "text": (lambda path: path.write_text("a policy"), "is not a"),
     "truncated": (truncated, "is not a"),
 }

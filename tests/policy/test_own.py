@@ -13,6 +13,7 @@ from models import contract
 
 from humanoid_sim.controllers.contract import HeightScan, PhaseRule, TensorNames, Term
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.checkpoint import read_checkpoint
 from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.readers.own import (
     METADATA_KEYS,
@@ -25,7 +26,6 @@ from humanoid_sim.policy.readers.own import (
     read_stamp,
     write_metadata,
 )
-from humanoid_sim.policy.reading import read_checkpoint
 
 PAGE = Path(__file__).parents[2] / "docs" / "contract.md"
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)

@@ -8,7 +8,7 @@ import pytest
 from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import JOINTS, contract, terms
 
-from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.describe import contract_rows
 
 
 @pytest.fixture
@@ -22,14 +22,12 @@ def bare(tmp_path, walker):
 
 
 def test_a_contract_is_one_table_and_a_replaced_value_stands_behind_its_replacement(cli, stamped):
-    status, out, error = cli("show", stamped, "--joints")
+    status, out, error = cli("show", stamped)
     assert (status, error) == (0, "")
     lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
     assert "8 samples of the trainer's run (trace.npz)" in lines["golden"]
     assert "[9:21]" in lines["joint_pos_rel"]
-    assert "3 steps, oldest first" in lines["joint_pos_rel"]
-    assert re.search(r"left_knee +50 +2 +0.6 +held at 0", out)
-    assert re.search(r"right_knee +51 +2.1 +0.5 +0 +0.25 +0.5", out)
+    assert "history 3" in lines["joint_pos_rel"]
     stamped.with_name("contract.yaml").write_text("policy_dt: 0.04\n")
     assert re.search(r"\npolicy_dt +0.04 s .* contract.yaml \(replaces 0.02 s .*\)", cli("show", stamped)[1])
 
@@ -42,7 +40,6 @@ def test_json_is_complete(cli, stamped):
     assert document["contract"]["action_clip"] is None
     assert document["contract"]["phase"]["period"] == 0.8
     assert {term["name"]: term["width"] for term in document["terms"]}["joint_pos_rel"] == 12
-    assert document["observation_width"] == 32
     assert (document["golden"], document["refusal"]) == ("8 samples of the trainer's run (trace.npz)", "")
     assert document["inputs"] == [{"name": "obs", "type": "tensor(float)", "shape": [1, 32]}]
 
@@ -55,12 +52,11 @@ def test_conventions_that_differ_and_assumptions_are_named():
         ),
         source={"policy_dt": "assumed (mjlab)", "observation.base_ang_vel.clip": "contract.yaml"},
     )
-    lines = {line.name: line for line in field_lines(wiring)}
-    assert lines["policy_dt"].is_assumed
-    assert "clip [-5, 5]" in lines["base_ang_vel"].value
-    assert "frame world" in lines["base_ang_vel"].value
-    assert "absolute" in lines["joint_pos_rel"].value
-    assert lines["terms' clip"].source == "contract.yaml"
+    rows = {row.field: row for row in contract_rows(wiring)}
+    assert rows["policy_dt"].source == "assumed (mjlab)"
+    assert "clip [-5, 5]; frame world" in rows["base_ang_vel"].value
+    assert "relative false; joints [left_hip, left_knee]" in rows["joint_pos_rel"].value
+    assert rows["terms' clip"].source == "contract.yaml"
 
 
 @needs_policies

@@ -14,10 +14,6 @@ from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import ROBOTS_ORDER, Layer
 from humanoid_sim.policy.readers.trainer_files import read_section
 
-_KEYS = frozenset({"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"})
-"""By which the dialect is known."""
-_TERMS = ("velocity_commands", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel", "last_action")
-"""In the order of the project's code; joints are the driven ones."""
 _FIELDS = {
     "joints": "joint_names",
     "joint_kp": "joint_stiffness",
@@ -28,8 +24,10 @@ _FIELDS = {
     "action_indices": "action_joint_names",
     "policy_dt": "policy_dt",
 }
-_ACTION_LIMIT = 1e4
-"""The project's default for the clip of raw actions: they are in the hundreds where torque limits bind."""
+_KNOWN_BY = {"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"}
+_TERMS = ("velocity_commands", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel", "last_action")
+"""In the order of the project's code; joints are the driven ones."""
+_ACTION_LIMIT = 1e4  # the project's default clip of raw actions, which are in the hundreds where torque limits bind
 
 
 def find_berkeley(checkpoint: Path) -> Path | None:
@@ -41,7 +39,7 @@ def find_berkeley(checkpoint: Path) -> Path | None:
 
 def _is_berkeley(path: Path) -> bool:
     try:
-        return is_file(path) and read_section(path).values.keys() >= _KEYS
+        return is_file(path) and read_section(path).values.keys() >= _KNOWN_BY
     except InputError:  # some other file
         return False
 
@@ -53,8 +51,8 @@ def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Laye
     lower, upper = file.get("action_limit_lower"), file.get("action_limit_upper")
     if lower is not None or upper is not None:
         if not isinstance(upper, int | float) or lower != -upper or upper <= 0:
-            where = "action_limit_lower, action_limit_upper"
-            raise InputError(f"{path}: {where} are {shown([lower, upper])}, expected -x and x, with x > 0")
+            bounds = f"action_limit_lower, action_limit_upper are {shown([lower, upper])}"
+            raise InputError(f"{path}: {bounds}, expected -x and x, with x > 0")
         values["action_clip"] = upper
     history = int(file.number("history_length")) + 1 if file.get("history_length") is not None else 1
     values |= {"observation": _TERMS, "command_names": ("base_velocity",)}

@@ -16,26 +16,24 @@ from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, csv_numbers
 from humanoid_sim.policy.readers.trainer_files import Section
 
-_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")
-_FIELDS = {"dof_names": "joint_names", "kp": "joint_stiffness", "kd": "joint_damping"}
-_KNOWN = (*_FIELDS, "action_scale", "command_ranges", "experiment_config")
+_FIELDS = {"dof_names": "joint_names", "kp": "joint_stiffness", "kd": "joint_damping", "action_scale": "action_scale"}
+_KNOWN = (*_FIELDS, "command_ranges", "experiment_config")
 _WITHOUT_EFFECT = ("robot_urdf", "robot_urdf_path", "wandb_run_path", "iteration", GOLDEN_KEY)
 
 
 def is_holosoma(metadata: Mapping[str, str]) -> bool:
-    """Return whether the metadata has the key by which this dialect is known."""
+    """Return True if the metadata has the key by which this dialect is known."""
     return "dof_names" in metadata
 
 
 def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return joints, gains and command ranges, and from `experiment_config` pose, scale, terms and rate."""
-    found = {key: _json(key, metadata[key], where) for key in _KNOWN if key in metadata}
-    values = {name: found[key] for key, name in _FIELDS.items() if key in found}
-    if "action_scale" in found:
-        values["action_scale"] = found["action_scale"]
-    if isinstance(found.get("command_ranges"), dict):
-        values["command_ranges"] = [found["command_ranges"].get(axis) for axis in _AXES]
-    values |= _experiment(Section(found.get("experiment_config"), f"{where}: experiment_config"), values)
+    keys = Section({key: _json(key, metadata[key], where) for key in _KNOWN if key in metadata}, where)
+    values = keys.fields(_FIELDS)
+    if isinstance(keys.get("command_ranges"), dict):
+        ranges = keys["command_ranges"]
+        values["command_ranges"] = [ranges.get(axis) for axis in ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")]
+    values = _experiment(keys["experiment_config"], values) | values
     assumed: dict[str, Any] = {"policy_dt": 0.02}
     if "phase.period" in values:  # holosoma's LocomotionGait
         assumed |= {"phase.offsets": [0.0, np.pi], "phase.standing_threshold": 0.01, "phase.standing_value": np.pi}
@@ -45,19 +43,19 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
 
 def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields that holosoma's experiment configuration gives; terms stand in alphabetical order."""
-    found: dict[str, Any] = {}
-    robot, control = config["robot"], config["robot"]["control"]
-    pose, efforts = robot["init_state"]["default_joint_angles"].values, robot.get("dof_effort_limit_list")
+    robot = config["robot"]
+    control, efforts = robot["control"], robot.get("dof_effort_limit_list")
+    found = control.fields({"action_scale": "action_scale"})
+    pose = robot["init_state"]["default_joint_angles"].values
     if pose:
         found["default_joint_pos"] = {".*": 0.0, **pose}
-    if control.get("action_scale") is not None and "action_scale" not in values:
-        found["action_scale"] = control.get("action_scale")
-        stiffness = values.get("joint_stiffness")
-        if control.get("action_scales_by_effort_limit_over_p_gain") and efforts and stiffness:
-            scale = control.number("action_scale")
-            found["action_scale"] = [scale * effort / kp for effort, kp in zip(efforts, stiffness, strict=False)]
-    if control.get("clip_actions") and control.get("action_clip_value") is not None:
-        found["action_clip"] = control.get("action_clip_value")
+    stiffness = values.get("joint_stiffness")
+    by_effort = control.get("action_scales_by_effort_limit_over_p_gain")
+    if "action_scale" in found and by_effort and efforts and stiffness:
+        scale = control.number("action_scale")
+        found["action_scale"] = [scale * effort / kp for effort, kp in zip(efforts, stiffness, strict=False)]
+    if control.get("clip_actions"):
+        found |= control.fields({"action_clip_value": "action_clip"})
     if control.get("clip_torques") and efforts:
         found["effort_limit"] = efforts
     sim = config["simulator"]["config"]["sim"]

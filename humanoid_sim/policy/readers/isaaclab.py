@@ -31,8 +31,8 @@ def read_env(path: Path) -> list[Layer]:
     pose = robot["init_state"]["joint_pos"].values
     if pose:
         values["default_joint_pos"] = {".*": 0.0, **pose}
-    groups = [robot["actuators"][name] for name in robot["actuators"].values]
     for key, name in _GAINS.items():
+        groups = [robot["actuators"][group] for group in robot["actuators"].values]
         found = {pattern: value for group in groups for pattern, value in _by_pattern(group, key)}
         if found:
             values[name] = found
@@ -67,9 +67,11 @@ def _by_pattern(group: Section, key: str) -> Iterator[tuple[str, Any]]:
 def _action(actions: Section) -> dict[str, Any]:
     """Return what the one action of joint positions states."""
     names = [name for name, term in actions.values.items() if isinstance(term, dict) and term.get("scale") is not None]
+    if not names:
+        return {}
     if len(names) > 1:
         raise InputError(f"{actions.where} are {', '.join(names)}, expected one, of joint positions")
-    action = actions[names[0]] if names else Section(None, actions.where)
+    action = actions[names[0]]
     values = action.fields({key: name for key, name in _ACTION.items() if action.get(key)})
     if action.get("use_default_offset") is False:
         values["action_offset"] = action.values.get("offset", 0.0)

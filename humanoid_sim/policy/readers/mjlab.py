@@ -10,23 +10,21 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.terms import term_kind
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.mit import HEIGHT_SCAN, IMU
-from humanoid_sim.names import near_miss
 from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, csv, csv_field, csv_numbers
 
-_SAME = ("joint_names", "command_names", "body_names")
-_NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
-_FIELDS = {name: name for name in (*_SAME, *_NUMBERS)} | {
-    "observation_names": "observation",
-    "anchor_body_name": "anchor_body",
+_FIELDS = {
+    **{name: name for name in ("joint_names", "command_names", "body_names")},
+    **{name: name for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")},
+    **{"observation_names": "observation", "anchor_body_name": "anchor_body"},
 }
 """Key of the metadata to field of the contract."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
-_READ = (*_FIELDS, _SCALE, _CLIP, _HISTORY, _FLATTEN)
-_WITHOUT_EFFECT = ("run_path", GOLDEN_KEY)
+_OF_TERMS = (_SCALE, _CLIP, _HISTORY, _FLATTEN)
+_READ = (*_FIELDS, *_OF_TERMS)
 
 GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
     {
@@ -41,7 +39,7 @@ stands; while |(vx, vy, yaw rate)| is below the threshold sine and cosine are bo
 
 
 def is_mjlab(metadata: Mapping[str, str]) -> bool:
-    """Return whether the metadata has the keys by which this dialect is known."""
+    """Return True if the metadata has the keys by which this dialect is known."""
     return "joint_names" in metadata and ("joint_stiffness" in metadata or "observation_names" in metadata)
 
 
@@ -53,9 +51,12 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
     Files without its keys may be whole_body_tracking's, which observes the base itself.
     """
     values = {name: csv_field(name, key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
+    names = values.get("observation", ())
+    rows = {key: _rows(key, metadata[key], len(names), where) for key in _OF_TERMS if key in metadata}
     assumed: dict[str, Any] = {"policy_dt": 0.02, "reference_quaternion": "wxyz"}
-    for name in values.get("observation", ()):
+    for i, name in enumerate(names):
         kind, field = term_kind(name), f"observation.{name}"
+        own = {key: table[i] for key, table in rows.items()}
         assumed |= {f"{field}.scale": 1.0, f"{field}.history": 1}
         if kind.name == HEIGHT_SCAN:
             assumed[f"{field}.scan"] = HeightScan()
@@ -63,32 +64,23 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
             assumed[f"{field}.at"] = IMU
         elif kind.requires == "phase":  # in training, the first observation shows the clock as it starts
             assumed |= {**GAIT_CLOCK, "phase.advance_first": False}
-    rows = {key: _rows(key, metadata, len(values.get("observation", ())), where) for key in _READ[len(_FIELDS) :]}
-    for i, name in enumerate(values.get("observation", ())):
-        field = f"observation.{name}"
-        if rows[_SCALE]:
-            values[f"{field}.scale"] = rows[_SCALE][i] if len(rows[_SCALE][i]) > 1 else rows[_SCALE][i][0]
-        if rows[_CLIP] and rows[_CLIP][i] != [-np.inf, np.inf]:
-            values[f"{field}.clip"] = rows[_CLIP][i]
-        if rows[_HISTORY]:  # 0 stands for a term without a history: it shows the present step alone
-            values[f"{field}.history"] = max(int(rows[_HISTORY][i][0]), 1)
-        if rows[_FLATTEN] and not rows[_FLATTEN][i][0] and values.get(f"{field}.history", 1) > 1:
+        if _SCALE in own:
+            values[f"{field}.scale"] = own[_SCALE] if len(own[_SCALE]) > 1 else own[_SCALE][0]
+        if own.get(_CLIP, [-np.inf, np.inf]) != [-np.inf, np.inf]:
+            values[f"{field}.clip"] = own[_CLIP]
+        if _HISTORY in own:  # 0 stands for a term without a history: it shows the present step alone
+            values[f"{field}.history"] = max(int(own[_HISTORY][0]), 1)
+        if _FLATTEN in own and not own[_FLATTEN][0] and values.get(f"{field}.history", 1) > 1:
             raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")
-    unused = tuple(_unknown(key) for key in metadata if key not in (*_READ, *_WITHOUT_EFFECT))
+    others = [key for key in metadata if key not in (*_READ, "run_path", GOLDEN_KEY)]
+    unused = tuple(f"metadata key '{key}' is not read{meant(key, _READ)}" for key in others)
     return [Layer("assumed (mjlab)", assumed), Layer("mjlab metadata", values, unused=unused)]
 
 
-def _unknown(key: str) -> str:
-    near = near_miss(key, _READ)
-    return f"metadata key '{key}' is not read" + (f"; mjlab's is '{near}'" if near else "")
-
-
-def _rows(key: str, metadata: Mapping[str, str], count: int, where: str) -> list[list[float]]:
-    """Return the numbers of each term: commas between terms, semicolons within one; nothing if the key is missing."""
-    if key not in metadata:
-        return []
+def _rows(key: str, text: str, count: int, where: str) -> list[list[float]]:
+    """Return the numbers of each term: commas between terms, semicolons within one."""
     words = {"True": "1", "False": "0"}
-    rows = [csv_numbers(key, words.get(item, item).replace(";", ","), where) for item in csv(metadata[key])]
+    rows = [csv_numbers(key, words.get(item, item).replace(";", ","), where) for item in csv(text)]
     if len(rows) != count:
         raise InputError(f"{where}: {key} has {len(rows)} entries, expected {count}, one for each term")
     return rows

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import HeightScan, PhaseRule, PolicyContract, TensorNames, Term
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked, term_option
+from humanoid_sim.policy.layers import COMMAND_AXES, REQUIRED, Layer, build, checked
 from humanoid_sim.strict_yaml import read_yaml
 
-STAMP_KEY = "humanoid_sim_contract"
-"""Metadata key under which a stamped checkpoint carries its contract."""
-GOLDEN_KEY = "humanoid_sim_golden"
-"""Metadata key of the golden vectors."""
+STAMP_KEY = "humanoid_sim_contract"  # metadata key under which a stamped checkpoint carries its contract
+GOLDEN_KEY = "humanoid_sim_golden"  # of the golden vectors
 _VERSION = 2
-
 _NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt")
 _TEXTS = ("task_type", "dataset_repo_id", "anchor_body")
 METADATA_KEYS = (
@@ -33,7 +30,7 @@ METADATA_KEYS = (
 _ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps")
 
 
-# --- CSV of metadata ---
+# --- thirteen keys of CSV ---
 
 
 def csv(text: str) -> list[str]:
@@ -42,29 +39,26 @@ def csv(text: str) -> list[str]:
 
 
 def csv_numbers(key: str, text: str, where: str) -> list[float]:
-    """Return the numbers of a CSV text. Raises `InputError` naming the key."""
-    try:
-        return [float(item) for item in csv(text)]
-    except ValueError:
-        raise InputError(f"{where}: {key} is {text[:80]!r}, expected numbers separated by commas") from None
+    """Return the numbers of a CSV text, at least one. Raises `InputError` naming the key."""
+    with blaming(f"{where}: {key} is {text[:80]!r}, expected numbers separated by commas", ValueError):
+        return [float(item) for item in csv(text) or [""]]
 
 
 def csv_field(name: str, key: str, text: str, where: str) -> Any:
     """Return a field of the contract from the text of a metadata key."""
     if name in _TEXTS:
         return text.strip()
-    if name not in (*_NUMBERS, "lookahead_steps"):
+    if name == "lookahead_steps":
+        numbers = csv_numbers(key, text, where) if text.strip() else []
+        return [int(number) if number.is_integer() else number for number in numbers]
+    if name not in _NUMBERS:
         return csv(text)
     numbers = csv_numbers(key, text, where)
-    if name == "lookahead_steps":
-        return [int(number) if number.is_integer() else number for number in numbers]
-    if not numbers:
-        raise InputError(f"{where}: {key} is empty, expected numbers separated by commas")
     return numbers[0] if len(numbers) == 1 else numbers
 
 
 def is_own(metadata: Mapping[str, str]) -> bool:
-    """Return whether the metadata has any key that only this dialect has."""
+    """Return True if the metadata has any key that only this dialect has."""
     return any(key in metadata for key in _ONLY_HERE)
 
 
@@ -75,10 +69,7 @@ def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
-    """Return the thirteen keys of a contract, numbers with all their digits.
-
-    Raises `FieldError` if a name holds a comma or has spaces around it, which a CSV list cannot keep.
-    """
+    """Return the thirteen keys of a contract, numbers with all their digits; `FieldError` for a name with a comma."""
     return {key: _csv_text(key, getattr(contract, key)) for key in METADATA_KEYS}
 
 
@@ -97,13 +88,11 @@ def _csv_text(key: str, value: Any) -> str:
 
 def plain(value: Any) -> Any:
     """Return a contract, or a field's value, as JSON and YAML have it; a float64's repr keeps every bit."""
-    if isinstance(value, PolicyContract):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value) if item.name != "source"}
-    if isinstance(value, Term | PhaseRule | TensorNames):
-        values = {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+    if is_dataclass(value):
+        values = {item.name: plain(getattr(value, item.name)) for item in fields(value) if item.name != "source"}
+        if isinstance(value, PolicyContract):
+            return values
         return {name: item for name, item in values.items() if item is not None or name == "standing_value"}
-    if isinstance(value, HeightScan):
-        return {name: item for name, item in asdict(value).items() if item is not None}
     if isinstance(value, np.ndarray):
         return value.tolist()
     return [plain(item) for item in value] if isinstance(value, tuple | list) else value
@@ -119,7 +108,7 @@ def _decoded(text: str, where: str) -> tuple[dict[str, Any], PolicyContract]:
     with blaming(f"{where}: contract", (ValueError, KeyError, TypeError)):
         document = json.loads(text)
         if document["version"] != _VERSION:
-            raise InputError(f"{where}: contract has version {document['version']!r}, expected {_VERSION}")
+            raise ValueError(f"has version {document['version']!r}, expected {_VERSION}")
         stated = dict(flattened(document["contract"], f"{where}: contract"))
         stated.pop("phase.speed", None)  # in older stamps, without a meaning of its own
         values = {name: checked(name, value, f"{where}: contract: {name}") for name, value in stated.items()}
@@ -134,31 +123,23 @@ def decode(text: str, where: str) -> PolicyContract:
 def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return a stamped contract, and of the thirteen keys beside it those that were changed since.
 
-    The contract keeps the sources that its fields had; of what nobody stated then, another source may say otherwise.
+    The contract keeps the sources that its fields had; usual values without one are nobody's statement.
     """
     values, made = _decoded(metadata[STAMP_KEY], where)
-    groups: dict[str, dict[str, Any]] = {}
+    phase = None if made.phase is None else PhaseRule(1.0)
+    kept = ("task_type", "action_joint_names", "command_names", *REQUIRED)
+    required = {name: getattr(made, name) for name in (*kept, *(["lookahead_steps"] if made.lookahead_steps else []))}
+    usual_contract = PolicyContract(**{**required, "observation": made.observation_names}, phase=phase)
+    usual = dict(flattened(plain(usual_contract), where))
+    layers: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         origin = made.source.get(name, "")
-        is_stated = origin or name == "phase.period" or plain(value) != plain(_usual(name, made))
-        if is_stated and not origin.startswith("follows from"):
-            groups.setdefault(origin or "stamp", {})[name] = value
+        is_usual = name in usual and name not in required and name != "phase.period" and plain(value) == usual[name]
+        if not origin.startswith("follows from") and (origin or not is_usual):
+            layers.setdefault(origin or "stamp", {})[name] = value
     (stamped,), (beside,) = read_own(write_metadata(made), where), read_own(metadata, where)
     changed = {name: value for name, value in beside.values.items() if value != stamped.values[name]}
-    return [*(Layer(origin, group) for origin, group in groups.items()), Layer("metadata", changed)]
-
-
-def _usual(name: str, made: PolicyContract) -> Any:
-    """Return the value that a field has where no source states it."""
-    whole, _, part = name.partition(".")
-    if whole == "observation" and part:
-        term, option = term_option(name)
-        return getattr(Term(term), option)
-    if part:
-        return getattr(TensorNames() if whole == "tensors" else PhaseRule(1.0), part)
-    if name == "action_offset":
-        return made.default_joint_pos[[made.joint_names.index(joint) for joint in made.action_joint_names]]
-    return next(item.default for item in fields(made) if item.name == name)
+    return [*(Layer(origin, group) for origin, group in layers.items()), Layer("metadata", changed)]
 
 
 # --- contract.yaml ---
@@ -182,31 +163,27 @@ def read_contract_file(path: Path) -> Layer:
 
 def flattened(document: Any, where: str) -> Iterator[tuple[str, Any]]:
     """Yield the fields of a contract in JSON or YAML, as in `Layer.values`."""
-    known = [item.name for item in fields(PolicyContract) if item.name != "source"]
+    known = [*(item.name for item in fields(PolicyContract) if item.name != "source"), "terms"]
     for name, value in _mapping(document, where).items():
+        options: Any = {}
         if name == "terms":
-            for term, options in _mapping(value, f"{where}: terms").items():
-                yield from _options(term, options, where)
+            options = _mapping(value, f"{where}: terms")
         elif name in ("phase", "tensors") and value is not None:
             for part, item in _mapping(value, f"{where}: {name}").items():
                 yield f"{name}.{part}", item
         elif name == "observation" and isinstance(value, list):
             yield name, [term.get("name") if isinstance(term, dict) else term for term in value]
-            for term in value:
-                if isinstance(term, dict):
-                    yield from _options(term.get("name"), term, where)
+            options = {str(term.get("name")): term for term in value if isinstance(term, dict)}
         elif name == "command_ranges" and isinstance(value, dict):
             yield name, [value.get(axis) for axis in COMMAND_AXES]
         elif name in known:
             yield name, value
         else:
-            raise InputError(f"{where}: {known_names('field', str(name), [*known, 'terms'])}")
-
-
-def _options(term: Any, options: Any, where: str) -> Iterator[tuple[str, Any]]:
-    for option, value in _mapping(options, f"{where}: term {term}").items():
-        if option != "name":
-            yield f"observation.{term}.{option}", value
+            raise InputError(f"{where}: {known_names('field', str(name), known)}")
+        for term, values in options.items():
+            for option, item in _mapping(values, f"{where}: term {term}").items():
+                if option != "name":
+                    yield f"observation.{term}.{option}", item
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:

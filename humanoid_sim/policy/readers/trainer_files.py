@@ -14,8 +14,6 @@ from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
 
-_NOT_TERMS = ("params", "noise", "func")
-
 
 def find_beside(checkpoint: Path, name: str) -> Path | None:
     """Return the file beside the model, in `params/` there, or in `params/` beside the folder `exported/` around it."""
@@ -58,10 +56,10 @@ def read_section(path: Path) -> Section:
 
 
 def is_group(value: Any) -> bool:
-    """Return whether this is a group, which holds terms, that is mappings; a term holds `params`, `scale` and so on."""
+    """Return True for a group of terms, which are mappings; a term's own are `params`, `noise` and `func`."""
     if not isinstance(value, dict) or "func" in value:
         return False
-    return any(isinstance(item, dict) for key, item in value.items() if key not in _NOT_TERMS)
+    return any(isinstance(item, dict) and key not in ("params", "noise") for key, item in value.items())
 
 
 def observation_fields(group: Section) -> dict[str, Any]:
@@ -71,17 +69,15 @@ def observation_fields(group: Section) -> dict[str, Any]:
         return {}
     stacked = group.get("use_gym_history") is True
     found: dict[str, Any] = {"observation": names, "history_layout": "per_step" if stacked else "per_term"}
-    commands = []
+    commands: dict[str, None] = {}
     for name in names:
         if is_group(group.get(name)):
             raise InputError(f"{group.where}: has the groups {', '.join(names)}, expected one, for one input")
         term, params, field = group[name], group[name]["params"], f"observation.{name}"
         function = str(term.get("func") or "").rpartition(":")[2].replace("generated_commands", "command")
-        named, kind = term_kind(name), term_kind(name)
-        if function and named.meaning == "live input":
-            kind = term_kind(function)
-        if kind.name != named.name and kind.meaning != "live input":
-            found[f"{field}.kind"] = function
+        kind = term_kind(name)
+        if kind.meaning == "live input" and term_kind(function).meaning != "live input":
+            found[f"{field}.kind"], kind = function, term_kind(function)
         if kind.name == "joint_pos" and function in ("joint_pos", "joint_pos_rel"):
             found[f"{field}.relative"] = function == "joint_pos_rel"
         found[f"{field}.scale"] = 1.0 if term.get("scale") is None else term.get("scale")
@@ -91,13 +87,13 @@ def observation_fields(group: Section) -> dict[str, Any]:
         # 0 stands for a term without a history: it shows the present step alone.
         found[f"{field}.history"] = max(history or 1, 1) if isinstance(history, int | None) else history
         if isinstance(params.get("command_name"), str):
-            commands.append(params.get("command_name"))
+            commands[params.get("command_name")] = None
         joints = params["asset_cfg"].get("joint_ids")
         if kind.reads.startswith("joint_") and joints not in (None, slice(None)):
             found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
             found["phase.period"] = params.number("period")
-    return found | ({"command_names": list(dict.fromkeys(commands))} if commands else {})
+    return found | ({"command_names": list(commands)} if commands else {})
 
 
 def _clip(term: Section, *, scale_first: bool) -> list[float]:
@@ -121,8 +117,7 @@ def isaac_scans(group: Section) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, term in group.values.items():
         if term_kind(name).name == HEIGHT_SCAN and isinstance(term, dict):
-            params = group[name]["params"]
-            offset = params.number("offset") if "offset" in params.values else 0.5
-            scan = HeightScan("torso_link", offset=offset, range=1e6, miss=-1e6, above=20.0)
+            offset = group[name]["params"].get("offset")
+            scan = HeightScan("torso_link", offset=0.5 if offset is None else offset, range=1e6, miss=-1e6, above=20.0)
             found[f"observation.{name}.scan"] = scan
     return found

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked, matches
+from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.trainer_files import Section, is_group, isaac_scans, observation_fields, read_section
 
@@ -56,7 +55,6 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         assumed |= {**GAIT_CLOCK, "phase.advance_first": True}
     layers = [Layer("assumed (Unitree)", assumed)]
     if robot_joints is not None:
-        _refuse_another_robot(file, robot_joints)
         what = f"{path}: joint_ids_map is for another robot: this one has {len(robot_joints)} joints"
         order = _order(places, len(robot_joints), what) if places else range(len(robot_joints))
         source = f"{path.name} and the robot" if places else ROBOTS_ORDER
@@ -90,19 +88,3 @@ def _gaps(name: str, places: Sequence[int]) -> tuple[str, ...]:
         return ()
     text = f"{name}: joint_ids_map leaves out places {shown(gaps)}: gains are read as the policy's own, but Unitree's"
     return (f"{text} program puts them on motors 0 to {len(places) - 1}, and leaves those to {max(places)} without",)
-
-
-def _refuse_another_robot(file: Section, robot_joints: tuple[str, ...]) -> None:
-    """Refuse a name or pattern that is for none of the joints: places may be any robot's."""
-    for pattern in _joint_patterns(file.values):
-        if not any(matches(pattern, joint, file.where) for joint in robot_joints):
-            robot = f"is the policy for another robot? this one has {', '.join(robot_joints)}"
-            raise InputError(f"{file.where}: names '{pattern}', and no joint is called so: {robot}")
-
-
-def _joint_patterns(document: Any) -> Iterator[str]:
-    for key, value in document.items() if isinstance(document, dict) else ():
-        if key == "joint_names" and value is not None:
-            yield from map(str, value if isinstance(value, list) else [value])
-        else:
-            yield from _joint_patterns(value)
