@@ -26,39 +26,31 @@ class Display:
     _open: ClassVar[Display | None] = None
     """MuJoCo crashes on a second window in the same process."""
 
-    def __init__(
-        self, description: RobotDescription, period: float, render_mode: str | None, size: tuple[int, int, str | None]
-    ) -> None:
-        """Prepare; nothing is loaded before the first pose.
+    def __init__(self, description: RobotDescription, period: float, render_mode: str | None, config: Any) -> None:
+        """Prepare; nothing is loaded before the first pose, of which there is one every `period` s.
 
+        `config` has `width` and `height` of a picture in pixels, and `camera`; None looks at the robot from the front.
         Raises `InputError` if there is no such mode, or no window can be opened.
-
-        Args:
-            period: s between two poses.
-            size: width and height of a picture in pixels, and the camera; None looks at the robot from the front.
         """
         if render_mode not in (None, *RENDER_MODES):
             raise InputError(f"render_mode: is {render_mode!r}, expected {', '.join(RENDER_MODES)} or None")
         if render_mode == "human" and not has_display():
             raise InputError("render_mode: human needs a display; use rgb_array instead")
-        self.mode, self._period, self._description = render_mode, period, description
-        self._pictures = PoseRenderer(lambda: build_model(description), *size)
+        self._mode, self._period, self._description = render_mode, period, description
+        self._pictures = PoseRenderer(lambda: build_model(description), config.width, config.height, config.camera)
         self._viewer: Any = None
         self._due = 0.0
-
-    @property
-    def metadata(self) -> dict[str, Any]:
-        """Return an environment's metadata; without a display no window opens."""
         modes = [mode for mode in RENDER_MODES if mode != "human" or has_display()]
-        return {"render_modes": modes, "render_fps": round(1.0 / self._period)}
+        self.metadata: dict[str, Any] = {"render_modes": modes, "render_fps": round(1.0 / period)}
+        """An environment's; without a display no window opens."""
 
     def picture(self, qpos: FloatArray) -> npt.NDArray[np.uint8] | None:
         """Return a picture of a pose (nq,), shape (height, width, 3); None unless the mode is `rgb_array`."""
-        return self._pictures.draw(qpos) if self.mode == "rgb_array" else None
+        return self._pictures.draw(qpos) if self._mode == "rgb_array" else None
 
     def show(self, qpos: FloatArray) -> None:
         """Show a pose (nq,) in the window, a period after the last one."""
-        if self.mode != "human":
+        if self._mode != "human":
             return
         if self._viewer is None:
             if Display._open is not None:

@@ -20,26 +20,18 @@ if TYPE_CHECKING:
     from dm_control.mujoco import Physics
 
 
-def load(config: Any, *, seed: int | None = None, **options: Any) -> DmEnv:
-    """Return an environment by the name of its configuration in `CONFIGS`, or by a `PolicyEnvConfig`."""
-    return DmEnv(PolicyEnv(config, **options), seed)
-
-
 class DmEnv(dm_env.Environment):
-    """`PolicyEnv` with the same episodes. Discount 0: the robot failed, or a fault; 1: motion or time was over."""
+    """`PolicyEnv` with the same episodes; `seed` is of the first. Discount 0: it failed; 1: motion or time was over."""
 
     def __init__(self, env: PolicyEnv, seed: int | None = None) -> None:
-        """Take over an environment; the seed is of its first episode."""
         self.env, self._seed, self._is_over = env, seed, True
 
     def reset(self) -> dm_env.TimeStep:
-        """Start an episode."""
         observation, _ = self.env.reset(seed=self._seed)
         self._seed, self._is_over = None, False
         return dm_env.restart(observation)
 
     def step(self, action: Float32Array) -> dm_env.TimeStep:
-        """One policy step; after an episode's end, `reset`."""
         if self._is_over:
             return self.reset()
         observation, reward, terminated, truncated, _ = self.env.step(action)
@@ -49,11 +41,9 @@ class DmEnv(dm_env.Environment):
         return dm_env.truncation(reward, observation) if truncated else dm_env.transition(reward, observation)
 
     def observation_spec(self) -> specs.Array:
-        """Return the observation's, shape (N,)."""
         return specs.Array(self.env.observation_space.shape, np.float32, "observation")
 
     def action_spec(self) -> specs.BoundedArray:
-        """Return the raw action's, shape (m,), with the bounds of the Gymnasium environment."""
         space: Any = self.env.action_space
         return specs.BoundedArray(space.shape, np.float32, space.low, space.high, "action")
 
@@ -70,5 +60,9 @@ class DmEnv(dm_env.Environment):
         return self._physics
 
     def close(self) -> None:
-        """Close the environment."""
         self.env.close()
+
+
+def load(config: Any, *, seed: int | None = None, **options: Any) -> DmEnv:
+    """Return an environment by the name of its configuration in `CONFIGS`, or by a `PolicyEnvConfig`."""
+    return DmEnv(PolicyEnv(config, **options), seed)

@@ -14,11 +14,17 @@ from gymnasium.spaces import Discrete
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.config import Named, changed, checkpoint_of, observed_by, read_policy
 from humanoid_sim.envs.display import RENDER_MODES, Display
-from humanoid_sim.envs.policy_env import velocity_option
-from humanoid_sim.envs.spaces import INTENTS, modes_observation, modes_observation_space
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.envs.spaces import (
+    INTENTS,
+    modes_observation,
+    modes_observation_space,
+    reset_options,
+    velocity_option,
+)
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITState
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract_physics
 from humanoid_sim.simulation import DROP
@@ -46,6 +52,14 @@ class ModesEnvConfig:
     height: int = 480
     camera: str | None = None
 
+    def read(self) -> tuple[RobotDescription, LoadedPolicy | None, SimConfig]:
+        """Return the robot, its policy, and a simulation that reports what this observes."""
+        description = self.robot if isinstance(self.robot, RobotDescription) else load_robot(self.robot)
+        if self.policy is None:
+            return description, None, SimConfig()
+        loaded = read_policy(checkpoint_of(self.policy, description.joint_names), self.motion)
+        return with_contract_physics(description, loaded.contract), loaded, observed_by(loaded.contract)
+
 
 LITE_MODES = ModesEnvConfig(robot="lite", policy="lite_tracking", motion="wave")
 
@@ -71,23 +85,17 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             options: fields of the configuration to change.
         """
         self.config = config = changed(config, options)
-        description = config.robot if isinstance(config.robot, RobotDescription) else load_robot(config.robot)
-        loaded, sim = None, SimConfig()
-        if config.policy is not None:
-            loaded = read_policy(checkpoint_of(config.policy, description.joint_names), config.motion)
-            description = with_contract_physics(description, loaded.contract)
-            sim = observed_by(loaded.contract)
+        description, loaded, sim = config.read()
         self.robot = SimRobot(description, replace(sim, drop=DROP))
-        period = self.robot.control_period
-        live = {**self.robot.extern, VELOCITY_COMMAND: 3}
+        period, live = self.robot.control_period, {**self.robot.extern, VELOCITY_COMMAND: 3}
         self.supervisor = build_supervisor(description, period, loaded, live=live)
-        self._display = Display(description, period, render_mode, (config.width, config.height, config.camera))
+        self._display = Display(description, period, render_mode, config)
         self.metadata, self.render_mode = self._display.metadata, render_mode
         self.action_space = Discrete(len(INTENTS))
         self.observation_space = modes_observation_space(description)
         self._memory: SupervisorMemory | None = None
         self._velocity: FloatArray = np.zeros(3)
-        self._sound, _ = self._read()
+        self._sound = self.robot.state()
         self._steps = 0
 
     def reset(
@@ -100,16 +108,12 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             options: `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
         """
         super().reset(seed=seed)
-        given = dict(options or {})
-        self._velocity = velocity_option(given.pop("command", np.zeros(3)))[0]
-        for name in given:
-            raise InputError(f"reset: {known_names('option', name, ('command',))}")
+        given = reset_options(options, ("command",))
+        self._velocity = velocity_option(given.get("command", np.zeros(3)))[0]
         self.robot.relaunch()
         self._memory, self._steps = self.supervisor.initial(), 0
-        state, safety = self._read()
         self._display.show(self.robot.data.qpos)
-        info = {"controller": self._memory.controller, "status": self._memory.status_message, "time": 0.0}
-        return self._observe(state, None, safety), info | {"refusals": (), "faults": ()}
+        return self._observe(None), first_info(self._memory)
 
     def step(self, action: Any) -> Step:
         """One control tick.
@@ -122,9 +126,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             raise gymnasium.error.ResetNeeded("call reset before step")
         if not self.action_space.contains(action):
             raise InputError(f"action: is {action!r}, expected a whole number from 0 to {len(INTENTS) - 1}")
-        intent = INTENTS[int(action)]
-        state, safety = self._read()
-        tick = TickInput(state, safety, () if intent is None else (intent,))
+        tick = tick_input(*self.robot.read(), self._velocity, int(action))
         self._memory, output = self.supervisor.step(self._memory, tick)
         mode = output.control_mode.mode
         if self.robot.base is not None:
@@ -132,25 +134,14 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self.robot.write(output.command)
         self._steps += 1
         self._display.show(self.robot.data.qpos)
-        info = {
-            "controller": output.control_mode.controller_name,
-            "status": output.control_mode.status_message,
-            "refusals": output.refusals,
-            "faults": tuple(f"{fault.controller}: {fault.message}" for fault in output.faults),
-            "time": self.robot.time,
-        }
-        state, safety = self._read()
-        observation = self._observe(state, output, safety)
+        reward = self.robot.control_period if mode.is_free else 0.0
         is_late = self._steps >= self.config.max_episode_steps
-        return observation, self.robot.control_period if mode.is_free else 0.0, output.quit, is_late, info
+        return self._observe(output), reward, output.quit, is_late, step_info(output, self.robot.time)
 
-    def _read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        state, safety = self.robot.read()
-        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)}), safety
-
-    def _observe(self, state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
+    def _observe(self, output: TickOutput | None) -> dict[str, Any]:
         """Return the observation; of a simulation that is no longer sound the last state in which it was."""
-        if all(status.is_ok for status in safety):
+        state, safety = self.robot.read()
+        if not self.robot.fault:
             self._sound = state
         return modes_observation(self._sound, output, safety)
 
@@ -162,3 +153,32 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         """Close windows and contexts. May be called twice."""
         self._display.close()
         self.robot.close()
+
+
+def tick_input(state: MITState, safety: tuple[SafetyStatus, ...], velocity: FloatArray, action: int) -> TickInput:
+    """Return the input of a tick: what a robot reports, the velocity command (3,), and an action's intent."""
+    state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(velocity, 0.0)})
+    intent = INTENTS[action]
+    return TickInput(state, safety, () if intent is None else (intent,))
+
+
+def first_info(memory: SupervisorMemory) -> dict[str, Any]:
+    """Return the info of a reset."""
+    return {
+        "controller": memory.controller,
+        "status": memory.status_message,
+        "refusals": (),
+        "faults": (),
+        "time": 0.0,
+    }
+
+
+def step_info(output: TickOutput, time: float) -> dict[str, Any]:
+    """Return the info of a tick at the end of which it is `time`, s."""
+    return {
+        "controller": output.control_mode.controller_name,
+        "status": output.control_mode.status_message,
+        "refusals": output.refusals,
+        "faults": tuple(f"{fault.controller}: {fault.message}" for fault in output.faults),
+        "time": time,
+    }

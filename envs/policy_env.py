@@ -12,9 +12,9 @@ import numpy.typing as npt
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_config
 from humanoid_sim.envs.display import RENDER_MODES, Display
-from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.randomisation import Randomisation
@@ -54,14 +54,11 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         if config.implicit:
             raise InputError("implicit: is for many robots at once, expected a vector environment (make_vec)")
         self.scenario = scenario = build_scenario(config)
-        description, contract = scenario.description, scenario.contract
-        self._display = Display(
-            description, contract.policy_dt, render_mode, (config.width, config.height, config.camera)
-        )
+        self._display = Display(scenario.description, scenario.contract.policy_dt, render_mode, config)
         self.metadata, self.render_mode = self._display.metadata, render_mode
         self.observation_space = observation_space(scenario.wiring)
-        self.action_space = action_space(scenario.wiring, description)
-        self.robot = SimRobot(description, scenario.sim_config)
+        self.action_space = action_space(scenario.wiring, scenario.description)
+        self.robot = SimRobot(scenario.description, scenario.sim_config)
         self.max_episode_steps = scenario.task.episode_steps
         """Steps after which every episode is truncated, if it is not over before."""
         self._randomisation = Randomisation.of(config.randomisation)
@@ -75,21 +72,18 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; the same seed gives the same start. Raises `InputError` for an option that is not known."""
         super().reset(seed=seed)
-        given, scenario = dict(options or {}), self.scenario
+        scenario, given = self.scenario, reset_options(options, ("command", "qpos", "qvel", "warmstart", "memory"))
         if self._randomisation.differs:
             self.robot.vary(self._randomisation, self.np_random)
         start = scenario.starts(self.np_random.random(scenario.starts.draws))
-        memory: PolicyMemory | None = given.pop("memory", None)
-        self._commands = velocity_option(given.pop("command")) if "command" in given else start.commands
-        qpos, qvel = given.pop("qpos", start.qpos), given.pop("qvel", start.qvel)
-        self.robot.reset(qpos, qvel, given.pop("warmstart", None))
-        for name in given:
-            raise InputError(f"reset: {known_names('option', name, _RESET_OPTIONS)}")
+        self._commands = velocity_option(given["command"]) if "command" in given else start.commands
+        self.robot.reset(given.get("qpos", start.qpos), given.get("qvel", start.qvel), given.get("warmstart"))
         self._steps = 0
         velocity = scenario.task.command(self._commands, 0)
         self._loop = loop = ClosedLoop(
             self.robot, scenario.wiring, velocity, scenario.live, scenario.guards, int(start.frame)
         )
+        memory: PolicyMemory | None = given.get("memory")
         if memory is not None:
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
         self._observation = loop.observation
@@ -106,11 +100,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         loop, task = self._loop, self.scenario.task
         if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        with np.errstate(over="ignore"):  # becomes infinite, and is refused
-            raw = np.array(action, dtype=np.float32)
-        if raw.shape != self.action_space.shape:
-            raise InputError(f"action: has shape {raw.shape}, expected {self.action_space.shape}")
-        frame = loop.memory.frame
+        raw, frame = raw_action(action, self.action_space), loop.memory.frame
         if not loop.wiring.accepts(raw):
             return self._fault(loop.wiring.action_problem(raw), frame)
         self._steps += 1
@@ -140,18 +130,3 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """Close windows and contexts. May be called twice."""
         self._display.close()
         self.robot.close()
-
-
-_RESET_OPTIONS = ("command", "qpos", "qvel", "warmstart", "memory")
-
-
-def velocity_option(value: Any, count: int | None = None) -> FloatArray:
-    """Return a reset's commands: one or several rows, shape (k, 3); with `count`, one for each environment, (count, 3).
-
-    Raises `InputError` unless a row is vx, vy in m/s and yaw rate in rad/s.
-    """
-    command = np.atleast_2d(np.asarray(value, dtype=np.float64))
-    rows = len(command) if count is None else count
-    if command.ndim != 2 or command.shape[1] != 3 or len(command) not in (1, rows) or not np.isfinite(command).all():
-        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
-    return np.broadcast_to(command, (rows, 3))

@@ -31,7 +31,6 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
-        """Shape (N,), policy steps since each episode began; setting it lets episodes of a set length end earlier."""
         return torch.from_numpy(self._whole.episode_steps.copy())
 
     @episode_length_buf.setter
@@ -39,7 +38,6 @@ class RslRlVecEnv(VecEnv):
         self._whole.episode_steps = steps.cpu().numpy().astype(np.int64)
 
     def get_observations(self) -> TensorDict:
-        """Return the latest, shape (N, …) each."""
         return self._observations
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
@@ -56,7 +54,6 @@ class RslRlVecEnv(VecEnv):
         return self._observations, rewards, torch.from_numpy(terminated | truncated), extras
 
     def close(self) -> None:
-        """Close the environments."""
         self.envs.close()
 
     def _grouped(self, observation: Float32Array) -> TensorDict:

@@ -20,20 +20,17 @@ class Sb3VecEnv(VecEnv):
     """A vector environment with `autoreset_mode="SameStep"`. Its environments are one, so attributes are shared."""
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Take over `envs`; closing this closes them."""
         self._whole = require_same_step(envs, "stable-baselines3")
         self.envs, self._actions = envs, np.zeros(0, dtype=np.float32)
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> Float32Array:
-        """Start an episode in every environment, with the seeds that were set, and the options of the first."""
         observation, _ = self.envs.reset(seed=self._seeds, options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
         return np.asarray(observation)
 
     def step_async(self, actions: Float32Array) -> None:
-        """Keep the actions of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Float32Array, Float32Array, BoolArray, list[dict[str, Any]]]:
@@ -48,25 +45,19 @@ class Sb3VecEnv(VecEnv):
         return observation, reward.astype(np.float32), terminated | truncated, infos
 
     def close(self) -> None:
-        """Close the environments."""
         self.envs.close()
 
     def get_images(self) -> Sequence[Any]:
-        """Return a picture of each environment."""
         return list(self.envs.render() or [None] * self.num_envs)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the vector environment, once for each of these environments."""
         return [getattr(self._whole, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the vector environment."""
         setattr(self._whole, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the vector environment once; its result stands for each of these environments."""
         return [getattr(self._whole, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Return False for each: there are no single environments to wrap."""
         return [False] * self.num_envs

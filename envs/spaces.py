@@ -1,7 +1,8 @@
-"""The spaces of the environments."""
+"""The spaces of the environments, and what their callers give."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -10,8 +11,9 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary
 
 from humanoid_sim.controllers.fsm import merge_safety
 from humanoid_sim.controllers.policy_step import PolicyWiring
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickOutput
-from humanoid_sim.mit import MITState
+from humanoid_sim.mit import Float32Array, FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
 
 INTENTS: tuple[Intent | None, ...] = (None, *Intent)
@@ -44,6 +46,33 @@ def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
 def observation_space(wiring: PolicyWiring) -> Box:
     """Return the space of observations, shape (N,), without bounds."""
     return Box(-np.inf, np.inf, (wiring.layout.width,), dtype=np.float32)
+
+
+def raw_action(action: Any, space: Any) -> Float32Array:
+    """Return a copy of an action, or of a batch of them. Raises `InputError` unless it has the space's shape."""
+    with np.errstate(over="ignore"):  # becomes infinite, and is refused
+        raw = np.array(action, dtype=np.float32)
+    if raw.shape != space.shape:
+        raise InputError(f"action: has shape {raw.shape}, expected {space.shape}")
+    return raw
+
+
+def reset_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
+    """Return the options of a reset. Raises `InputError` for one that is not known."""
+    require_known("option", options or (), known, "reset: ")
+    return dict(options or {})
+
+
+def velocity_option(value: Any, count: int | None = None) -> FloatArray:
+    """Return a reset's commands: one or several rows, shape (k, 3); with `count`, one for each environment, (count, 3).
+
+    Raises `InputError` unless a row is vx, vy in m/s and yaw rate in rad/s.
+    """
+    command = np.atleast_2d(np.asarray(value, dtype=np.float64))
+    rows = len(command) if count is None else count
+    if command.ndim != 2 or command.shape[1] != 3 or len(command) not in (1, rows) or not np.isfinite(command).all():
+        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
+    return np.broadcast_to(command, (rows, 3))
 
 
 def modes_observation_space(description: RobotDescription) -> Dict:

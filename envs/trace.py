@@ -9,7 +9,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.envs.config import Scenario
 from humanoid_sim.errors import InputError
@@ -41,32 +40,24 @@ def record_trace(
     path = output_file(output, "output", ".npz")
     simulation = BatchSim(scenario.description, 1, scenario.sim_config, implicit=scenario.config.implicit, threads=1)
     start = scenario.starts(np.random.default_rng(0).random((1, scenario.starts.draws)))
-    fastest = int(np.argmax(np.linalg.norm(start.commands[0], axis=1)))  # not one to stand: a zero shows no scale
-    rows: list[dict[str, npt.NDArray[Any]]] = []
+    fastest = int(np.argmax((start.commands[0] ** 2).sum(axis=1)))  # not one to stand: a zero shows no scale
+    rows: list[dict[str, Any]] = []
     with closing(simulation):
         simulation.reset(qpos=start.qpos, qvel=start.qvel)
         loop = ClosedLoop(simulation, scenario.wiring, start.commands[:, fastest], scenario.live)
-        for _ in range(min(steps, scenario.task.episode_steps)):
+        while len(rows) < min(steps, scenario.task.episode_steps) and not simulation.fault.any():
             observation, state = loop.observation.copy(), loop.state
             action = policy(observation)
             if not (np.isfinite(observation).all() and loop.wiring.accepts(action).all()):
                 break
-            row: dict[str, Any] = {name: getattr(state, name) for name in STATE_ARRAYS}
+            row = {name: getattr(state, name) for name in STATE_ARRAYS}
             row |= {name: extern.value for name, extern in state.extern.items()}
             row |= {"observation": observation, "action": action, "target": loop.act(action).position}
             rows.append({name: np.array(value[0]) for name, value in row.items()})
-            if simulation.fault.any():
-                break
     if not rows:
-        raise InputError(
-            "policy: no controller accepts its first action, expected one that is finite and within limits"
-        )
-    table = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+        raise InputError("policy: its first action is not finite or beyond the limits, which no controller accepts")
+    table: dict[str, Any] = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    table |= {"joint_names": np.array(scenario.description.joint_names), "mujoco_version": mujoco.__version__}
     with whole_file(path) as file:
-        np.savez_compressed(
-            file,
-            joint_names=np.array(scenario.description.joint_names),
-            mujoco_version=np.array(mujoco.__version__),
-            **table,  # type: ignore[arg-type]
-        )
+        np.savez_compressed(file, **table)
     return len(rows)

@@ -12,10 +12,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_config
-from humanoid_sim.envs.policy_env import velocity_option
-from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from humanoid_sim.rendering.offscreen import PoseRenderer
@@ -77,17 +76,13 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             threads=threads,
             randomisation=Randomisation.of(config.randomisation),
         )
-        self.num_envs, self.render_mode = num_envs, render_mode
+        self.num_envs, self.render_mode, self.autoreset_mode = num_envs, render_mode, AutoresetMode(autoreset_mode)
         self.single_observation_space = observation_space(scenario.wiring)
         self.single_action_space = action_space(scenario.wiring, scenario.description)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {
-            "render_modes": ["rgb_array"],
-            "render_fps": round(1.0 / scenario.contract.policy_dt),
-            "autoreset_mode": self.autoreset_mode,
-        }
+        rate = round(1.0 / scenario.contract.policy_dt)
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = scenario.task.episode_steps
         """Steps after which every episode is truncated, if it is not over before."""
         self.wrench: FloatArray | None = None
@@ -106,13 +101,11 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Float32Array, dict[str, Any]]:
         """Start episodes; the same seeds give the same starts. Raises `InputError` for a seed or option that is not."""
-        given = dict(options or {})
-        mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
+        given = reset_options(options, ("command", "reset_mask"))
+        mask = np.asarray(given.get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise InputError(f"reset: reset_mask is {mask!r}, expected {self.num_envs} booleans, one of them true")
-        command = velocity_option(given.pop("command"), self.num_envs) if "command" in given else None
-        for name in given:
-            raise InputError(f"reset: {known_names('option', name, ('command', 'reset_mask'))}")
+        command = velocity_option(given["command"], self.num_envs) if "command" in given else None
         if self._loop is None and not mask.all():
             raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
         seeds = self._seeds(seed)
@@ -166,32 +159,23 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             InputError: the actions have another shape than the space's, or a reward is not finite.
             gymnasium.error.ResetNeeded: there was no reset yet, or, without autoreset, none since an episode's end.
         """
-        loop, task, simulation = self._loop, self.scenario.task, self.simulation
+        loop, task = self._loop, self.scenario.task
         if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         if self.autoreset_mode == AutoresetMode.DISABLED and self._is_over.any():
             raise gymnasium.error.ResetNeeded("an episode has ended: call reset with a reset_mask before step")
-        with np.errstate(over="ignore"):  # becomes infinite, and is refused
-            raw = np.array(actions, dtype=np.float32)
-        if raw.shape != self.action_space.shape:
-            raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
+        raw = raw_action(actions, self.action_space)
         starting, before = self._is_over.copy(), loop.memory.frame
-        refused = ~loop.wiring.accepts(raw) & ~starting
-        moving = ~refused & ~starting
+        moving = loop.wiring.accepts(raw) & ~starting
         action = raw if moving.all() else np.where(moving[:, None], raw, np.float32(0.0))
         self.episode_steps = self.episode_steps + moving
         velocity = task.command(self._commands, self.episode_steps)
         loop.act(action, velocity=velocity, wrench=self.wrench, where=None if moving.all() else moving)
-        tripped = moving & loop.tripped
-        broken = moving & ~tripped & simulation.fault
-        blind = moving & ~tripped & ~broken & ~np.isfinite(loop.observation).all(axis=1)
-        sound = moving & ~tripped & ~broken & ~blind
-        faults = {i: loop.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused).tolist()}
-        faults |= {i: loop.alarms[i] for i in np.flatnonzero(tripped).tolist()}
-        faults |= dict.fromkeys(np.flatnonzero(broken).tolist(), "simulation unstable")
-        faults |= {i: loop.wiring.observation_problem(loop.observation[i]) for i in np.flatnonzero(blind).tolist()}
+        faults = self._faults(loop, raw, starting, moving)
+        sound = moving.copy()
+        sound[list(faults)] = False
 
-        judgement = task.judge(sample_step(loop, simulation, np.maximum(self.episode_steps, 1)))
+        judgement = task.judge(sample_step(loop, self.simulation, np.maximum(self.episode_steps, 1)))
         reward = np.where(sound, judgement.reward, 0.0)
         require_finite(reward, judgement.terms)
         terminated = np.where(sound, judgement.terminated, ~starting)
@@ -205,12 +189,25 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             if self.autoreset_mode == AutoresetMode.SAME_STEP:
                 info = _with_final(info, over, self._observation)
             chosen = np.flatnonzero(over)
-            simulation.redraw(chosen)
-            self._begin(chosen)
-            first = np.asarray(self._loop.memory.frame) if self._loop is not None else frame
-            info["frame"] = np.where(over, first, frame)
+            self.simulation.redraw(chosen)
+            info["frame"] = np.where(over, self._begin(chosen).memory.frame, frame)
             info["_frame"] = np.ones(self.num_envs, dtype=np.bool_)
         return self._observation.copy(), reward, terminated, truncated, info
+
+    def _faults(self, loop: ClosedLoop, raw: Float32Array, starting: BoolArray, moving: BoolArray) -> dict[int, str]:
+        """Return what went wrong in this step by environment; `moving` had an action that was accepted."""
+        wiring, found = loop.wiring, {}
+        for i in np.flatnonzero(~moving & ~starting).tolist():
+            found[i] = wiring.action_problem(raw[i])
+        blind = ~np.isfinite(loop.observation).all(axis=1)
+        for i in np.flatnonzero(moving & (loop.tripped | self.simulation.fault | blind)).tolist():
+            if loop.tripped.ndim and loop.tripped[i]:
+                found[i] = loop.alarms[i]
+            elif self.simulation.fault[i]:
+                found[i] = "simulation unstable"
+            else:
+                found[i] = wiring.observation_problem(loop.observation[i])
+        return found
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """Return a picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""

@@ -81,7 +81,7 @@ class ClosedLoop:
         """
         self.velocity = velocity
         self.state = self._read()
-        rows = _rows(self.state, chosen)
+        rows = state_rows(self.state, chosen)
         observation, memory = self.wiring.observe(self.wiring.activate(rows, frame), rows)
         if self.guards is not None:
             self._watched = self.guards.restarted(self._watched, chosen)
@@ -150,8 +150,8 @@ def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.int
     )
 
 
-def _rows(state: MITState, indices: IndexArray) -> MITState:
-    """Return the reports of k of the N robots."""
+def state_rows(state: MITState, indices: IndexArray | int) -> MITState:
+    """Return the reports of k of the N robots, or of one."""
     arrays = {f.name: getattr(state, f.name)[indices] for f in fields(state) if f.name != "extern"}
     live = {name: replace(value, value=value.value[indices]) for name, value in state.extern.items()}
     return MITState(**arrays, extern=live)

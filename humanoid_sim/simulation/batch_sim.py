@@ -248,9 +248,10 @@ class BatchSim:
         """Return the state of the robots now, shape (N, …)."""
         if self._state is None:
             batch, offset = self._open, self._encoder_offset if self._is_varied else None
-            self._state = self._sensors.state(
-                batch.time, batch.qpos, batch.qvel, self._sensordata, self._effort, offset
-            )
+            time: FloatArray = (self._step * self.physics_steps).astype(
+                np.float64
+            ) * self._timestep  # as `SimRobot` counts, to the bit
+            self._state = self._sensors.state(time, batch.qpos, batch.qvel, self._sensordata, self._effort, offset)
         return self._state
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:

@@ -4,27 +4,22 @@ import importlib
 import importlib.util
 import sys
 import unittest
-from pathlib import Path
 from types import ModuleType
 
 import gymnasium
 import numpy as np
 import pytest
 from alike import LITE
-from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
+from humanoid_sim.assets import WALKING_POLICY
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario
-from humanoid_sim.envs.lerobot import hub_entry
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.trace import record_trace
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy_tools.stamp import stamp
 
 with_dm = pytest.mark.skipif(sys.version_info >= (3, 13), reason="dm-control needs labmaze, without a wheel for 3.13")
-EXAMPLE = Path(__file__).parents[2] / "examples" / "lerobot_hub" / "env.py"
 
 
 def vector(mode="SameStep", **options):
@@ -117,46 +112,6 @@ def test_stable_baselines3_gets_infos():
     assert envs.get_attr("max_episode_steps") == [2, 2]
     with pytest.raises(InputError, match="expected 'SameStep' for stable-baselines3"):
         module.Sb3VecEnv(vector("NextStep"))
-
-
-def hub_example():
-    spec = importlib.util.spec_from_file_location("hub_env", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.make_env
-
-
-@pytest.mark.filterwarnings("ignore:.*unwrapped version", "ignore:.*symmetric", "ignore:.*Box observation space m")
-def test_the_lerobot_example_is_what_the_hub_calls():
-    (envs,) = hub_example()(n_envs=2, use_async_envs=False)[LITE].values()
-    observation, info = envs.reset(seed=[3, 4])
-    assert observation["agent_pos"].shape == (2, 78)
-    assert info["is_success"].tolist() == [False, False]
-    assert envs.call("_max_episode_steps") == (400, 400)
-    assert envs.call("task_description") == ("Wave with both arms.", "Wave with both arms.")
-    assert envs.envs[0].task == "tracking"
-    np.testing.assert_array_equal(observation["agent_pos"][1], gymnasium.make(LITE).reset(seed=4)[0])
-    check_env(envs.envs[0], skip_render_check=True)
-    envs.close()
-
-
-def test_an_episode_to_its_end_is_a_success_for_lerobot():
-    (envs,) = hub_entry(LITE, "hold", motion="reach")(n_envs=2)[LITE].values()
-    policy = load_checkpoint(SAMPLE_POLICY).policy
-    observation, _ = envs.reset(seed=[0, 1])
-    succeeded = [False, False]
-    for step in range(envs.call("_max_episode_steps")[0]):
-        actions = np.stack([policy(row, step) for row in observation["agent_pos"]])
-        if step == 5:
-            actions[1] = np.nan
-        observation, _, terminated, truncated, info = envs.step(actions)
-        for i in np.flatnonzero(terminated | truncated):
-            succeeded[i] |= bool(info["final_info"]["is_success"][i])
-        if step == 5:
-            assert "nan" in str(info["final_info"]["fault"][1])
-            assert not succeeded[1]
-    assert succeeded[0]
-    envs.close()
 
 
 def test_a_checkpoint_is_stamped_with_a_run_of_its_environment(tmp_path):

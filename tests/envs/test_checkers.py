@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from humanoid_sim.envs.registration import ENVIRONMENTS
+from humanoid_sim.envs import ENVIRONMENTS
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)

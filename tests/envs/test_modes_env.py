@@ -1,13 +1,17 @@
 """The whole stack, driven by intents."""
 
+import gymnasium
 import numpy as np
 import pytest
 from alike import hasty
 
 from humanoid_sim.envs.modes_env import LITE_MODES, ModesEnv
+from humanoid_sim.envs.modes_vector_env import ModesVectorEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
+
+MODES = "humanoid_sim/LiteModes-v0"
 
 
 class Operator:
@@ -100,3 +104,29 @@ def test_the_same_intents_give_the_same_episode(shared):
         return seen
 
     assert rollout() == rollout()
+
+
+def test_many_do_what_one_does_alone():
+    """One quits and begins again, one is up to LOCOMOTION, one is left alone."""
+    plans = [[5, 0, 6], [1, 2, *[0] * 50, 4], []]
+    options = {"config": LITE_MODES, "robot": hasty(), "max_episode_steps": 60}
+    native = gymnasium.make_vec(MODES, 3, vectorization_mode="vector_entry_point", threads=1, **options)
+    sync = gymnasium.make_vec(MODES, 3, vectorization_mode="sync", **options)
+    ours, theirs = native.reset(seed=0), sync.reset(seed=0)
+    for step in range(70):
+        actions = np.array([plan[step] if step < len(plan) else 0 for plan in plans])
+        ours, theirs = native.step(actions), sync.step(actions)
+        for name, values in ours[0].items():
+            np.testing.assert_allclose(values, theirs[0][name], rtol=0, atol=1e-6, err_msg=name)
+        for i in range(1, 4):
+            np.testing.assert_array_equal(ours[i], theirs[i])
+        for name in ("controller", "status", "refusals", "faults"):
+            assert list(ours[4][name]) == list(theirs[4][name])
+        np.testing.assert_allclose(ours[4]["time"], theirs[4]["time"])
+    assert ours[0]["mode"].tolist() == [0, 0, 0]
+    with pytest.raises(InputError, match="actions: are "):
+        native.step(np.array([0, 0, 99]))
+    with pytest.raises(InputError, match="robot: 'lite_biped' floats"):
+        ModesVectorEnv(2, robot="lite_biped", policy=None)
+    native.close()
+    sync.close()

@@ -196,5 +196,5 @@ def test_resets_and_actions_that_do_not_fit_are_named():
         with pytest.raises(InputError, match=message):
             envs.reset(**arguments)
     envs.reset(seed=0)
-    with pytest.raises(InputError, match=r"actions: have shape \(14,\), expected \(3, 14\)"):
+    with pytest.raises(InputError, match=r"action: has shape \(14,\), expected \(3, 14\)"):
         envs.step(np.zeros(14, dtype=np.float32))
