@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -323,18 +324,19 @@ def test_slow_loops_keep_their_actions_in_force_until_the_next():
 
 
 def test_the_eye_stays_in_front_of_the_head_and_names_bodies():
-    from lerobot_robot_humanoid_sim.render import Eye  # noqa: PLC0415
+    from lerobot_robot_humanoid_sim.camera import Eye  # noqa: PLC0415
 
     from humanoid_sim.errors import InputError  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model  # noqa: PLC0415
 
     model = build_model(load_robot("lite"))
-    eye = Eye(model, "", 45.0)
+    eye = Eye(model)
     eye.look(model.qpos0)
     assert eye.camera.elevation == pytest.approx(-45.0, abs=0.1)
     assert eye.camera.azimuth == pytest.approx(0.0, abs=0.1)
-    with pytest.raises(InputError, match=r"camera: body 'nose' is not in the model; it has: chest, "):
-        Eye(model, "nose", 45.0)
+    headless = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body name='arm'/></worldbody></mujoco>")
+    with pytest.raises(InputError, match=r"camera: no body is called head or torso or chest; it has: arm"):
+        Eye(headless)
 
 
 def test_the_options_are_in_the_plugins_documentation():

@@ -9,7 +9,7 @@ from lerobot.robots import RobotConfig
 @CameraConfig.register_subclass("humanoid_sim")
 @dataclass(kw_only=True)
 class HumanoidSimCameraConfig(CameraConfig):
-    """Pictures of the session's model, rendered in a process of their own."""
+    """Pictures of the session's model, drawn as they are read."""
 
     fps: int | None = 30
     width: int | None = 320
@@ -18,12 +18,6 @@ class HumanoidSimCameraConfig(CameraConfig):
     """Pixels."""
     view: str = "outside"
     """`outside`, from the front; `ego`, from the head; or the name of a camera in the robot's MJCF."""
-    body: str = ""
-    """Body that carries the camera of `ego`. Default: the head, or else the torso, by their names."""
-    pitch: float = 45.0
-    """Degrees by which `ego` looks down."""
-    fovy: float = 70.0
-    """Degrees of height that `ego` sees."""
     session: int | None = None
     """Process id of the session. Default: the robot's."""
 

@@ -1,6 +1,5 @@
-"""The robot: joints of a running session over its feed and intake."""
+"""The robot: joints of a running session, as LeRobot observes and commands them."""
 
-import logging
 import time
 from functools import cached_property
 from typing import Any
@@ -40,7 +39,6 @@ class HumanoidSim(Robot):
         self._session = find_session(config.session)
         self._feed = Feed(self._session)
         self._sender: Sender | None = None
-        self._tick: dict[str, Any] = {}
         for camera in config.cameras.values():
             if isinstance(camera, HumanoidSimCameraConfig) and camera.session is None:
                 camera.session = self._session.process
@@ -52,10 +50,8 @@ class HumanoidSim(Robot):
         suffixes = {"joint_position": "pos"}
         suffixes |= {"joint_velocity": "vel"} if self.config.velocities else {}
         suffixes |= {"joint_effort": "effort"} if self.config.efforts else {}
-        joints = {
-            field: tuple(f"{joint}.{suffix}" for joint in self._feed.joint_names) for field, suffix in suffixes.items()
-        }
-        return joints | (_IMU if self.config.imu else {})
+        names = {field: tuple(f"{joint}.{end}" for joint in self._feed.joint_names) for field, end in suffixes.items()}
+        return names | (_IMU if self.config.imu else {})
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, ...]]:
@@ -70,7 +66,7 @@ class HumanoidSim(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Return whether commands are sent."""
+        """Return True while commands are sent."""
         return self._sender is not None
 
     @property
@@ -86,27 +82,21 @@ class HumanoidSim(Robot):
 
     def connect(self, calibrate: bool = True) -> None:
         """Start the cameras, and send actions from now on. Raises `DeviceNotConnectedError` in any mode but REMOTE."""
-        if self.is_connected:
+        if self._sender is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
-        tick = self._look()
         description = RobotDescription.from_json(self._feed.document("robot"))
         sender = Sender(self._session, description, self._feed.control_period, self.config.approach_speed)
-        started = []
         try:
             if self.config.wait_s > 0.0:
-                sender.hold(_commanded(tick))
-                sender.start()
-                self._wait_for_remote()
-            self._require_remote()
+                sender.hold(_commanded(self._tick()))
+            end = time.monotonic() + self.config.wait_s
+            while self._tick()["mode"] != Mode.REMOTE and time.monotonic() < end:
+                time.sleep(0.05)
+            self._remote_tick()
             for camera in self.cameras.values():
                 camera.connect()
-                started.append(camera)
-            if self.config.wait_s <= 0.0:
-                sender.start()
         except BaseException:
-            sender.stop()
-            for camera in started:
-                camera.disconnect()
+            self._stop(sender)
             raise
         self._sender = sender
 
@@ -114,62 +104,51 @@ class HumanoidSim(Robot):
         """Return the newest tick's values and the newest pictures."""
         if self._sender is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        tick = self._look()
-        values = {
-            name: float(value)
-            for field, names in self._values.items()
-            for name, value in zip(names, tick[field], strict=True)
-        }
-        return values | {name: camera.read_latest() for name, camera in self.cameras.items()}
+        tick, observation = self._tick(), {}
+        for field, names in self._values.items():
+            observation |= zip(names, map(float, tick[field]), strict=True)
+        return observation | {name: camera.read_latest() for name, camera in self.cameras.items()}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Command joint positions, rad, and return them. Raises `DeviceNotConnectedError` if the mode is not REMOTE."""
         if self._sender is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        self._look()
-        self._require_remote()
+        tick = self._remote_tick()
         goal = {name: float(action[name]) for name in self.action_features}
-        bad = [f"{name}: is {value}" for name, value in goal.items() if not np.isfinite(value)]
-        if bad:
-            raise ValueError(f"{bad[0]}, expected a finite number")
-        self._sender.add(np.array(list(goal.values())), _commanded(self._tick))
+        for name, value in goal.items():
+            if not np.isfinite(value):
+                raise ValueError(f"{name}: is {value}, expected a finite number")
+        self._sender.add(np.array(list(goal.values())), _commanded(tick))
         return goal
 
     def disconnect(self) -> None:
         """Send no more: the session's passive hold follows, in the mode that it is in."""
         if self._sender is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        self._sender.stop()
+        self._stop(self._sender)
         self._sender = None
-        for camera in self.cameras.values():
-            camera.disconnect()
 
-    def _look(self) -> dict[str, Any]:
+    def _stop(self, sender: Sender) -> None:
+        sender.stop()
+        for camera in self.cameras.values():
+            if camera.is_connected:
+                camera.disconnect()
+
+    def _tick(self) -> dict[str, Any]:
         """Return the newest tick."""
         sample = self._feed.latest() or self._feed.wait(0, 5.0)
         if sample is None or not self._feed.is_running():
             raise DeviceNotConnectedError(f"{self._session}: has ended")
-        self._tick = self._feed.decode(sample)
-        return self._tick
+        return self._feed.decode(sample)
 
-    def _wait_for_remote(self) -> None:
-        end = time.monotonic() + self.config.wait_s
-        if self._tick["mode"] != Mode.REMOTE:
-            logging.info("%s; waiting for %g s", self._missing(), self.config.wait_s)
-        while self._tick["mode"] != Mode.REMOTE and time.monotonic() < end:
-            time.sleep(0.05)
-            self._look()
-
-    def _require_remote(self) -> None:
-        if self._tick["mode"] != Mode.REMOTE:
-            raise DeviceNotConnectedError(self._missing())
-
-    def _missing(self) -> str:
-        mode = Mode(self._tick["mode"]).name
-        return (
-            f"{self._session}: is in {mode}, expected REMOTE; an operator enters it from STANDBY "
-            "(python -m humanoid_sim.mode load_b, then start_remote)"
-        )
+    def _remote_tick(self) -> dict[str, Any]:
+        tick = self._tick()
+        if tick["mode"] != Mode.REMOTE:
+            raise DeviceNotConnectedError(
+                f"{self._session}: is in {Mode(tick['mode']).name}, expected REMOTE; an operator enters it from "
+                "STANDBY (python -m humanoid_sim.mode load_b, then start_remote)"
+            )
+        return tick
 
 
 def _commanded(tick: dict[str, Any]) -> np.ndarray:

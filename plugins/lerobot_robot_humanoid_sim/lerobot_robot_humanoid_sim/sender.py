@@ -8,17 +8,15 @@ import numpy as np
 from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.robots.description import RobotDescription
 
-_PERIOD = 0.01
-"""s between two commands, at least; the session's period where that is longer."""
-_SLOWEST = 0.25
-"""s between two actions; more is a pause, after which the next action is approached from where the robot is."""
+_PERIOD = 0.01  # s between two commands, at least; the session's period where that is longer
+_SLOWEST = 0.25  # s between two actions; more is a pause
 
 
 class Trajectory:
     """Joint positions over time: a straight line from each action to the next.
 
     An action is reached when the next one is due, as far as the last two tell. After a pause there is nothing to come
-    from, so the difference between the robot's command and the action shrinks at `approach_speed`.
+    from, so the difference between the robot's command and the action shrinks at `approach_speed`, rad/s.
     """
 
     def __init__(self, approach_speed: float, stale_after: float) -> None:
@@ -28,7 +26,7 @@ class Trajectory:
         self._start = self._goal = self._offset = np.empty(0)
 
     def add(self, action: np.ndarray, commanded: np.ndarray, now: float) -> None:
-        """Take an action that arrived now, s; `commanded` is what the robot is commanded at present, rad."""
+        """Add an action that arrived now, s; `commanded` is what the robot is commanded at present, rad."""
         is_pause = now > self._time + self._period + self._stale_after
         start = action if is_pause else self._between(now)
         if is_pause:
@@ -53,30 +51,24 @@ class Trajectory:
 
 
 class Sender:
-    """A thread that commands a session, as old as what LeRobot last asked for: silence ends in the passive hold."""
+    """A thread that commands a session, as old as LeRobot's newest action: silence ends in the passive hold."""
 
     def __init__(
         self, session: SessionInfo, description: RobotDescription, control_period: float, approach_speed: float
     ) -> None:
-        """Prepare; nothing is sent before `start`."""
-        self._session, self._description = session, description
-        self._period = max(_PERIOD, control_period)
+        self._session, self._description, self._period = session, description, max(_PERIOD, control_period)
         self._stale_after = 1e-3 * description.remote_policy_controller.stale_command_timeout_ms
         self._trajectory = Trajectory(approach_speed, self._stale_after)
         self._held: np.ndarray | None = None
         self._has_action = False
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="humanoid_sim sender", daemon=True)
-
-    def start(self) -> None:
-        """Begin to send what there is."""
         self._thread.start()
 
     def stop(self) -> None:
         """Send no more."""
         self._stopped.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.join()
 
     def hold(self, position: np.ndarray) -> None:
         """Send a pose, rad, until the first action comes."""
@@ -102,8 +94,8 @@ class Sender:
             now, stamp = time.monotonic(), monotonic_ns()
             position = self._trajectory.position(now) if self._has_action else self._held
             age = self._trajectory.age(now) if self._has_action else 0.0
-        if position is not None and age < self._stale_after:  # a stale one would be refused, and told
+        if position is not None and age < self._stale_after:  # a stale one would be refused
+            robot, zeros = self._description, [0.0] * len(position)
+            gains = robot.stiffness.tolist(), robot.damping.tolist()
             stamp -= round(1e9 * age)
-            zeros = [0.0] * len(position)
-            gains = self._description.stiffness.tolist(), self._description.damping.tolist()
-            intake.remote(self._description.joint_names, position.tolist(), zeros, zeros, *gains, stamp=stamp)
+            intake.remote(robot.joint_names, position.tolist(), zeros, zeros, *gains, stamp=stamp)

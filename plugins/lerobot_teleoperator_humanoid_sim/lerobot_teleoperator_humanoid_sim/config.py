@@ -16,8 +16,6 @@ class HumanoidSimTeleoperatorConfig(TeleoperatorConfig):
     """The bodies that are led. Default: the hands in the robot's file."""
     step: float = 0.005
     """m for each press."""
-    turn: float = 0.05
-    """rad for each press."""
     max_joint_speed: float = 2.0
     """rad/s at which the joints follow, at most."""
     keys: str = ""

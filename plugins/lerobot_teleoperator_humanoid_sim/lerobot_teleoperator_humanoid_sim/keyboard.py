@@ -10,10 +10,9 @@ from typing import Any
 
 
 class Typed:
-    """A text that types itself, one key every period."""
+    """A text that types itself from the first look on, one key every `period` s."""
 
     def __init__(self, keys: str, period: float) -> None:
-        """Begin with the first look; `period` in s."""
         self._keys, self._period = keys, period
         self._start: float | None = None
         self._pressed = 0
@@ -37,13 +36,12 @@ class Terminal:
         """Let single keys through, if a terminal is there and this program is in its foreground."""
         self._input = sys.stdin.fileno()
         self._before: list[Any] | None = None
-        if not os.isatty(self._input):
-            return
-        if os.tcgetpgrp(self._input) != os.getpgrp():  # reading would stop the program
-            self._input = -1
-            return
-        self._before = termios.tcgetattr(self._input)
-        tty.setcbreak(self._input)
+        if os.isatty(self._input):
+            if os.tcgetpgrp(self._input) == os.getpgrp():
+                self._before = termios.tcgetattr(self._input)
+                tty.setcbreak(self._input)
+            else:  # reading would stop the program
+                self._input = -1
 
     def pressed(self) -> str:
         """Return what was pressed since the last look."""

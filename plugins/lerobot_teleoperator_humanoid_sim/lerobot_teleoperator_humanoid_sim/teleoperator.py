@@ -20,30 +20,21 @@ _MOVES = {
     "d": (0.0, -1.0, 0.0), "r": (0.0, 0.0, 1.0), "f": (0.0, 0.0, -1.0),
 }  # fmt: skip
 """Forward, back, left, right, up and down in the base frame."""
-_TURNS = {
-    "i": (0.0, 1.0, 0.0), "k": (0.0, -1.0, 0.0), "j": (0.0, 0.0, 1.0),
-    "l": (0.0, 0.0, -1.0), "u": (-1.0, 0.0, 0.0), "o": (1.0, 0.0, 0.0),
-}  # fmt: skip
-"""Down, up, left, right, and a roll to the left and to the right, about axes of the base frame."""
-_ALL, _HOME = "0", "h"
 HELP = """w s forward, back   a d left, right   r f up, down
-i k turn down, up   j l turn left, right   u o roll left, right
 1 2 … one hand alone   0 all   h back to the first pose"""
-_DAMPING = 0.03
-"""m/rad: the arms stay calm at the end of their reach."""
+_DAMPING = 0.03  # m/rad: the arms stay calm at the end of their reach
 _ITERATIONS = 5
-_LEASH, _SLACK = 0.03, 0.3
-"""m and rad by which a goal may be ahead of where the hand can be."""
+_LEASH = 0.03  # m by which a goal may be ahead of where the hand can be, so that a key that leads back acts at once
 
 
 class HumanoidSimTeleoperator(Teleoperator):
-    """Hands led by keys: positions and orientations relative to the robot's base, within its joints' limits."""
+    """Hands led by keys: positions relative to the robot's base, within its joints' limits; orientations are kept."""
 
     config_class = HumanoidSimTeleoperatorConfig
     name = "humanoid_sim"
 
     def __init__(self, config: HumanoidSimTeleoperatorConfig) -> None:
-        """Attach to the session's feed, and build the robot's kinematics. Raises `SessionError` if there is none."""
+        """Attach to a session. Raises `SessionError` if there is none, or its robot has no hands."""
         super().__init__(config)
         self.config = config
         self._session = find_session(config.session)
@@ -71,7 +62,7 @@ class HumanoidSimTeleoperator(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """Return whether keys are read."""
+        """Return True while keys are read."""
         return self._keys is not None
 
     @property
@@ -85,20 +76,22 @@ class HumanoidSimTeleoperator(Teleoperator):
     def configure(self) -> None:
         """Do nothing."""
 
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Do nothing."""
+
     def connect(self, calibrate: bool = True) -> None:
         """Begin where the robot's hands are commanded to be."""
-        if self.is_connected:
+        if self._keys is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         sample = self._feed.latest() or self._feed.wait(0, 5.0)
         if sample is None:
             raise DeviceNotConnectedError(f"{self._session}: has ended")
-        tick = self._feed.decode(sample)
-        measured, commanded = tick["joint_position"], tick["command_position"]
-        self._home = self._q = np.where(np.isfinite(commanded), commanded, measured)
-        self._position, self._rotation = self._forward(self._q)
-        self._led = range(len(self._position))
+        tick, config = self._feed.decode(sample), self.config
+        commanded = tick["command_position"]
+        self._home = self._q = np.where(np.isfinite(commanded), commanded, tick["joint_position"])
+        self._goal, self._rotation = self._forward(self._q)
+        self._led = slice(None)
         self._time = time.monotonic()
-        config = self.config
         self._keys = Typed(config.keys, config.key_period_s) if config.keys else Terminal()
         if not config.keys:
             print(HELP, flush=True)
@@ -112,13 +105,13 @@ class HumanoidSimTeleoperator(Teleoperator):
         now = time.monotonic()
         reach = self.config.max_joint_speed * min(now - self._time, 0.1)
         self._time = now
-        goal = self._inverse.solve(self._position, self._rotation, self._q, posture=self._home, iterations=_ITERATIONS)
-        self._q = self._q + np.clip(goal - self._q, -reach, reach)
-        self._leash()
+        wanted = self._inverse.solve(self._goal, self._rotation, self._q, posture=self._home, iterations=_ITERATIONS)
+        self._q = self._q + np.clip(wanted - self._q, -reach, reach)
+        hands = self._forward(self._q)[0]
+        ahead = self._goal - hands
+        distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
+        self._goal = hands + ahead * np.minimum(1.0, _LEASH / np.maximum(distance, 1e-9))
         return dict(zip(self.action_features, self._q.tolist(), strict=True))
-
-    def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Do nothing: a keyboard feels nothing."""
 
     def disconnect(self) -> None:
         """Give the keyboard back."""
@@ -129,35 +122,10 @@ class HumanoidSimTeleoperator(Teleoperator):
 
     def _press(self, key: str) -> None:
         if key in _MOVES:
-            self._position[self._led] += self.config.step * np.array(_MOVES[key])
-        elif key in _TURNS:
-            self._rotation[self._led] = _rotation(self.config.turn * np.array(_TURNS[key])) @ self._rotation[self._led]
-        elif key == _ALL:
-            self._led = range(len(self._position))
-        elif key == _HOME:
-            self._position, self._rotation = self._forward(self._home)
-        elif key.isdecimal() and int(key) <= len(self._position):
-            self._led = range(int(key) - 1, int(key))
-
-    def _leash(self) -> None:
-        """Keep the goals near the hands, so that a key that leads back acts at once."""
-        position, rotation = self._forward(self._q)
-        ahead = self._position - position
-        distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
-        self._position = position + ahead * np.minimum(1.0, _LEASH / np.maximum(distance, 1e-9))
-        for hand, turn in enumerate(self._rotation @ rotation.transpose(0, 2, 1)):
-            vector, quaternion = np.empty(3), np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, turn.ravel())
-            mujoco.mju_quat2Vel(vector, quaternion, 1.0)
-            angle = np.linalg.norm(vector)
-            if angle > _SLACK:
-                self._rotation[hand] = _rotation(vector * _SLACK / angle) @ rotation[hand]
-
-
-def _rotation(vector: np.ndarray) -> np.ndarray:
-    """Return the matrix of a turn about a vector by its length, rad."""
-    angle = float(np.linalg.norm(vector))
-    quaternion, matrix = np.empty(4), np.empty(9)
-    mujoco.mju_axisAngle2Quat(quaternion, vector / angle, angle)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
+            self._goal[self._led] += self.config.step * np.array(_MOVES[key])
+        elif key == "0":
+            self._led = slice(None)
+        elif key == "h":
+            self._goal = self._forward(self._home)[0]
+        elif key.isdecimal() and int(key) <= len(self._goal):
+            self._led = slice(int(key) - 1, int(key))
