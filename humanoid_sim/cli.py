@@ -10,56 +10,44 @@ import os
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
-from types import MappingProxyType
-from typing import Any, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
-from humanoid_sim.errors import InputError, RobotError, known_names, was_interrupted
+from humanoid_sim.errors import InputError, RobotError, known_names
 
 _Options = TypeVar("_Options")
 
 
-@dataclass(frozen=True, slots=True)
-class FrontEnd:
+class FrontEnd(NamedTuple):
     """Facts about a front end that are known without importing it."""
 
-    help: str
-    """Its line in the list of verbs."""
-    purpose: str
-    """Noun for messages."""
-    option: str = ""
-    """Option of `play` that starts it; empty: it is started by its name alone."""
-    packages: tuple[str, ...] = ()
-    """Packages that it imports, other than those that this package always needs."""
-    extra: str = ""
-    """Extra of this package that installs them."""
+    help: str  # its line in the list of verbs
+    purpose: str  # noun for messages
+    option: str = ""  # option of `play` that starts it
+    packages: tuple[str, ...] = ()  # packages that it imports, other than those that this package always needs
+    extra: str = ""  # extra of this package that installs them
 
 
-FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
-    {
-        "gamepad": FrontEnd("drive a running session with a gamepad",
-                            "a gamepad", "--gamepad", ("pygame",), "gamepad"),
-        "midi": FrontEnd("send to a running session which keys of a MIDI keyboard are down",
-                         "a MIDI keyboard", "--midi", ("rtmidi",), "midi"),
-        "gravity": FrontEnd("compensate gravity in REMOTE, on a running session",
-                            "gravity compensation, for REMOTE", "--remote"),
-        "console": FrontEnd("serve a page for the operator, on a running session",
-                            "the browser console", "--console", ("plotly",), "console"),
-        "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders",
-                           "MuJoCo's window", "--viewer"),
-        "dds": FrontEnd("serve a running session to ROS 2 and DDS, and take commands for REMOTE",
-                        "the DDS bridge", "--dds", ("cyclonedds",), "dds"),
-        "rerun": FrontEnd("watch a running session in rerun's viewer",
-                          "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"),
-    }
-)  # fmt: skip
+FRONT_ENDS: Mapping[str, FrontEnd] = {
+    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad", ("pygame",), "gamepad"),
+    "midi": FrontEnd("send to a running session which keys of a MIDI keyboard are down",
+                     "a MIDI keyboard", "--midi", ("rtmidi",), "midi"),
+    "gravity": FrontEnd("compensate gravity in REMOTE, on a running session",
+                        "gravity compensation, for REMOTE", "--remote"),
+    "console": FrontEnd("serve a page for the operator, on a running session",
+                        "the browser console", "--console", ("plotly",), "console"),
+    "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders",
+                       "MuJoCo's window", "--viewer"),
+    "dds": FrontEnd("serve a running session to ROS 2 and DDS, and take commands for REMOTE",
+                    "the DDS bridge", "--dds", ("cyclonedds",), "dds"),
+    "rerun": FrontEnd("watch a running session in rerun's viewer",
+                      "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"),
+}  # fmt: skip
 """Front ends by name, which is also that of the module `humanoid_sim/<name>.py` and of the verb."""
-
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
-    "robot": "show what is read from an MJCF, and write a robot file with it",
+    "robot": "show what is read from an MJCF, and make an MJCF of a URDF",
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
@@ -71,23 +59,17 @@ VERBS = {
     **{name: front_end.help for name, front_end in FRONT_ENDS.items()},
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
 }
-_MODULES = {"policy": "policy_tools"}
-"""Verbs whose program lies beside the library that they are named after."""
+_MODULES = {"policy": "policy_tools"}  # verbs whose program lies beside the library that they are named after
 
 
 class ExitStatus(IntEnum):
     """Exit status of every program; if a signal ends the run, it is 128 plus the signal's number."""
 
     OK = 0
-    """It ran, and all is as it should be."""
-    FAILED = 1
-    """It ran, and something failed, or is worse than it may be."""
-    BAD_INPUT = 2
-    """It did not run: what was given cannot be used, and a user can fix that."""
-    NO_ANSWER = 3
-    """A motor, or all of them, stayed silent."""
-    INTERRUPTED = 130
-    """Ctrl-C, as shells have it: 128 + SIGINT."""
+    FAILED = 1  # it ran, and something failed, or is worse than it may be
+    BAD_INPUT = 2  # it did not run: what was given cannot be used, and a user can fix that
+    NO_ANSWER = 3  # a motor, or all of them, stayed silent
+    INTERRUPTED = 130  # Ctrl-C, as shells have it: 128 + SIGINT
 
     @classmethod
     def of(cls, passed: bool) -> ExitStatus:
@@ -108,12 +90,9 @@ def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positi
 def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any:
     """Read a program's options; prints the help and exits with status 0 for --help.
 
-    Raises `InputError` with what tyro says about options that are not accepted.
-
-    Args:
-        options: a frozen dataclass, or a union of those of its commands.
-        program: the verb, or else how Python runs it, such as `examples/mine.py`.
-        positional: required options are given by their place, not by name.
+    `options` is a frozen dataclass, or a union of those of its commands; `program` the verb, or else how Python runs
+    it, such as `examples/mine.py`; with `positional` required options are given by their place. Raises `InputError`
+    with what tyro says about options that are not accepted.
     """
     import tyro  # noqa: PLC0415 - a DAMP does without it
 
@@ -141,6 +120,7 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         status = program(arguments)
         if sys.stdout is not None:
             sys.stdout.flush()
+        return status
     except (InputError, RobotError) as error:
         complain(f"error: {error}")
     except BrokenPipeError:  # the reader has left, as in `| head`
@@ -150,13 +130,9 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         complain(f"error: {'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
         if error.errno == errno.ENOSPC:  # standard output, perhaps, which would fail again at the end
             mute_output()
-    except (KeyboardInterrupt, ImportError) as error:
-        if not was_interrupted(error):
-            raise
+    except KeyboardInterrupt:
         complain("interrupted")
         return ExitStatus.INTERRUPTED
-    else:
-        return status
     return ExitStatus.BAD_INPUT
 
 
@@ -180,10 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] in ([], ["-h"], ["--help"], ["--version"]):
         return run_program(_print_page, words)
-    if words[0] in VERBS:
-        return run_program(partial(_run_verb, words[0]), words[1:])
-    complain(f"error: {known_names('verb', words[0], VERBS)}")
-    return ExitStatus.BAD_INPUT
+    return run_program(partial(_run_verb, words[0]), words[1:])
 
 
 def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
@@ -192,6 +165,8 @@ def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
 
 def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
     """Return the program of a verb, imported now."""
+    if verb not in VERBS:
+        raise InputError(known_names("verb", verb, VERBS))
     module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
     program: Callable[[Sequence[str] | None], int] = module.main
     return program
@@ -206,6 +181,5 @@ def _print_page(words: Sequence[str] | None) -> int:
     print("usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]\n")
     for verb, purpose in VERBS.items():
         print(textwrap.fill(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18))
-    print("\nBegin with `python -m humanoid_sim play`, which shows the sample robot.")
-    print("'python -m humanoid_sim VERB --help' describes a verb; --version.")
+    print("\nBegin with `python -m humanoid_sim play`. `VERB --help` describes a verb.")
     return ExitStatus.OK

@@ -27,6 +27,27 @@ class InputError(HumanoidSimError):
         super().__init__(message.replace("\n", "\\n").replace("\r", "\\r"))
 
 
+class RobotError(HumanoidSimError):
+    """A robot cannot be activated; the message lists everything that is wrong with it."""
+
+
+class MissingPackageError(InputError):
+    """An optional package is not installed; the message holds the install command."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        install = f"pip install 'humanoid_sim[{extra}]'"
+        super().__init__(f"{purpose} needs the package '{package}', which is not installed: {install}")
+
+
+@contextmanager
+def needing(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Raise `MissingPackageError` if an import within fails."""
+    try:
+        yield
+    except ImportError:
+        raise MissingPackageError(package, extra, purpose) from None
+
+
 @contextmanager
 def blaming(
     what: object,
@@ -39,28 +60,6 @@ def blaming(
     except kind as error:
         reason = error if isinstance(error, HumanoidSimError) else getattr(error, "strerror", None) or reason_of(error)
         raise into(f"{what}: {reason}") from None
-
-
-class MissingPackageError(InputError):
-    """An optional package is not installed; the message holds the install command."""
-
-    def __init__(self, package: str, extra: str, purpose: str) -> None:
-        super().__init__(
-            f"{purpose} needs the package '{package}', which is not installed: pip install 'humanoid_sim[{extra}]'"
-        )
-
-
-@contextmanager
-def needing(package: str, extra: str, purpose: str) -> Iterator[None]:
-    """Raise `MissingPackageError` if an import within fails."""
-    try:
-        yield
-    except ImportError:
-        raise MissingPackageError(package, extra, purpose) from None
-
-
-class RobotError(HumanoidSimError):
-    """A robot cannot be activated; the message lists everything that is wrong with it."""
 
 
 def known_names(what: str, name: str, known: Iterable[str]) -> str:
@@ -77,7 +76,7 @@ def require_known(what: str, names: Iterable[str], known: Collection[str], where
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """` (did you mean 'elbow'?)`, of the known name that is near; empty if none is."""
+    """Return ` (did you mean 'elbow'?)`, of the known name that is near; empty if none is."""
     from humanoid_sim.names import near_miss  # noqa: PLC0415 - only where something is wrong
 
     near = near_miss(name, known)
@@ -101,10 +100,3 @@ def one_line(text: str) -> str:
 def reason_of(error: BaseException) -> str:
     """Return what another package's exception says, as part of a line; its type where it says nothing."""
     return one_line(str(error)) or type(error).__name__
-
-
-def was_interrupted(error: BaseException | None) -> bool:
-    """Return True if Ctrl-C is the cause of an error: a library that was loading may have made it one of its own."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None

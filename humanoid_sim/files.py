@@ -24,11 +24,8 @@ _COUNT = count()
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = LARGEST) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises `InputError` if there is no such file, it is a directory, a pipe or a device, or it is too large.
-
-    Args:
-        what: the file should be, such as `a motion file (.mcap)`.
-        largest: bytes; None for a reader that needs no more memory for more.
+    Raises `InputError` if there is no such file, it is a directory, a pipe or a device, or it is larger than `largest`
+    bytes; None for a reader that needs no more memory for more. `what` it should be, such as `a motion file (.mcap)`.
     """
     path = Path(path)
     try:
@@ -56,7 +53,7 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
-    """Every array of an `.npz` file by its name; none of them may need code to be read.
+    """Return every array of an `.npz` file by its name; none of them may need code to be read.
 
     Raises `InputError` with the file and what is wrong with it.
     """
@@ -67,12 +64,10 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
 
     path = regular_file(path, "an .npz file")
     try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"{path}: holds a single array (.npy), expected an .npz file of several")
-            with archive:
-                return {name: archive[name] for name in archive.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except TypeError:  # an array is no context
+        raise InputError(f"{path}: holds a single array (.npy), expected an .npz file of several") from None
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason_of(error)}") from None
 
@@ -80,12 +75,8 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
 def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
     """Return the path of a file to write, checked before the work whose result it will hold.
 
-    Raises `InputError` if its name has another suffix, is taken, or cannot be written.
-
-    Args:
-        what: the option that names it, for messages.
-        suffixes: that its name may have, in lower case; none for any.
-        overwrite: replace a file that exists.
+    `what` is the option that names it, `suffixes` those that its name may have, in lower case; none for any. Raises
+    `InputError` if its name has another suffix, is taken without `overwrite`, or cannot be written.
     """
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -131,7 +122,7 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a new file beside `path`; it takes that name when the block ends, and vanishes if the block raises.
+    """Open a new file beside `path`; it gets that name when the block ends, and vanishes if the block raises.
 
     Raises `InputError` if the file cannot be written; the line names `path` and the reason.
     """

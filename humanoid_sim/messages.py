@@ -26,7 +26,7 @@ class Mode(IntEnum):
 
     @property
     def is_free(self) -> bool:
-        """Return whether what commands the robot balances it too, so that no support holds a floating base."""
+        """Whether what commands the robot balances it too, so that no support holds a floating base."""
         return self in (Mode.LOCOMOTION, Mode.REMOTE)
 
 
@@ -73,7 +73,7 @@ class SafetyStatus:
 
     @property
     def is_ok(self) -> bool:
-        """Return whether the level is OK; flags alone do not decide."""
+        """Whether the level is OK; flags alone do not decide."""
         return self.level is SafetyLevel.OK
 
 
@@ -154,8 +154,7 @@ class TickOutput:
     faults: tuple[FaultReport, ...] = ()
     refusals: tuple[str, ...] = ()  # reasons why intents of this tick took no effect
     policy_step: PolicyStep | None = None  # set in the ticks in which the policy ran
-    policy_error: str | None = None
-    """Error that the policy raised instead of an answer in this tick; None if it raised none."""
+    policy_error: str | None = None  # error that the policy raised instead of an answer in this tick
 
 
 URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
@@ -170,11 +169,9 @@ class SessionHeader:
     joint_names: tuple[str, ...]
     control_period: float  # s
     start_time_ns: int  # Wall-clock nanoseconds (Unix epoch) of the robot clock's zero
-    documents: Mapping[str, str] = field(default_factory=dict)
-    """JSON texts by name: robot description, policy contract, settings, versions, hashes."""
+    documents: Mapping[str, str] = field(default_factory=dict)  # JSON texts by name: robot, contract, settings, …
     attachments: Mapping[str, bytes] = field(default_factory=dict)  # files by name: the motion that was played
-    observation_terms: tuple[tuple[str, int], ...] = ()
-    """Name and width of each observation term, in order; empty without a policy."""
+    observation_terms: tuple[tuple[str, int], ...] = ()  # name and width of each; empty without a policy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,11 +181,9 @@ class TickRecord:
     index: int  # counts from 0; a skipped deadline does not skip an index
     input: TickInput
     output: TickOutput
-    duration: float
-    """s of wall time from the start of `read` to the end of `write`, less the physics of a simulated robot."""
+    duration: float  # s of wall time from the start of `read` to the end of `write`, less a simulation's physics
     overrun: bool  # the tick missed its deadline
-    qpos: FloatArray | None = None
-    """Shape (nq,), MuJoCo's generalised position when the state was read, for viewers; None without a simulator."""
+    qpos: FloatArray | None = None  # (nq,), MuJoCo's when the state was read, for viewers; None without a simulator
 
 
 class EventKind(IntEnum):

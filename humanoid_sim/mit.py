@@ -1,15 +1,13 @@
 """State and command of a robot's joints, and between the two the MIT control law and its limit.
 
-Simulator, emulated motors and real motors share these types and this law. Arrays are copied at construction and
-read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or a
-batch of them.
+Simulator, emulated motors and real motors share these types and this law. Arrays are read-only copies; change a value
+with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or a batch of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -24,8 +22,7 @@ IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 
 _FLOAT64 = np.dtype(np.float64)
-COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
-"""The five MIT fields in their frozen order (`humanoid_control_msgs/MITCommand`)."""
+COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")  # in their frozen order
 
 
 def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
@@ -39,15 +36,16 @@ def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
 
 
 def _freeze(instance: object, shape: tuple[int, ...], *names: str) -> None:
-    """Make read-only float64 copies of fields, all of one shape."""
+    """Make fields read-only float64 arrays, all of one shape: copies, unless they are such and own their data."""
     for name in names:
-        value = getattr(instance, name)
-        is_plain = type(value) is np.ndarray and value.dtype is _FLOAT64
-        array = value.copy() if is_plain else np.array(value, dtype=np.float64)  # a third of the time
+        array = getattr(instance, name)
+        is_plain = type(array) is np.ndarray and array.dtype is _FLOAT64
+        if not is_plain or (flags := array.flags).writeable or not flags.owndata:
+            array = array.copy() if is_plain else np.array(array, dtype=np.float64)  # a third of the time
+            array.setflags(write=False)
+            object.__setattr__(instance, name, array)
         if array.shape != shape:
             raise FieldError(f"{type(instance).__name__}.{name}: shape is {array.shape}, expected {shape}")
-        array.setflags(write=False)
-        object.__setattr__(instance, name, array)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,22 +69,19 @@ class Extern:
             return np.asarray(np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout)
 
 
-VELOCITY_COMMAND = "velocity_command"  # extern: vx, vy in m/s and yaw rate in rad/s, heading frame
-BASE_LINEAR_VELOCITY = "base_linear_velocity"
-"""Extern: m/s, world frame, of the base; ground truth in simulation, an estimator's on a robot."""
+# Names of live inputs:
+VELOCITY_COMMAND = "velocity_command"  # vx, vy in m/s and yaw rate in rad/s, heading frame
+BASE_LINEAR_VELOCITY = "base_linear_velocity"  # m/s, world frame; ground truth in simulation, or an estimator's
+ANCHOR_POSE = "anchor_pose"  # x, y, z in m and w, x, y, z of the contract's anchor body, world frame
+ANCHOR_ORIENTATION = "anchor_orientation"  # w, x, y, z of it, of a robot that does not know its position
+KEY_PRESSED = "key_pressed"  # 1 for each of a piano's keys that is down, else 0, the lowest key first
+HEIGHT_SCAN = "height_scan"  # m, height of a body above the ground at each point of a grid, as the policy's term has it
+EXTERN_WIDTHS: Mapping[str, int] = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7}
 BASE, IMU = "base", "imu"  # points of a robot by what they are; any other point is named by its site
-ANCHOR_POSE = "anchor_pose"  # extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame
-ANCHOR_ORIENTATION = "anchor_orientation"
-"""Extern: w, x, y, z of the anchor body, world frame, of a robot that does not know its position."""
-KEY_PRESSED = "key_pressed"  # extern: 1 for each of a piano's keys that is down, else 0, the lowest key first
-HEIGHT_SCAN = "height_scan"
-"""Extern: m, height of a body of the robot above the ground at each point of a grid, as the policy's term has it."""
-
-EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
 
 
 def point_velocity(point: str) -> str:
-    """Extern: m/s, world frame, of the base's origin, of the IMU, or of the site of that name."""
+    """Return the live input of the velocity of a point, m/s, world frame: the base's origin, the IMU, or a site."""
     return BASE_LINEAR_VELOCITY if point == BASE else f"{BASE_LINEAR_VELOCITY}_at_{point}"
 
 
@@ -171,14 +166,10 @@ class MITCommand:
 def mit_torque(
     command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: npt.ArrayLike
 ) -> FloatArray:
-    """Torque (..., n), N·m, of the MIT law: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
+    """Return N·m, (..., n), of the MIT law: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
 
-    The same law runs in the motors' firmware (Katz 2018, "A low cost modular actuator for dynamic robots").
-
-    Args:
-        position: shape (..., n), rad, joint frame, where the joints are; the command is broadcast against it.
-        velocity: shape (..., n), rad/s.
-        effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
+    `position` in rad and `velocity` in rad/s are those of the joints, shape (..., n); the limit is positive, infinite
+    for none. The same law runs in the motors' firmware (Katz 2018, "A low cost modular actuator for dynamic robots").
     """
     torque = command.stiffness * (command.position - position) + command.damping * (command.velocity - velocity)
     torque += command.effort
@@ -219,22 +210,12 @@ def bind_torque(
 def bounded_position(
     command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
 ) -> FloatArray:
-    """Commanded positions, moved towards the joints where the MIT law would ask for more than the effort limit.
+    """Return commanded positions, (n,) rad, moved towards the joints where the law asks for more than the effort limit.
 
     No manual says that the firmware's torque limit covers the sum of the MIT law, so the host bounds it as well. What
-    it knows is as old as the last status and holds for a period: K_p |velocity| lead of room keeps a joint on its way
-    from being slowed down.
-
-    Args:
-        command: shape (n,), joint frame, its effort within the limit.
-        position: shape (n,), rad, where the joints are; NaN: no bound.
-        velocity: shape (n,), rad/s.
-        effort_limit: shape (n,), N·m.
-        lead: s, the age of a state and the time that a command is held.
-
-    Returns:
-        Shape (n,), rad. Where damping and feed-forward are beyond the limit by themselves, at most the spring's part is
-        taken out; it never changes sign.
+    it knows is as old as the last status and holds for a period, together `lead` in s: K_p |velocity| lead of room
+    keeps a joint on its way from being slowed down. A `position` of NaN has no bound. Where damping and feed-forward
+    are beyond the limit by themselves, at most the spring's part is removed; it never changes sign.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no stiffness, no position, absurd commands
         spring = command.stiffness * (command.position - position)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
-from humanoid_sim.cli import ExitStatus, complain, run_program
+from humanoid_sim.cli import ExitStatus, complain, parse, run_program
 from humanoid_sim.client import SessionError, ask_sessions
 from humanoid_sim.errors import InputError
 
@@ -16,10 +16,8 @@ Intent: TypeAlias = Literal[
     "damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate", "policy"
 ]
 WORDS: tuple[Intent, ...] = get_args(Intent)
-
-_TIMEOUT = 2.0
-_REACTIVATE_TIMEOUT = 30.0
-"""s; a bus may have many motors, each of which is identified."""
+_TIMEOUT = 2.0  # s
+_REACTIVATE_TIMEOUT = 30.0  # s; a bus may have many motors, each of which is identified
 
 
 @dataclass(frozen=True)
@@ -44,20 +42,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["stop"]:  # as somebody types who has no time to look it up
         words[0] = "damp"
-    config = _read_usual(words)
-    if config is None:
-        from humanoid_sim.cli import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
+    match words:
+        case [word] if word in WORDS:  # read without tyro, which takes time to load
+            options = ModeOptions(word)
+        case _:
+            options = parse(ModeOptions, "mode", words, positional=True)
+    return _ask(options)
 
-        config = parse(ModeOptions, "mode", words, positional=True)
-    word = f"{config.intent} {config.name}".strip()
-    return _ask(word, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
 
-
-def _ask(word: str, process: int | None, timeout: float) -> int:
-    """Ask, and print what became of it; returns the exit status."""
+def _ask(options: ModeOptions) -> int:
+    """Send the intent and print what became of it; returns the exit status."""
+    word = f"{options.intent} {options.name}".strip()
+    timeout = _REACTIVATE_TIMEOUT if options.intent == "reactivate" else _TIMEOUT
     granted, problems = [], []
     try:
-        for session, answer in ask_sessions(word, process, producer="mode", timeout=timeout):
+        for session, answer in ask_sessions(word, options.session, producer="mode", timeout=timeout):
             if isinstance(answer, SessionError):
                 problems.append(answer)
             else:
@@ -70,16 +69,6 @@ def _ask(word: str, process: int | None, timeout: float) -> int:
     for problem in problems:
         complain(f"error: {problem}")
     return ExitStatus.of(all(granted) and not problems)
-
-
-def _read_usual(words: Sequence[str]) -> ModeOptions | None:
-    """Return what is usually typed, read without anything that takes time to load; None: it is something else."""
-    match words:
-        case [word] if word in WORDS:
-            return ModeOptions(word)
-        case [word, "--session", number] if word in WORDS and number.isascii() and number.isdecimal():
-            return ModeOptions(word, session=int(number))
-    return None
 
 
 if __name__ == "__main__":

@@ -13,8 +13,7 @@ _SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_r
 def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
     """Return the one of the known names that was probably meant; empty if none is close.
 
-    Args:
-        likeness: of the letters of the two, 0 to 1, from which one is a slip of the other.
+    `likeness` of the letters of the two, 0 to 1, makes one a slip of the other.
     """
     plain = {_plain(other): other for other in known}
     wanted = _plain(name)

@@ -24,7 +24,7 @@ from rich.console import Console
 from humanoid_sim.assets import policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.errors import InputError, meant, needing
+from humanoid_sim.errors import InputError, needing, require_known
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy_tools.show import checkpoint_document, print_checkpoint
@@ -166,12 +166,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
 class Diagnosis(_Shown):
     """Findings of `policy doctor`, shown as it prints them."""
 
-    document: Mapping[str, Any]
-    """Everything, as `policy doctor --json` prints it: `healthy`, `verdict`, `ranking`, `fix` for the contract file."""
-
-    def frame(self) -> Any:
-        """Return the ranking as a pandas frame, the best change first. Raises `MissingPackageError` without pandas."""
-        return _frame(self.document["ranking"])
+    document: Mapping[str, Any]  # as `policy doctor --json` prints it: `healthy`, `verdict`, `ranking`, `fix`
 
     def _print(self, console: Console) -> None:
         from humanoid_sim.doctor.report import print_document  # noqa: PLC0415
@@ -204,16 +199,13 @@ class SuiteRun(_Shown):
     def frame(self) -> Any:
         """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
         baseline = () if self.results.baseline is None else (self.results.baseline,)
-        return _frame(
-            {
-                "policy": run.name,
-                "case": episode.case,
-                "seed": episode.seed,
-                "failure": episode.failure,
-                "duration": episode.duration,
-                **episode.metrics,
-            }
-            for run in (*baseline, *(candidate.run for candidate in self.results.candidates))
+        with needing("pandas", "report", "a frame"):
+            import pandas as pd  # noqa: PLC0415 - an optional package
+        runs = (*baseline, *(candidate.run for candidate in self.results.candidates))
+        shown = ("case", "seed", "failure", "duration")
+        return pd.DataFrame(
+            {"policy": run.name, **{name: getattr(episode, name) for name in shown}, **episode.metrics}
+            for run in runs
             for episode in run.episodes
         )
 
@@ -256,10 +248,7 @@ def _of_policy(policy: Given | None) -> dict[str, Any]:
 
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
     """Return a program's options from keywords. Raises `InputError` for one that does not exist, or a wrong value."""
-    names = [item.name for item in fields(kind)]
-    for name in given:
-        if name not in names:
-            raise InputError(f"{function}: unknown option '{name}'{meant(name, names)}")
+    require_known("option", given, [item.name for item in fields(kind)], f"{function}: ")
     try:
         plain = {name: _plain(value) for name, value in given.items()}
         return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))
@@ -272,9 +261,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple | list) and value and all(type(item) in (int, float) for item in value):
         return ",".join(map(str, value))
     return str(value) if isinstance(value, Path) else value
-
-
-def _frame(rows: Iterable[Mapping[str, Any]]) -> Any:
-    with needing("pandas", "report", "a frame"):
-        import pandas as pd  # noqa: PLC0415 - an optional package
-    return pd.DataFrame(list(rows))

@@ -71,32 +71,31 @@ def build_supervisor(
         policies: several policies by name, of which `loaded` is the first; None if it is the only one.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
-        action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
-            or 100.
+        action_limit: largest magnitude of a raw action; None: the contract's, or 100.
     """
-    joints, remote_settings = description.joint_names, description.remote_policy_controller
-
-    def learned(policy: LoadedPolicy) -> RLPolicyController:
-        return policy_controller(description, control_period, policy, live=live, action_limit=action_limit)
-
+    joints, settings = description.joint_names, description.remote_policy_controller
     controllers: dict[str, Controller] = {
         ZERO_TORQUE: ZeroTorqueController(joints),
         DAMPING: DampingController(joints, description.mode_damping),
         STANDBY_A: _standby(joints, description.standby_controller_a),
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
-    if loaded is not None and not policies:
-        controllers[RL_POLICY] = learned(loaded)
+    given = {"": loaded} if loaded is not None and not policies else policies or {}
+    learned = {
+        name: policy_controller(description, control_period, policy, live=live, action_limit=action_limit)
+        for name, policy in given.items()
+    }
+    if "" in learned:
+        controllers[RL_POLICY] = learned.pop("")
     if remote:
         controllers[REMOTE_POLICY] = RemotePolicyController(
             joints,
             description.passive_damping,
-            remote_settings.stale_command_policy,
-            remote_settings.stale_command_timeout_ms,
+            settings.stale_command_policy,
+            settings.stale_command_timeout_ms,
             needs_producer=description.is_floating,
         )
-    named = {name: learned(policy) for name, policy in (policies or {}).items()}
-    return Supervisor(joints, controllers, guards=guards_of(description) if guards else None, policies=named)
+    return Supervisor(joints, controllers, guards=guards_of(description) if guards else None, policies=learned)
 
 
 def policy_controller(
@@ -146,13 +145,8 @@ def run_header(
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
-    Arguments are as of `build_supervisor`, and:
-
-    Args:
-        motions: those that `policies` follow, by the policy's name.
-        settings: anything else that a reader may want to know; must be JSON. Versions, platform and what figures mean
-            are added.
-        start_time_ns: Unix nanoseconds at the robot clock's zero.
+    Arguments are as of `build_supervisor`; `motions` are those that `policies` follow, by the policy's name; `settings`
+    is anything else that a reader may want to know, as JSON; `start_time_ns` is Unix time at the robot clock's zero.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     shown = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
@@ -211,15 +205,12 @@ def recorded_motion(header: SessionHeader, name: str | None = MOTION_ATTACHMENT)
 
 
 def no_policy(*_: object) -> NoReturn:
-    """In the place of a policy that is not to run."""
+    """Stand in for a policy that is not to run."""
     raise AssertionError("this policy is not to run")
 
 
 def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | None:
-    """Contract and motion of a recorded run, with `policy` in the place of the one that ran; None if it had none.
-
-    Raises `InputError` if they are damaged, or do not fit each other.
-    """
+    """Return a recorded run's contract and motion with `policy` in the place of its own; None if it had none."""
     contract = recorded_contract(header)
     return None if contract is None else load_policy(contract, policy, recorded_motion(header))
 

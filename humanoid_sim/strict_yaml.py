@@ -38,13 +38,11 @@ def _construct_slice(loader: Any, node: yaml.Node) -> slice:
     return slice(*bounds)
 
 
-def _construct_sequence(loader: Any, node: yaml.Node) -> Any:
-    return loader.construct_sequence(node, deep=True)
-
-
 _EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")  # `1e-3`, no number to YAML 1.1
 Loader.add_constructor("tag:yaml.org,2002:python/object/apply:builtins.slice", _construct_slice)
-Loader.add_constructor("tag:yaml.org,2002:python/tuple", _construct_sequence)
+Loader.add_constructor(
+    "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
+)
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
@@ -64,11 +62,9 @@ TrainerLoader.add_multi_constructor("tag:yaml.org,2002:python/", _construct_plai
 
 
 def read_yaml(path: Path, label: str = "", what: str = "a YAML file", loader: type[Loader] = Loader) -> Any:
-    """Return the document in a YAML file; None if it is empty.
+    """Return the document in a YAML file; None if it is empty. Raises `InputError` with the place and what is wrong.
 
     `label` is what to call the file in messages, its path by default; `what` it should be.
-
-    Raises `InputError` with the label, the place and what is wrong.
     """
     label = label or str(path)
     try:

@@ -1,8 +1,6 @@
 import importlib.util
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -77,23 +75,3 @@ def test_help_loads_nothing_heavy():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == ""
-
-
-LATE = "raise ImportError('initialization failed') from KeyboardInterrupt()"
-"""What a library written in C makes of Ctrl-C while it loads."""
-
-
-@pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", LATE])
-def test_ctrl_c_while_a_program_loads_is_one_line(raised, tmp_path):
-    """`mcap` is one of the packages that `record` imports before it begins."""
-    (tmp_path / "mcap.py").write_text(f"{raised}\n", encoding="utf-8")
-    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
-    run = subprocess.run(
-        [sys.executable, "-m", "humanoid_sim.record", "info", "x.mcap"],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.stderr == "interrupted\n"
-    assert run.returncode == 130
