@@ -18,24 +18,8 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
-from humanoid_sim.hardware.sito.protocol import (
-    FROM_MOTOR,
-    LARGEST_INTERVAL,
-    Command,
-    Feedback,
-    Gains,
-    Malformed,
-    MessageType,
-    Mode,
-    PositionFeedback,
-    SelectMode,
-    damping_frames,
-    decode,
-    encode,
-    limp_frames,
-    reset_frames,
-    split_identifier,
-)
+from humanoid_sim.hardware.sito import protocol
+from humanoid_sim.hardware.sito.protocol import Command, Gains, MessageType, SelectMode, damping_frames, encode
 from humanoid_sim.hardware.sito.watchdog import SOURCE, Watchdog, WatchedMotor
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
@@ -48,33 +32,26 @@ _STRAY_EFFORT = 0.5  # N·m that a motor without gains or current may report: no
 _ROUND = 0.02  # s between two rounds of frames while feedback is awaited
 _RESETS = 3  # rounds of resets: none is acknowledged
 _SILENCE = 1.0  # s at most in which feedback must end after a reset
-_POLL = 0.001  # s
 _LIFETIME = 2.0  # control periods after which a command that has not left never leaves
-_REPEATS = 2  # commands after a change of gains with which they are sent again
-_UNKNOWN_ROW = (np.nan,) * 5
 
 
 @dataclass(slots=True)
 class _Slot:
     """Data received from one motor; written by one receiver thread, whole objects at a time."""
 
-    feedback: tuple[float, Feedback] | None = None
-    """With its time, s, robot's clock."""
-    position: tuple[float, PositionFeedback] | None = None
+    feedback: tuple[float, protocol.Feedback] | None = None  # with its time, s, robot's clock
+    position: tuple[float, protocol.PositionFeedback] | None = None
     invalid: Note = NEVER
-    reports: int = 0
-    """Frames of feedback 1 and 2."""
-    largest_effort: float = 0.0
-    """N·m, of feedback since enabling began."""
+    reports: int = 0  # frames of feedback 1 and 2
+    largest_effort: float = 0.0  # N·m, since enabling began
 
     @property
-    def row(self) -> tuple[float, ...]:
-        """Return a row of `Readings`; its time is that of the older frame."""
-        feedback, position = self.feedback, self.position
-        if feedback is None or position is None:
-            return _UNKNOWN_ROW
-        when = min(feedback[0], position[0])
-        return when, position[1].position, feedback[1].velocity, feedback[1].effort, np.nan
+    def row(self) -> tuple[float, ...] | None:
+        """A row of `Readings`, its time that of the older frame; None: not both have come."""
+        if self.feedback is None or self.position is None:
+            return None
+        when = min(self.feedback[0], self.position[0])
+        return when, self.position[1].position, self.feedback[1].velocity, self.feedback[1].effort, np.nan
 
 
 class SitoMotors(MotorLink):
@@ -88,44 +65,38 @@ class SitoMotors(MotorLink):
         self.uids: Mapping[str, bytes] = {}
         self.slots = tuple(_Slot() for _ in range(motors.count))
         self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
-        self.interval = min(max(round(1000.0 * terms.control_period), 1), LARGEST_INTERVAL)
-        """ms between two frames of one kind of feedback."""
-        self._channels: tuple[Channel, ...] = tuple(line.channels[i] for i in sorted(set(motors.channel)))
-        """Those of these motors."""
+        period = round(1000.0 * terms.control_period)
+        self._interval = min(max(period, 1), protocol.LARGEST_INTERVAL)  # ms between two frames of one kind of feedback
         self._enabled: set[int] = set()
         self._watchdog: Watchdog | None = None
-        self._displaced: list[int] = []  # by motor, reports when the watchdog was found to have taken over
-        self._sent = [0] * len(self._channels)
-        self._gains = np.zeros((2, motors.count))  # shape (2, motors): stiffness and damping as sent last
-        self._repeats = np.full(motors.count, _REPEATS)
-        self._turn = 0
+        self._sent: dict[int, int] = {}  # frames by channel, as of the latest beat
+        self._stiffness = np.zeros(motors.count)  # as sent last
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """See `MotorLink`."""
-        parts = split_identifier(frame)
+        parts = protocol.split_identifier(frame)
         if parts is None:
             return False
-        device_id, kind = parts
-        notes, index = self._line.notes[channel], self._index.get((channel, device_id))
+        notes, index, kind = self._line.notes[channel], self._index.get((channel, parts[0])), parts[1]
         if index is None:
             notes.strangers["frame of no motor of this robot"] += 1
-        elif kind in FROM_MOTOR:
+        elif kind in protocol.FROM_MOTOR:
             slot = self.slots[index]
-            match decode(frame, self.motors.model[index]):
-                case Feedback() as feedback:
+            match protocol.decode(frame, self.motors.model[index]):
+                case protocol.Feedback() as feedback:
                     slot.feedback = time, feedback
                     slot.reports += 1
                     slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
-                case PositionFeedback() as position:
+                case protocol.PositionFeedback() as position:
                     slot.position = time, position
                     slot.reports += 1
-                case Malformed(reason=reason):
+                case protocol.Malformed(reason=reason):
                     slot.invalid = Note(time, reason)
                 case _:
                     notes.strangers["feedback of a kind that was not requested"] += 1
-        elif kind in tuple(MessageType):
+        elif kind in set(MessageType):
             name = MessageType(kind).name.lower().replace("_", " ")
-            notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
+            notes.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")
         else:
             notes.strangers["unknown message type"] += 1
         return True
@@ -155,15 +126,15 @@ class SitoMotors(MotorLink):
 
     def _start_watchdog(self, checks: CheckList) -> None:
         motors, names = self.motors, ", ".join(self.motors.names)
-        if any(channel.address.interface == "virtual" for channel in self._channels):
+        if any(self._channel(i).address.interface == "virtual" for i in range(motors.count)):
             checks.warn(SOURCE, f"{names}: mock motors of this process, with which they end; no watchdog")
             return
         plan = [
             WatchedMotor(
                 motors.names[i],
-                self._line.channels[motors.channel[i]].address,
+                self._channel(i).address,
                 damping_frames(motors.motor_id[i], motors.model[i], float(self._terms.damping[i])),
-                reset_frames(motors.motor_id[i], motors.model[i]),
+                protocol.reset_frames(motors.motor_id[i], motors.model[i]),
             )
             for i in range(motors.count)
         ]
@@ -187,41 +158,45 @@ class SitoMotors(MotorLink):
             slot.feedback = slot.position = None
             slot.largest_effort = 0.0
             device_id, model = self.motors.motor_id[i], self.motors.model[i]
-            limp, select = limp_frames(device_id, model), SelectMode(device_id, Mode.MIT, (self.interval,) * 2 + (0,))
+            limp = damping_frames(device_id, model, 0.0)
+            select = encode(SelectMode(device_id, protocol.Mode.MIT, (self._interval, self._interval, 0)), model)
             self._enabled.add(i)
-            self._send(i, [*limp, encode(select, model), *limp])
-        self._gains[:], self._displaced = 0.0, []
-        end = self._line.clock() + max(_FIRST_FEEDBACK, 0.005 * self.interval)
-        self._stay_limp(lambda: self._line.clock() > end or all(slot.row is not _UNKNOWN_ROW for slot in self.slots))
-        end = self._line.clock() + _SETTLE
-        self._stay_limp(lambda: self._line.clock() > end)
+            self._send(i, [*limp, select, *limp])
+        self._stiffness[:] = 0.0
+        longest = max(_FIRST_FEEDBACK, 0.005 * self._interval)
+        self._stay_limp(longest, lambda: None not in [slot.row for slot in self.slots])
+        self._stay_limp(_SETTLE, lambda: False)
         for i, slot in enumerate(self.slots):
             name = self.motors.names[i]
-            if slot.row is _UNKNOWN_ROW:
+            if slot.row is None:
                 missing = "velocity" if slot.feedback is None else "position"
                 checks.problem(name, f"sends no {missing} after it was enabled: is it there, with supply and this id?")
             elif slot.largest_effort > _STRAY_EFFORT:
                 text = f"reports {slot.largest_effort:.2f} N·m with zero gains and zero current"
                 checks.problem(name, f"{text}: it ignores them while it is disabled, or another host commands it")
             else:
-                checks.passed(name, f"enabled, limp, feedback every {self.interval} ms")
+                checks.passed(name, f"enabled, limp, feedback every {self._interval} ms")
 
-    def _stay_limp(self, is_over: Callable[[], bool]) -> None:
-        """Repeat the frames that make all motors limp: none is acknowledged."""
-        while self.motors.count and not is_over():
+    def _stay_limp(self, duration: float, is_over: Callable[[], bool]) -> None:
+        """Repeat the frames that make all motors limp, `duration` s at most: none is acknowledged."""
+        end = self._line.clock() + duration
+        while self.motors.count and self._line.clock() < end and not is_over():
             self._wait(_ROUND)
             for i, slot in enumerate(self.slots):
                 position = 0.0 if slot.position is None else slot.position[1].position
-                self._send(i, limp_frames(self.motors.motor_id[i], self.motors.model[i], position))
+                self._send(i, damping_frames(self.motors.motor_id[i], self.motors.model[i], 0.0, position))
+
+    def _wait(self, duration: float, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Wait until something is over, `duration` s at most, on the robot's clock, as mock motors may be slow."""
+        end = self._line.clock() + duration
+        while self._line.clock() < end and not is_over():
+            time.sleep(0.001)
 
     def _send(self, motor: int, frames: Iterable[Frame]) -> None:
-        self._line.channels[self.motors.channel[motor]].send([(None, frame) for frame in frames])
+        self._channel(motor).send([(None, frame) for frame in frames])
 
-    def _wait(self, duration: float) -> None:
-        """Wait, s, robot's clock."""
-        end = self._line.clock() + duration
-        while self._line.clock() < end:
-            time.sleep(_POLL)
+    def _channel(self, motor: int) -> Channel:
+        return self._line.channels[self.motors.channel[motor]]
 
     # --- control
 
@@ -232,7 +207,8 @@ class SitoMotors(MotorLink):
 
     def readings(self) -> Readings:
         """See `MotorLink`."""
-        return Readings(*np.array([slot.row for slot in self.slots]).reshape(-1, 5).T)
+        rows = [slot.row or (np.nan,) * 5 for slot in self.slots]
+        return Readings(*np.array(rows).reshape(-1, 5).T)
 
     def findings(self, since: float) -> Iterator[Finding]:
         """See `MotorLink`: no frame that reports a fault is known."""
@@ -247,47 +223,32 @@ class SitoMotors(MotorLink):
     def command(self, values: FloatArray) -> None:
         """See `MotorLink`.
 
-        Gains have a frame of their own, which nothing acknowledges, and hold until others come. So softer gains go
-        before the command and stiffer ones after it; gains go three times when they change, to one motor after the
-        other besides, and with every command to a motor that is to have no stiffness: a lost frame must not leave a
-        motor stiff. Without stiffness the commanded position is where the motor is, for the same reason.
+        Gains have a frame of their own, which nothing acknowledges, and hold until others come. So they go with every
+        command, softer ones before it and stiffer ones after it: a lost frame must not leave a motor stiff. Without
+        stiffness the commanded position is where the motor is, for the same reason.
         """
         if self._watchdog is not None and not self._watchdog.poll():
-            self._displaced = self._displaced or [slot.reports for slot in self.slots]
             return
         batches: dict[int, list[tuple[Hashable, Frame]]] = {}
-        self._turn = (self._turn + 1) % max(self.motors.count, 1)
         for i, (position, velocity, effort, stiffness, damping) in enumerate(values.T.tolist()):
             slot, device_id, model = self.slots[i], self.motors.motor_id[i], self.motors.model[i]
             here = slot.position[1].position if stiffness == 0.0 and slot.position is not None else position
             command = ((i, "command"), encode(Command(device_id, here, velocity, effort), model))
-            batch = batches.setdefault(self.motors.channel[i], [])
-            old_stiffness, has_changed = self._gains[0, i], (self._gains[:, i] != values[3:, i]).any()
-            self._repeats[i] = _REPEATS if has_changed else self._repeats[i] - 1
-            if stiffness > 0.0 and self._repeats[i] < 0 and i != self._turn:
-                batch.append(command)
-                continue
-            self._gains[:, i] = stiffness, damping
             gains = ((i, "gains"), encode(Gains(device_id, stiffness, damping), model))
-            batch += [command, gains] if stiffness > old_stiffness else [gains, command]
+            pair = [command, gains] if stiffness > self._stiffness[i] else [gains, command]
+            self._stiffness[i] = stiffness
+            batches.setdefault(self.motors.channel[i], []).extend(pair)
         for channel, batch in batches.items():
             self._line.channels[channel].send(batch, _LIFETIME * self._terms.control_period)
-        self._beat()
-
-    def _beat(self) -> None:
-        """Send the watchdog a beat, unless frames have stopped leaving on one of the channels."""
-        sent = [channel.counters.sent for channel in self._channels]
-        if self._watchdog is not None and all(now != old for now, old in zip(sent, self._sent, strict=True)):
-            self._watchdog.beat()
+        sent = {channel: self._line.channels[channel].counters.sent for channel in batches}
+        if self._watchdog is not None and all(count != self._sent.get(i) for i, count in sent.items()):
+            self._watchdog.beat()  # frames leave on every channel
             self._sent = sent
 
     # --- the end
 
     def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        """See `MotorLink`. Nothing confirms a reset but feedback that came before and ends.
-
-        It proves nothing where the motor was silent before, or the resets did not leave.
-        """
+        """See `MotorLink`. Only feedback that came before and ends confirms a reset, if the resets have left."""
         motors = list(motors)
         if self._watchdog is not None and motors:
             if self._watchdog.poll():
@@ -295,16 +256,16 @@ class SitoMotors(MotorLink):
             else:
                 self._line.forget_queues()
                 self._release_watchdog(confirmed=False)
-        was_down = {i: bool(self._channel(i).down) for i in motors}
-        silent = self._silent([i for i in motors if i in self._enabled])
-        if self._displaced:  # those that reported afterwards, and have ended, obeyed the watchdog's resets
-            silent = [i for i in silent if self.slots[i].reports == self._displaced[i]]
-        left = set(silent) | set(self._reset(motors))
+        watched = [i for i in motors if i in self._enabled]
+        before = {i: self.slots[i].reports for i in watched}
+        self._wait(_LISTENING, lambda: all(self.slots[i].reports > before[i] for i in watched))
+        left = {i: "no feedback" for i in watched if self.slots[i].reports == before[i]}
+        reporting = self._reset(motors)
         for i in motors:
-            if i in self._enabled and not (self._channel(i).flush(0.0) and bool(self._channel(i).down) == was_down[i]):
-                left.add(i)
-        self._enabled -= set(motors) - left
-        return {i: "no feedback" if i in silent else "sends feedback" for i in sorted(left)}
+            if i in reporting or (i in self._enabled and (self._channel(i).down or not self._channel(i).flush(0.0))):
+                left.setdefault(i, "sends feedback")
+        self._enabled -= set(motors) - left.keys()
+        return left
 
     def close(self) -> None:
         """See `MotorLink`."""
@@ -315,32 +276,19 @@ class SitoMotors(MotorLink):
             self._watchdog.release(confirmed=confirmed)
             self._watchdog = None
 
-    def _channel(self, motor: int) -> Channel:
-        return self._line.channels[self.motors.channel[motor]]
-
-    def _silent(self, motors: list[int]) -> list[int]:
-        """Return the motors that send no feedback."""
-        before = {i: self.slots[i].reports for i in motors}
-        end = self._line.clock() + max(_LISTENING, 0.003 * self.interval)
-        while (left := [i for i in motors if self.slots[i].reports == before[i]]) and self._line.clock() < end:
-            time.sleep(_POLL)
-        return left
-
     def _reset(self, motors: Iterable[int]) -> list[int]:
         """Make motors limp and disable them; returns those whose feedback goes on."""
         left = list(motors)
-        if not left:
-            return left
-        for number in range(_RESETS):
+        for number in range(_RESETS if left else 0):
             if number:
-                self._wait(0.001 * self.interval)
+                self._wait(0.001 * self._interval)
             for i in left:
-                self._send(i, reset_frames(self.motors.motor_id[i], self.motors.model[i]))
+                self._send(i, protocol.reset_frames(self.motors.motor_id[i], self.motors.model[i]))
         for channel in {self._channel(i) for i in left}:
             channel.flush(_SILENCE)
         end = self._line.clock() + _SILENCE
         while left and self._line.clock() < end:
             before = {i: self.slots[i].reports for i in left}
-            self._wait(0.003 * self.interval)
+            self._wait(0.003 * self._interval)
             left = [i for i in left if self.slots[i].reports > before[i]]
         return left

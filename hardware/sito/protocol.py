@@ -33,10 +33,6 @@ class MessageType(IntEnum):
     FEEDBACK_3 = 0xB3
 
 
-FROM_MOTOR = frozenset(kind for kind in MessageType if kind >= MessageType.FEEDBACK_0)
-"""Messages that motors send; all others are a host's."""
-
-
 class Mode(IntEnum):
     """Modes that a motor can be set to."""
 
@@ -44,6 +40,7 @@ class Mode(IntEnum):
     MIT = 0x09  # selecting it enables the motor
 
 
+FROM_MOTOR = frozenset(kind for kind in MessageType if kind >= MessageType.FEEDBACK_0)  # all others are a host's
 LARGEST_INTERVAL = 255  # ms between two frames of one kind of feedback
 _PREFIX = 0x0506
 _RESET = b"\x55" * 8
@@ -51,10 +48,8 @@ _STIFFNESS_UNIT = 500.0
 """N·m/rad in a gain of 1. Another page of the same authors has 688.58, measured: see `MotorFamily.stiffness_doubt`."""
 _DAMPING_UNIT = 0.5  # N·m·s/rad in a gain of 1; 1.125 there
 _CURRENT_STEPS = 2**15 - 1
-_COMMAND = struct.Struct(">hhi")
-_GAINS = struct.Struct(">ff")
-_FEEDBACK_1 = struct.Struct(">xxhxxh")
-_FEEDBACK_2 = struct.Struct(">xxxxi")
+_COMMAND, _GAINS = struct.Struct(">hhi"), struct.Struct(">ff")
+_FEEDBACK_1, _FEEDBACK_2 = struct.Struct(">xxhxxh"), struct.Struct(">xxxxi")  # other bytes are not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,20 +61,20 @@ class Reset:
 
 @dataclass(frozen=True, slots=True)
 class SelectMode:
-    """A mode and the intervals of feedback 1, 2 and 3, ms, 0 for none. Selecting MIT enables."""
+    """Selecting MIT enables."""
 
     device_id: int
     mode: Mode
-    intervals: tuple[int, int, int]
+    intervals: tuple[int, int, int]  # ms, of feedback 1, 2 and 3; 0: none
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """K_p and K_d of the MIT law, N·m/rad and N·m·s/rad; they hold until others are sent."""
+    """K_p and K_d of the MIT law; they hold until others are sent."""
 
     device_id: int
-    stiffness: float
-    damping: float
+    stiffness: float  # N·m/rad
+    damping: float  # N·m·s/rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,22 +89,19 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """Feedback 1. Of its eight bytes four are known."""
+    """Feedback 1."""
 
     device_id: int
-    velocity: float
-    """rad/s, not beyond ±3.14."""
-    effort: float
-    """N·m, from the current."""
+    velocity: float  # rad/s, not beyond ±3.14
+    effort: float  # N·m, from the current
 
 
 @dataclass(frozen=True, slots=True)
 class PositionFeedback:
-    """Feedback 2. Of its eight bytes four are known."""
+    """Feedback 2."""
 
     device_id: int
-    position: float
-    """rad, of the output."""
+    position: float  # rad, of the output
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,61 +128,54 @@ def encode(message: HostMessage | MotorMessage, model: MotorModel) -> Frame:
     match message:
         case Reset():
             kind, data = MessageType.RESET, _RESET
-        case SelectMode():
-            kind, data = MessageType.SELECT_MODE, bytes([message.mode, *message.intervals]).ljust(8, b"\0")
-        case Gains():
-            gains = message.stiffness / _STIFFNESS_UNIT, message.damping / _DAMPING_UNIT
-            kind, data = MessageType.GAINS, _GAINS.pack(*gains)
-        case Command():
-            counts = _current(message.effort, model), _counts(message.velocity), _counts(message.position)
+        case SelectMode(mode=mode, intervals=intervals):
+            kind, data = MessageType.SELECT_MODE, bytes([mode, *intervals]).ljust(8, b"\0")
+        case Gains(stiffness=stiffness, damping=damping):
+            kind, data = MessageType.GAINS, _GAINS.pack(stiffness / _STIFFNESS_UNIT, damping / _DAMPING_UNIT)
+        case Command(position=position, velocity=velocity, effort=effort):
+            counts = _current(effort, model), _counts(velocity), _counts(position)
             kind, data = MessageType.COMMAND, _COMMAND.pack(*counts)
-        case Feedback():
-            counts_1 = _current(message.effort, model), _counts(message.velocity)
-            kind, data = MessageType.FEEDBACK_1, _FEEDBACK_1.pack(*counts_1)
-        case PositionFeedback():
-            kind, data = MessageType.FEEDBACK_2, _FEEDBACK_2.pack(_counts(message.position))
+        case Feedback(velocity=velocity, effort=effort):
+            kind, data = MessageType.FEEDBACK_1, _FEEDBACK_1.pack(_current(effort, model), _counts(velocity))
+        case PositionFeedback(position=position):
+            kind, data = MessageType.FEEDBACK_2, _FEEDBACK_2.pack(_counts(position))
     return Frame(_PREFIX << 16 | message.device_id << 8 | kind, data)
 
 
 def _current(effort: float, model: MotorModel) -> int:
-    return rounded(effort * (_CURRENT_STEPS / model.effort))
+    return _rounded(effort * (_CURRENT_STEPS / model.effort))
 
 
 def _counts(angle: float) -> int:
-    return rounded(angle * SITO_COUNTS_PER_RAD)
+    return _rounded(angle * SITO_COUNTS_PER_RAD)
 
 
-def rounded(value: float) -> int:
+def _rounded(value: float) -> int:
     """Return the nearest whole number; a half goes away from zero."""
     return int(math.copysign(math.floor(abs(value) + 0.5), value))
-
-
-_DECODED = frozenset(MessageType) - {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}
 
 
 def decode(  # noqa: PLR0911 - one for each message
     frame: Frame, model: MotorModel
 ) -> HostMessage | MotorMessage | Malformed | None:
-    """Return the message of a frame from or to a motor of this model; never raises. None: not one of Sito's types."""
+    """Return the message of a frame from or to a motor of this model; never raises. None: not one of these types."""
     parts = split_identifier(frame)
-    if parts is None or parts[1] not in _DECODED:
+    if parts is None or parts[1] not in set(MessageType) - {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}:
         return None
     (device_id, kind), data, effort_unit = parts, frame.data, model.effort / _CURRENT_STEPS
+    malformed = Malformed(device_id, f"{MessageType(kind).name.lower().replace('_', ' ')} with data '{data.hex(' ')}'")
     if len(data) != 8:
-        name = MessageType(kind).name.lower().replace("_", " ")
-        return Malformed(device_id, f"{name} with {len(data)} bytes, expected 8")
+        return malformed
     match kind:
         case MessageType.RESET:
-            return Reset(device_id) if data == _RESET else Malformed(device_id, f"reset with {data.hex(' ')}")
+            return Reset(device_id) if data == _RESET else malformed
         case MessageType.SELECT_MODE:
-            if data[0] not in tuple(Mode):
-                return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
-            return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
+            is_known = data[0] in tuple(Mode)
+            return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3])) if is_known else malformed
         case MessageType.GAINS:
             stiffness, damping = _GAINS.unpack(data)
-            if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
-                return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
-            return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
+            is_sound = 0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf  # NaN is not
+            return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT) if is_sound else malformed
         case MessageType.COMMAND:
             current, velocity, position = _COMMAND.unpack(data)
             angles = position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD
@@ -198,21 +183,15 @@ def decode(  # noqa: PLR0911 - one for each message
         case MessageType.FEEDBACK_1:
             current, velocity = _FEEDBACK_1.unpack(data)
             return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * effort_unit)
-        case _:
-            return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
-
-
-def limp_frames(device_id: int, model: MotorModel, position: float = 0.0) -> tuple[Frame, ...]:
-    """Return zero gains, twice because no frame is acknowledged, and zero current. `position` in rad."""
-    return damping_frames(device_id, model, 0.0, position)
+    return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
 
 
 def damping_frames(device_id: int, model: MotorModel, damping: float, position: float = 0.0) -> tuple[Frame, ...]:
-    """Return the frames that only brake a motor, N·m·s/rad: gains twice, then the command."""
+    """Return the frames that only brake a motor, N·m·s/rad: gains twice, as none is acknowledged, then the command."""
     gains = encode(Gains(device_id, 0.0, min(damping, model.damping)), model)
     return gains, gains, encode(Command(device_id, position, 0.0, 0.0), model)
 
 
 def reset_frames(device_id: int, model: MotorModel) -> tuple[Frame, ...]:
     """Return the frames that disable a motor: limp first, in case it does not obey the reset."""
-    return *limp_frames(device_id, model), encode(Reset(device_id), model)
+    return *damping_frames(device_id, model, 0.0), encode(Reset(device_id), model)

@@ -17,15 +17,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import can
 import msgspec
 
-import humanoid_sim
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.frame import Frame, message_of
@@ -45,6 +43,7 @@ _START = 10.0  # s that the child may take to start, on a busy computer
 _HUNG = 0.5  # s without an answer to a beat after which the child counts as hung
 _END = 1.0  # s that the child may take to end, beyond what it has to send
 ENABLED, BEAT, RELEASED, ABANDONED, SEEN, TAKEN = b"e", b"b", b"r", b"a", b"s", b"t"
+_UNCONFIRMED = "motors did not confirm that they are disabled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +52,8 @@ class WatchedMotor:
 
     name: str
     channel: BusAddress
-    damping: tuple[Frame, ...]
-    """Sent together, every period."""
-    reset: tuple[Frame, ...]
-    """Sent after the damping."""
+    damping: tuple[Frame, ...]  # sent together, every period
+    reset: tuple[Frame, ...]  # sent after the damping
 
 
 class Watchdog:
@@ -71,17 +68,16 @@ class Watchdog:
         """
         self._names = ", ".join(motor.name for motor in motors)
         self._socket, theirs = socket.socketpair()
-        self.has_taken_over = False
-        self._has_died = False
+        self._has_taken_over = self._has_died = False
         self._beaten = self._answered = time.monotonic()
         with theirs:
             try:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
+                    [sys.executable, "-m", __name__, str(theirs.fileno())],
                     stdin=subprocess.PIPE,
                     pass_fds=(theirs.fileno(), *locks),
                     start_new_session=True,  # a terminal's signals and its end are not for the child
-                    env=_environment(),
+                    env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 )
             except OSError as error:
                 self._socket.close()
@@ -93,7 +89,7 @@ class Watchdog:
         try:
             answer = self._socket.recv(4096)
         except TimeoutError:
-            answer = f"no answer within {_START:g} s".encode()
+            answer = b"no answer"
         self._socket.setblocking(False)
         if answer != BEAT:
             self._reap(0.0)
@@ -101,7 +97,7 @@ class Watchdog:
 
     @property
     def pid(self) -> int:
-        """Return the id of the child's process."""
+        """The id of the child's process."""
         return self._process.pid
 
     def enabled(self) -> None:
@@ -109,31 +105,26 @@ class Watchdog:
         self._send(ENABLED)
 
     def beat(self) -> None:
-        """Note a set of commands that has left: from here on silence counts."""
+        """Report a set of commands that has left: from here on silence counts."""
         self._beaten = time.monotonic()
         self._send(BEAT)
 
     def poll(self) -> bool:
         """Return whether the loop may send: the child has not taken over."""
-        try:
-            data = self._socket.recv(4096)
-        except BlockingIOError:
-            return not self.has_taken_over
-        except OSError:
-            data = b""
-        if TAKEN in data and not self.has_taken_over:
-            self.has_taken_over = True
-            self._send(SEEN)
-        self._has_died = not data
-        self._answered = time.monotonic()
-        return not self.has_taken_over
+        data = _received(self._socket)
+        if data is not None:
+            if TAKEN in data and not self._has_taken_over:
+                self._has_taken_over = True
+                self._send(SEEN)
+            self._has_died = not data
+            self._answered = time.monotonic()
+        return not self._has_taken_over
 
     def status(self) -> SafetyStatus | None:
         """Return what is wrong: the child has taken over, has died or hangs."""
         from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus  # noqa: PLC0415 - the child needs no NumPy
 
-        self.poll()
-        if self.has_taken_over:
+        if not self.poll():
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
             return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
         if self._has_died or self._beaten - self._answered > _HUNG:
@@ -145,8 +136,8 @@ class Watchdog:
     def release(self, *, confirmed: bool) -> None:
         """End the child: at once if its motors are `confirmed` to be off, else after it has braked them."""
         self._send(RELEASED if confirmed else ABANDONED)
-        braking = self.has_taken_over or not confirmed
-        self._reap(DAMPING_TIME + _PERIOD * _RESETS + _END if braking else _END)
+        is_braking = self._has_taken_over or not confirmed
+        self._reap(DAMPING_TIME + _PERIOD * _RESETS + _END if is_braking else _END)
 
     def _send(self, message: bytes) -> None:
         with contextlib.suppress(OSError):  # a child that hangs or is gone shows in `status`
@@ -161,10 +152,14 @@ class Watchdog:
         self._socket.close()
 
 
-def _environment() -> dict[str, str]:
-    """Return this process's environment, with the package where this one found it."""
-    root, known = str(Path(humanoid_sim.__file__).parents[1]), os.environ.get("PYTHONPATH")
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([root, known] if known else [root])}
+def _received(end: socket.socket) -> bytes | None:
+    """Return what has come; None: nothing yet, empty: the other end is gone."""
+    try:
+        return end.recv(4096)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
 
 
 # --- the child
@@ -175,34 +170,34 @@ def main(descriptor: int) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
     loop = socket.socket(fileno=descriptor)
-    text = sys.stdin.buffer.read()
+    plan = sys.stdin.buffer.read()
+    motors, damping_time = msgspec.json.decode(plan, type=tuple[tuple[WatchedMotor, ...], float])
+    buses: dict[BusAddress, can.BusABC] = {}
     with contextlib.ExitStack() as opened:
-        motors, damping_time = msgspec.json.decode(text, type=tuple[tuple[WatchedMotor, ...], float])
-        buses: dict[BusAddress, can.BusABC] = {}
         try:
             for channel in dict.fromkeys(motor.channel for motor in motors):
-                buses[channel] = bus = open_bus(channel)
-                opened.callback(bus.shutdown)
-                bus.set_filters([{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}])  # it only sends
+                buses[channel] = opened.enter_context(open_bus(channel))
+                # It only sends, so no other identifier is received.
+                buses[channel].set_filters([{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}])
         except RobotError as error:
             loop.send(str(error).encode())
             return 1
         opened.enter_context(real_time(ahead=10))  # it runs before the loop
         loop.send(BEAT)
-        reason = _watch(loop)
-        if reason:
+        if reason := _watch(loop):
             with contextlib.suppress(OSError):  # before any frame: a loop that resumes must not send
                 loop.send(TAKEN)
             names = ", ".join(motor.name for motor in motors)
-            _say(f"{reason}: damping {names} for {damping_time:g} s, then reset")
-            _brake(motors, buses, damping_time)
-            if reason != _UNCONFIRMED:
-                _remind(loop, motors, buses)
-            _say(f"damped and reset: {names}")
+            _print(f"{reason}: damping {names} for {damping_time:g} s, then reset")
+            for _ in range(max(math.ceil(damping_time / _PERIOD), 1)):
+                _round(buses, ((motor.channel, motor.damping) for motor in motors), _PERIOD)
+            resets = 0
+            while resets < _RESETS or not (reason == _UNCONFIRMED or _has_seen(loop)):
+                resets += 1
+                pause = _PERIOD if resets <= _RESETS else _REMINDER
+                _round(buses, ((motor.channel, motor.reset) for motor in motors), pause)
+            _print(f"damped and reset: {names}")
     return 0
-
-
-_UNCONFIRMED = "motors did not confirm that they are disabled"
 
 
 def _watch(loop: socket.socket) -> str:
@@ -214,7 +209,7 @@ def _watch(loop: socket.socket) -> str:
             if time.monotonic() >= deadline:
                 return f"no command has left for {1000.0 * TIMEOUT:.0f} ms"
             continue  # a child that was held up finds the loop's beats here first
-        data = _received(loop)
+        data = _received(loop) or b""
         if RELEASED in data:
             return ""
         if ABANDONED in data:
@@ -227,33 +222,16 @@ def _watch(loop: socket.socket) -> str:
             loop.send(BEAT)
 
 
-def _received(loop: socket.socket) -> bytes:
-    try:
-        return loop.recv(4096)
-    except OSError:
-        return b""
-
-
-def _brake(motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC], damping_time: float) -> None:
-    """Damp for a time, s, then reset."""
-    for _ in range(max(math.ceil(damping_time / _PERIOD), 1)):
-        _round(buses, [(motor.channel, motor.damping) for motor in motors], _PERIOD)
-    for _ in range(_RESETS):
-        _round(buses, [(motor.channel, motor.reset) for motor in motors], _PERIOD)
-
-
-def _remind(loop: socket.socket, motors: Sequence[WatchedMotor], buses: dict[BusAddress, can.BusABC]) -> None:
-    """Reset again and again, until the loop has seen TAKEN or is gone."""
-    while True:
-        if select.select([loop], [], [], 0.0)[0]:
-            data = _received(loop)
-            if not data or any(end in data for end in (RELEASED, ABANDONED, SEEN)):
-                return
-        _round(buses, [(motor.channel, motor.reset) for motor in motors], _REMINDER)
+def _has_seen(loop: socket.socket) -> bool:
+    """Return whether the loop has seen TAKEN, or is gone."""
+    if not select.select([loop], [], [], 0.0)[0]:
+        return False
+    data = _received(loop)
+    return not data or any(end in data for end in (RELEASED, ABANDONED, SEEN))
 
 
 def _round(
-    buses: dict[BusAddress, can.BusABC], frames: Sequence[tuple[BusAddress, tuple[Frame, ...]]], period: float
+    buses: dict[BusAddress, can.BusABC], frames: Iterable[tuple[BusAddress, tuple[Frame, ...]]], period: float
 ) -> None:
     """Send the frames of every motor, then wait for the rest of the period, s."""
     end = time.monotonic() + period
@@ -264,9 +242,8 @@ def _round(
     time.sleep(max(end - time.monotonic(), 0.0))
 
 
-def _say(text: str) -> None:
-    """Write one line on stderr, which may be gone."""
-    with contextlib.suppress(OSError):
+def _print(text: str) -> None:
+    with contextlib.suppress(OSError):  # stderr may be gone
         os.write(2, f"watchdog: {text}\n".encode())
 
 
