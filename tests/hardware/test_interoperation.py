@@ -34,7 +34,11 @@ def client(motors, monkeypatch):
         monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
         monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
     client = RobstrideBus(_CHANNEL, {name: Motor(motor.can_id, motor.model) for name, motor in _MOTORS.items()})
-    client.channel_handler = can.Bus(interface="virtual", channel=_CHANNEL)
+    client.channel_handler = bus = can.Bus(interface="virtual", channel=_CHANNEL)
+    receive = bus.recv
+    bus.recv = lambda timeout=None: receive(
+        20.0 if timeout else timeout
+    )  # it waits for 0.1 s: too short where all is busy
     yield client
     client.disconnect(disable_torque=False)
 

@@ -110,7 +110,7 @@ def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, motors, log, monkeyp
 
     def interrupted(seconds):
         calls.append(seconds)
-        if len(calls) == 30:
+        if len(calls) == 5:
             raise KeyboardInterrupt
         time.sleep(seconds)
 
