@@ -21,14 +21,14 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
 from humanoid_sim.policy.readers.berkeley import find_berkeley, read_berkeley
-from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
+from humanoid_sim.policy.readers.holosoma import read_holosoma
 from humanoid_sim.policy.readers.isaaclab import ENV_FILE, read_env
-from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
+from humanoid_sim.policy.readers.mjlab import read_mjlab
 from humanoid_sim.policy.readers.own import (
     GOLDEN_KEY,
+    OWN_KEYS,
     STAMP_KEY,
     find_contract,
-    is_own,
     own_contract,
     read_contract_file,
     read_own,
@@ -40,7 +40,6 @@ from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
 _ANCHOR_QUATERNION = "ref_quat_xyzw"  # holosoma's output
-_DIALECTS = ((is_own, read_own), (is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
 _MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 
 
@@ -153,10 +152,14 @@ def read_checkpoint(
     with blaming(f"{path}: metadata", _MALFORMED):
         if STAMP_KEY in metadata:
             layers += read_stamp(metadata, str(path))
-        else:
-            read = next((read for is_spoken, read in _DIALECTS if is_spoken(metadata)), None)
-            layers += [] if read is None else read(metadata, str(path))
-            layers += _side_layers(path, robot_joints)
+        elif OWN_KEYS & metadata.keys():
+            layers += read_own(metadata, str(path))
+        elif "joint_names" in metadata and {"joint_stiffness", "observation_names"} & metadata.keys():
+            layers += read_mjlab(metadata, str(path))
+        elif "dof_names" in metadata:
+            layers += read_holosoma(metadata, str(path))
+    if STAMP_KEY not in metadata:
+        layers += _side_layers(path, robot_joints)
     chosen = find_contract(path) if contract_file is None else contract_file
     if chosen is not None:
         layers.append(read_contract_file(chosen))

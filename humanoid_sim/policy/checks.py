@@ -13,12 +13,11 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
-from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.mit import BASE, IMU, BoolArray, FloatArray
 from humanoid_sim.names import mirrored_pairs, near_miss
 from humanoid_sim.policy.describe import assumptions
 from humanoid_sim.policy.findings import Finding, Severity, list_joints
-from humanoid_sim.policy.layers import is_from_robot
+from humanoid_sim.policy.layers import ROBOTS_ORDER
 from humanoid_sim.robots.actuators import NO_RANGE, own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
@@ -31,6 +30,7 @@ _CLOSE = 0.02  # relative, within which two gains are the same
 _PLACEHOLDER = 1.0  # N·m/rad; K_p is hardly as low at every joint
 _DECIMALS = 3  # as mjlab's exporter rounds
 _LOST = (0.005, 0.1)  # relative error by rounding, from which it is a warning, and an error
+_UNSTATED = ": no source states it; x.contract.yaml can"
 _RULED = 0.7  # share of the joints from which on a formula is probably the exporter's
 
 
@@ -49,7 +49,6 @@ def contract_findings(
         *_joint_findings(contract, description),
         *_frame_findings(contract, description.name, model),
         *(motor_findings(contract, description) if hardware else ()),
-        *(_rate_findings(contract, description) if hardware else ()),
         *_range_findings(contract, description),
         *effort_findings(contract, description),
         *suspicious_findings(contract, damping, max(own)),
@@ -59,7 +58,7 @@ def contract_findings(
         *_scale_findings(contract, description),
         *model_damping_findings(contract, damping),
         *_rounding_findings(contract),
-        *_assumption_findings(contract),
+        *(Finding("warning", source, f"{values}{_UNSTATED}") for source, values in assumptions(contract).items()),
     ]
 
 
@@ -100,7 +99,7 @@ def _joint_findings(contract: PolicyContract, description: RobotDescription) -> 
         if joints:
             yield Finding("error", field, f"{what} {list_joints(joints)}", tuple(joints))
     source = contract.source.get(field, "")
-    if is_from_robot(source):
+    if source == ROBOTS_ORDER or source.endswith("and the robot"):
         message = f"are those of {robot} ({source}): any robot with as many would do; x.contract.yaml can name them"
         yield Finding("warning", field, message)
 
@@ -143,13 +142,6 @@ def motor_findings(contract: PolicyContract, description: RobotDescription) -> I
         yield from _on("error", f"joint_{gain}", message, joints, gains > most, "{:g}, at most {:g}", gains, most)
 
 
-def _rate_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    period = 1.0 / description.hardware.control_frequency
-    if not ticks_per_step(contract.policy_dt, period)[1]:
-        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {period:g} s"
-        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate")
-
-
 def _range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Poses and targets beyond the joints' ranges."""
     joints, driven, pose = contract.joint_names, contract.action_joint_names, contract.default_joint_pos
@@ -187,21 +179,17 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
     """Joints that the robot's model damps as well, N·m·s/rad by joint, beside the contract's K_d."""
-    pairs: dict[tuple[float, float], list[str]] = {}
-    for name, damping in zip(contract.joint_names, contract.joint_damping.tolist(), strict=True):
-        if name in own:
-            pairs.setdefault((damping, own[name]), []).append(name)
-    if not pairs:
-        return
-    listed = "; ".join(f"{kd:g} + {model:g} for {list_joints(names)}" for (kd, model), names in pairs.items())
-    is_open = contract.model_joint_damping == "undecided" and any(kd > 0.0 for kd, _ in pairs)
+    damping, model = contract.joint_damping, np.array([own.get(name, 0.0) for name in contract.joint_names])
+    is_open = contract.model_joint_damping == "undecided" and (damping * model > 0.0).any()
     effect = {
         "undecided": "nobody decides, so both act; x.contract.yaml decides, keep or drop",
         "keep": "keep: both act",
         "drop": "drop: simulations leave out the second number",
     }[contract.model_joint_damping]
-    message = f"{effect}: the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
-    yield Finding("warning" if is_open else "info", "model_joint_damping", message)
+    message = f"{effect}: the contract's K_d + the model's own damping, N·m·s/rad: {{}}"
+    severity: Severity = "warning" if is_open else "info"
+    joints, both = contract.joint_names, model > 0.0
+    yield from _on(severity, "model_joint_damping", message, joints, both, "{:g} + {:g}", damping, model)
 
 
 # --- values that are hardly meant ---
@@ -333,11 +321,6 @@ def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
         severity: Severity = "error" if worst > _LOST[1] else "warning" if worst > _LOST[0] else "info"
         message = f"cut at {_DECIMALS} decimals: off by up to {', '.join(lost)}; x.contract.yaml can hold all"
         yield Finding(severity, "rounding", message)
-
-
-def _assumption_findings(contract: PolicyContract) -> Iterator[Finding]:
-    for source, values in assumptions(contract).items():
-        yield Finding("warning", source, f"{values}: no source states it; x.contract.yaml can")
 
 
 def _is_rounded(values: FloatArray, expected: FloatArray) -> BoolArray:

@@ -90,11 +90,6 @@ def is_assumed(source: str) -> bool:
     return source.startswith("assumed")
 
 
-def is_from_robot(source: str) -> bool:
-    """Return True if the robot gives the joints' names, so that any robot with as many joints would fit."""
-    return source == ROBOTS_ORDER or source.endswith("and the robot")
-
-
 def join(layers: Iterable[Layer], where: str) -> Reading:
     """Join what several sources of the checkpoint `where` state. Raises `InputError` for a value that cannot be."""
     implied, stating = list[Layer](), list[Layer]()
@@ -164,36 +159,31 @@ def checked(name: str, value: Any, where: str) -> Any:
         raise InputError(f"{where}: {known_names('field', option, types)}")
     if value is None and type(None) in get_args(types[option]):
         return None
+    is_places = isinstance(value, list) and len(value) > 0 and all(type(item) is int for item in value)
     try:
         if option in _PER_JOINT:
             return _numbers(option, value)
-        if option in _NAMES and whole != "tensors":
-            return _names(option, value)
-        return msgspec.convert(value, types[option])
+        if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
+            return value
+        is_names = option in _NAMES and whole != "tensors"
+        texts = [value] if is_names and isinstance(value, str) else value
+        return msgspec.convert(texts, tuple[str, ...] if is_names else types[option])
     except (msgspec.ValidationError, TypeError, ValueError) as error:
-        reason = one_line(str(error))
-        if option in _PER_JOINT:  # NumPy says less
-            reason = "expected a number, one for each joint, or a mapping from names or patterns of joints"
-        raise InputError(f"{where}: is {shown(value)}: {reason}") from None
+        raise InputError(f"{where}: is {shown(value)}: {one_line(str(error))}") from None
 
 
 def _numbers(option: str, value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, dict) and option:
         return {str(joint): _numbers("", row) for joint, row in value.items()}
     if option == "position_clip" and isinstance(value, str):
         return value
-    array = np.array(value)
-    if array.dtype.kind not in "iuf" or array.ndim > 2 or np.isnan(array).any():
-        raise ValueError
-    array = array.astype(np.float64)
-    return array.reshape(-1, 2) if option == "position_clip" else array
-
-
-def _names(option: str, value: Any) -> Any:
-    is_places = isinstance(value, list) and len(value) > 0 and all(type(item) is int for item in value)
-    if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
-        return value
-    return msgspec.convert([value] if isinstance(value, str) else value, tuple[str, ...])
+    try:
+        array = np.array(value)
+        if array.dtype.kind in "iuf" and array.ndim <= 2 and not np.isnan(array).any():
+            return array.astype(np.float64).reshape((-1, 2) if option == "position_clip" else array.shape)
+    except ValueError:  # ragged
+        pass
+    raise ValueError("expected a number, one for each joint, or a mapping from names or patterns of joints")
 
 
 # --- names ---
@@ -312,12 +302,9 @@ def _merged(key: str, old: Statement, new: Statement, names: _Names, owners: Seq
         return old
     if type(a) is type(b) and (isinstance(a, dict) or a == b):  # values by name cannot be compared without joints
         return old
-    is_names = isinstance(a, tuple) and isinstance(b, tuple) and key.endswith("names")
-    return _names_differ(key, old, new, a, b) if is_names else _differ(key, old, new)
-
-
-def _differ(key: str, old: Statement, new: Statement) -> str:
-    return f"{key}: {shown(old.value)} in {old.source}, {shown(new.value)} in {new.source}"
+    if isinstance(a, tuple) and isinstance(b, tuple) and key.endswith("names"):
+        return _names_differ(key, old, new, a, b)
+    return f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
 
 
 def _names_differ(key: str, old: Statement, new: Statement, a: Sequence[str], b: Sequence[str]) -> str:
@@ -348,7 +335,7 @@ def _merged_numbers(key: str, old: Statement, new: Statement, owners: Sequence[s
         fine, coarse = (old, new) if _digits(a) > _digits(b) else (new, old)
         return Statement(fine.value, f"{fine.source} ({coarse.source} has it rounded)")
     if differs.ndim != 1 or len(owners) != len(differs):
-        return _differ(key, old, new)
+        return f"{key}: {shown(old.value)} in {old.source}, {shown(new.value)} in {new.source}"
     a, b = np.broadcast_arrays(a, b)
     pairs: dict[tuple[float, float], list[str]] = {}
     for i in np.flatnonzero(differs).tolist():

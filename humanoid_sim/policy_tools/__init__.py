@@ -17,15 +17,19 @@ from humanoid_sim.cli import parse
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
 
+_Checkpoint = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="ONNX file, or a shipped policy.")]
+_Contract = Annotated[
+    Path | None,
+    tyro.conf.arg(help="A contract.yaml with what the checkpoint does not say. Default: the one beside it."),
+]
+
 
 @dataclass(frozen=True)
 class Show:
     """Show the contract of a checkpoint: joints, observation, action, and where each field came from."""
 
-    checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy."""
-    contract: Path | None = None
-    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    checkpoint: _Checkpoint
+    contract: _Contract = None
     robot: str | None = None
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
@@ -37,14 +41,12 @@ class Show:
 class Check:
     """Check a checkpoint against a robot without running it there. Exit status 1 if anything is an error."""
 
-    checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy."""
+    checkpoint: _Checkpoint
     robot: str
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
     """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
-    contract: Path | None = None
-    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    contract: _Contract = None
     hardware: bool = False
     """For the real robot: what only a simulation knows is an error."""
     json: bool = False
@@ -55,12 +57,10 @@ class Check:
 class Stamp:
     """Write a copy of a checkpoint that holds its contract, its external tensors and golden vectors itself."""
 
-    checkpoint: tyro.conf.Positional[Path]
-    """ONNX file, or a shipped policy."""
+    checkpoint: _Checkpoint
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
-    contract: Path | None = None
-    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    contract: _Contract = None
     robot: str | None = None
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
     place, and for a trace's anchor poses."""
@@ -84,18 +84,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_file(command.checkpoint)
     if not has_onnxruntime():
         raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
-    if isinstance(command, Show):
-        from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
+    match command:
+        case Show():
+            from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
 
-        return show(command)
-    if isinstance(command, Check):
-        from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
+            return show(command)
+        case Check():
+            from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
 
-        return check(command)
-    if isinstance(command, Stamp):
-        from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
+            return check(command)
+        case Stamp():
+            from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
 
-        return stamp_copy(command)
+            return stamp_copy(command)
     from humanoid_sim.doctor.report import doctor  # noqa: PLC0415
 
     return doctor(command)

@@ -16,7 +16,7 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import finite, regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint, read_model
-from humanoid_sim.policy.describe import reading_rows, replaced_values
+from humanoid_sim.policy.describe import contract_rows, replaced_values
 from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.layers import Reading, is_assumed
 from humanoid_sim.policy.loaded_policy import contract_layout
@@ -36,15 +36,14 @@ def show(options: Show) -> int:
     model = OnnxModel(options.checkpoint)
     reading = read_model(model, options.contract, joints)
     refusal = reading.refusal(own_contract(options.checkpoint).name)
-    checkpoint, golden = None, ""
+    golden = ""
     if not refusal:
-        checkpoint = load_checkpoint(options.checkpoint, options.contract, joints, verify=False)
-        golden, refusal = _golden_verdict(checkpoint)
+        golden, refusal = _golden_verdict(load_checkpoint(options.checkpoint, options.contract, joints, verify=False))
     if options.json:
         print(json.dumps(_document(model, reading) | {"golden": golden, "refusal": refusal}, indent=2, allow_nan=False))
     else:
         console = make_console()
-        _print(console, model, reading, checkpoint, golden)
+        _print(console, model, reading, golden)
         if refusal:
             console.print(f"[red]{escape(refusal)}[/red]", soft_wrap=True)
     return ExitStatus.of(not refusal)
@@ -53,7 +52,7 @@ def show(options: Show) -> int:
 def print_checkpoint(console: Console, checkpoint: Checkpoint) -> None:
     """Print what is known of a checkpoint that is complete."""
     if checkpoint.model is not None and checkpoint.reading is not None:
-        _print(console, checkpoint.model, checkpoint.reading, checkpoint, _golden_verdict(checkpoint)[0])
+        _print(console, checkpoint.model, checkpoint.reading, _golden_verdict(checkpoint)[0])
 
 
 def checkpoint_document(checkpoint: Checkpoint) -> dict[str, Any]:
@@ -97,15 +96,16 @@ def _golden_verdict(checkpoint: Checkpoint) -> tuple[str, str]:
         return "", str(error).removeprefix(f"{checkpoint.source}: ")
 
 
-def _print(console: Console, model: OnnxModel, reading: Reading, checkpoint: Checkpoint | None, golden: str) -> None:
+def _print(console: Console, model: OnnxModel, reading: Reading, golden: str) -> None:
     tensors = (f"{tensor.name} {list(tensor.shape)}" for tensor in (*model.inputs, *model.outputs))
     console.print(escape(f"{model.path}: {', '.join(tensors)}"), soft_wrap=True)
     table = Table("field", "value", "source", box=None, pad_edge=False)
-    for row in reading_rows(reading, _layout(reading, model)):
-        table.add_row(*map(escape, row), style="yellow" if is_assumed(row.source) else "")
-    if checkpoint is not None and checkpoint.motion is not None:
-        motion = checkpoint.motion
-        table.add_row("motion", f"{len(motion.frames)} frames, {motion.duration:.2f} s", "model")
+    replaced, layout = replaced_values(reading), _layout(reading, model)
+    for field, text, source in contract_rows(reading.values, reading.source):
+        widths = layout.terms if layout is not None and field == "observation" else ()
+        value = " + ".join(f"{term.name} {term.width}" for term in widths) or text
+        origin = f"{source} (replaces {replaced[field]})" if field in replaced else source
+        table.add_row(escape(field), escape(value), escape(origin), style="yellow" if is_assumed(source) else "")
     if golden:
         table.add_row("golden vectors", escape(golden), "metadata")
     console.print(table)

@@ -124,6 +124,7 @@ def test_values_by_name_pattern_and_place():
         ({"joint_stiffness": "stiff"}, "joint_stiffness: is stiff: expected a number"),
         ({"joint_stiffness": {"nose": 1.0}}, "unknown joint 'nose'"),
         ({"joint_stiffness": {"knee": 1.0}}, "lacks hip, waist"),
+        ({"joint_stiffness": {"knee": {"hip": 1.0}}}, "joint_stiffness: is"),
         ({"policy_dt": "fast"}, "policy_dt: is fast"),
         ({"action_joint_names": [7]}, "expected places of 3 joints"),
         ({"action_joint_names": ["["]}, "is not a pattern"),

@@ -30,7 +30,7 @@ def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, tmp_p
     assert status == 0, error
     assert "observation term foot_contact: is a live input" in out
     assert {"name": "foot_contact", "width": 2} in json.loads(cli("show", path, "--json")[1])["terms"]
-    assert "live input; topic /feet; timeout inf" in cli("show", path)[1]
+    assert "topic /feet, timeout inf of foot_contact" in cli("show", path)[1]
     output = tmp_path / "stamped.onnx"
     assert "golden vectors: none" in cli("stamp", path, "-o", output)[1]
     assert GOLDEN_KEY not in read_header(output)[0]

@@ -5,6 +5,7 @@ A file of this form comes with every checkpoint of the project: https://github.c
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +35,11 @@ def find_berkeley(checkpoint: Path) -> Path | None:
     """Return the file with the model's stem beside it, or in `configs/`, there or one up."""
     folder = checkpoint.absolute().parent
     places = (folder, folder / "configs", folder.parent / "configs")
-    return next((path for path in (place / f"{checkpoint.stem}.yaml" for place in places) if _is_berkeley(path)), None)
-
-
-def _is_berkeley(path: Path) -> bool:
-    try:
-        return is_file(path) and read_section(path).values.keys() >= _KNOWN_BY
-    except InputError:  # some other file
-        return False
+    for path in (place / f"{checkpoint.stem}.yaml" for place in places):
+        with suppress(InputError):  # some other file
+            if is_file(path) and read_section(path).values.keys() >= _KNOWN_BY:
+                return path
+    return None
 
 
 def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:

@@ -21,11 +21,6 @@ _KNOWN = (*_FIELDS, "command_ranges", "experiment_config")
 _WITHOUT_EFFECT = ("robot_urdf", "robot_urdf_path", "wandb_run_path", "iteration", GOLDEN_KEY)
 
 
-def is_holosoma(metadata: Mapping[str, str]) -> bool:
-    """Return True if the metadata has the key by which this dialect is known."""
-    return "dof_names" in metadata
-
-
 def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return joints, gains and command ranges, and from `experiment_config` pose, scale, terms and rate."""
     keys = Section({key: _json(key, metadata[key], where) for key in _KNOWN if key in metadata}, where)

@@ -38,11 +38,6 @@ GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
 stands; while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 
 
-def is_mjlab(metadata: Mapping[str, str]) -> bool:
-    """Return True if the metadata has the keys by which this dialect is known."""
-    return "joint_names" in metadata and ("joint_stiffness" in metadata or "observation_names" in metadata)
-
-
 def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return the keys that are there, and what mjlab implies.
 

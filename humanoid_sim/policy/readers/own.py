@@ -27,7 +27,7 @@ METADATA_KEYS = (
     *("action_scale", "policy_dt", "body_names", "dataset_repo_id", "lookahead_steps"),
 )
 """The thirteen keys of a self-describing checkpoint. Lists are CSV, as mjlab's exporter writes them."""
-_ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps")
+OWN_KEYS = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}  # of no other dialect
 
 
 # --- thirteen keys of CSV ---
@@ -55,11 +55,6 @@ def csv_field(name: str, key: str, text: str, where: str) -> Any:
         return csv(text)
     numbers = csv_numbers(key, text, where)
     return numbers[0] if len(numbers) == 1 else numbers
-
-
-def is_own(metadata: Mapping[str, str]) -> bool:
-    """Return True if the metadata has any key that only this dialect has."""
-    return any(key in metadata for key in _ONLY_HERE)
 
 
 def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:

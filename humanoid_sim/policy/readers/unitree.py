@@ -59,7 +59,12 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         order = _order(places, len(robot_joints), what) if places else range(len(robot_joints))
         source = f"{path.name} and the robot" if places else ROBOTS_ORDER
         layers.append(Layer(source, {"joint_names": [robot_joints[i] for i in order]}))
-    return [*layers, Layer(path.name, values, unused=_gaps(path.name, places))]
+    unused, gaps = [], sorted(set(range(max(places, default=0))) - set(places))
+    if gaps:
+        what = "gains are read as the policy's own, but Unitree's program puts them on motors 0 to"
+        rest = f"{len(places) - 1}, and leaves those to {max(places)} without"
+        unused.append(f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}")
+    return [*layers, Layer(path.name, values, unused=tuple(unused))]
 
 
 def _places(file: Section) -> list[int]:
@@ -80,11 +85,3 @@ def _order(places: Sequence[int], count: int, what: str) -> list[int]:
     if count > max(places):
         return list(places)
     raise InputError(f"{what}, expected {max(places) + 1}, as joint_ids_map, or {len(places)}")
-
-
-def _gaps(name: str, places: Sequence[int]) -> tuple[str, ...]:
-    gaps = sorted(set(range(max(places, default=0))) - set(places))
-    if not gaps:
-        return ()
-    text = f"{name}: joint_ids_map leaves out places {shown(gaps)}: gains are read as the policy's own, but Unitree's"
-    return (f"{text} program puts them on motors 0 to {len(places) - 1}, and leaves those to {max(places)} without",)
