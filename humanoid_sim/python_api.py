@@ -133,11 +133,10 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     Args:
         policy: what runs; None: the robot's sample policy.
         record: the recording to write (.mcap); None: one that goes with the result.
-        options: those of `play`, such as `robot="lite_biped"`, `command=(0.3, 0, 0)`, `policy_seconds=5`,
+        options: those of `play`, such as `robot="lite_biped"`, `command=(0.3, 0, 0)`, `duration=5`,
             `script="damp; load_a"`; neither `hardware` nor `manual`, for whose operators `play` is.
     """
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
-    from humanoid_sim.play.refusals import refuse_early  # noqa: PLC0415
     from humanoid_sim.play.run import played  # noqa: PLC0415
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 
@@ -152,7 +151,6 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
         given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
         config = _config("simulate", PlayConfig, given)
-        refuse_early(config)
         check_environment()
         outcome = played(config, PlayConsole(quiet=True))
         if outcome.status > 128:

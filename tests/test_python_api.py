@@ -29,7 +29,7 @@ def test_importing_the_package_loads_none_of_it_and_no_name_hides_a_module() -> 
 
 @pytest.fixture(scope="module")
 def run() -> Simulation:
-    return simulate("lite_tracking", motion="wave", policy_seconds=0.5)
+    return simulate("lite_tracking", motion="wave", duration=7.0)
 
 
 def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -> None:
@@ -49,7 +49,7 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        ({"polcy_seconds": 1}, r"simulate: unknown option 'polcy_seconds' \(did you mean 'policy_seconds'\?\)"),
+        ({"duratin": 1}, r"simulate: unknown option 'duratin' \(did you mean 'duration'\?\)"),
         ({"pace": "later"}, "simulate: pace: Invalid enum value 'later'"),
         ({"duration": "long"}, "simulate: duration: Expected `float"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),

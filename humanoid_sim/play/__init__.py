@@ -12,9 +12,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config = parse(PlayConfig, "play", arguments)
 
-    from humanoid_sim.play.refusals import refuse_early  # noqa: PLC0415
-
-    refuse_early(config)
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 
     check_environment()  # before MuJoCo is imported, which would fail with a traceback

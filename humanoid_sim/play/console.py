@@ -7,7 +7,6 @@ import os
 import select
 import sys
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
 from time import monotonic
 
 from rich.console import Console
@@ -16,7 +15,7 @@ from rich.style import Style
 
 from humanoid_sim.cli import mute_output
 from humanoid_sim.controllers.fsm import granted, merge_safety
-from humanoid_sim.messages import Event, EventKind, Intent, Mode, StandbyState, TickOutput, TickRecord
+from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVABLE
@@ -29,81 +28,6 @@ MODE_STYLES = {
     Mode.LOCOMOTION: "green",
     Mode.REMOTE: "magenta",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """Facts that the line needs beside a tick."""
-
-    has_keys: bool = False
-    """An operator sits at the keys."""
-    is_driven: Callable[[], bool] = lambda: True
-    """True if commands reach the motors; they do not after a `reactivate` that failed."""
-    available: Container[str] = ()
-    """Names of the controllers that exist."""
-    walks: bool = False
-    """The policy takes a velocity command."""
-    motion_frames: int = 0
-    """Frames of the policy's motion; 0 for none."""
-    expected_duration: float | None = None
-    """s on the robot's clock, of the whole run; None if nobody can know."""
-
-
-def possible(record: TickRecord, available: Container[str]) -> tuple[Intent, ...]:
-    """Return the intents that would be granted after a tick."""
-    output = record.output
-    is_finished = output.standby is not None and output.standby.is_finished
-    return granted(output.control_mode.controller_name, merge_safety(record.input.safety), is_finished, available)
-
-
-def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Told, width: int) -> list[str]:
-    """Return the parts of the line, the mode first; as many as fit into `width` columns, the most important ones first.
-
-    Args:
-        frame: of the motion, as of the latest policy step; None for none.
-    """
-    mode = record.output.control_mode.mode
-    progress = _progress(record.output.standby, frame if mode is Mode.LOCOMOTION else None, told.motion_frames)
-    time = float(record.input.state.time)
-    parts = [mode.name + (f" {progress}" if progress else "")]
-    velocity = record.input.state.extern.get(VELOCITY_COMMAND)
-    shown = []
-    if told.walks and velocity is not None:
-        shown.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
-    shown.append(f"{overruns} late tick{'' if overruns == 1 else 's'}")
-    keys = _keys(record, told, width - sum(len(part) + 2 for part in (*parts, *shown)))
-    parts += keys + shown
-    if told.expected_duration:
-        parts.append(f"{min(100.0 * time / told.expected_duration, 100.0):.0f} %")
-    parts.append(f"{time:.1f} s")
-    while len(parts) > 1 and len("  ".join(parts)) > width:
-        parts.pop()
-    return parts
-
-
-def _progress(standby: StandbyState | None, frame: int | None, frames: int) -> str:
-    if standby is not None:
-        if standby.is_finished:
-            return "reached"
-        return f"{100.0 * (standby.current_segment + standby.progress) / standby.total_segments:.0f} %"
-    return f"{100.0 * min(frame + 1, frames) / frames:.0f} %" if frame is not None and frames else ""
-
-
-def _keys(record: TickRecord, told: Told, room: int) -> list[str]:
-    """Return the present intents with their keys; the keys alone where the names do not fit."""
-    if not told.has_keys:
-        return []
-    intents = [i for i in possible(record, told.available) if i is not Intent.DAMP or told.is_driven()]
-    asked = [(key_of(intent), intent.name) for intent in intents]
-    if record.output.control_mode.mode in REACTIVABLE:
-        asked.append((REACTIVATE_KEY, "reactivate"))
-    if told.walks and record.output.control_mode.mode is Mode.LOCOMOTION:
-        asked.append(("arrows", "velocity"))
-    named = [f"{key} {name}" for key, name in asked]
-    for keys in ([*named, "? help"], named):
-        if len("  ".join(keys)) + 2 <= room:
-            return keys
-    return ["keys " + " ".join(key for key, _ in [*asked, ("?", "help")])]
 
 
 class StatusLine:
@@ -179,21 +103,38 @@ class PlayConsole(Console):
 class ConsoleSink(WorkerSink):
     """Prints transitions, refusals and events; keeps a line of status at the bottom where the output is a terminal."""
 
-    def __init__(self, console: Console, told: Told) -> None:
-        super().__init__("console", period=0.05)
-        self._console = console
-        self.told = told
-        """Facts that the line needs in addition to the ticks."""
-        self._line = StatusLine(console)
+    def __init__(
+        self,
+        console: Console,
+        *,
+        has_keys: bool = False,
+        walks: bool = False,
+        motion_frames: int = 0,
+        expected_duration: float | None = None,
+        available: Container[str] = (),
+        is_driven: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Take what the line needs beside ticks.
+
+        Args:
+            has_keys: an operator sits at the keys.
+            walks: the policy takes a velocity command.
+            motion_frames: frames of the policy's motion; 0 for none.
+            expected_duration: s on the robot's clock, of the whole run; None if nobody can know.
+            available: names of the controllers that exist.
+            is_driven: True if commands reach the motors; they do not after a `reactivate` that failed.
+        """
+        super().__init__("console")
+        self._console, self._line = console, StatusLine(console)
+        self._has_keys, self._walks, self._motion_frames = has_keys, walks, motion_frames
+        self._expected_duration, self._available, self._is_driven = expected_duration, available, is_driven
         self._mode: Mode | None = None
-        self._controller = ""
-        self._status = ""
+        self._controller = self._status = ""
         self._is_reached = False
         self._time = 0.0
         self._drawn = -math.inf
         # Written by the control thread, read by the worker's.
-        self._queued_status = ("", "")
-        self._queued_reached = False
+        self._queued: tuple[str, str, bool] = ("", "", False)
         self._latest: TickRecord | None = None
         self._frame: int | None = None
         self._overruns = 0
@@ -205,11 +146,9 @@ class ConsoleSink(WorkerSink):
         self._overruns += record.overrun
         if output.policy_step is not None:
             self._frame = output.policy_step.frame
-        status = (output.control_mode.controller_name, output.control_mode.status_message)
-        is_new, self._queued_status = status != self._queued_status, status
-        is_reached = _is_reached(output)
-        has_arrived, self._queued_reached = is_reached and not self._queued_reached, is_reached
-        if is_new or has_arrived or output.faults or output.refusals or record.input.intents:
+        shown = (output.control_mode.controller_name, output.control_mode.status_message, _is_reached(output))
+        is_new, self._queued = shown != self._queued, shown
+        if is_new or output.faults or output.refusals or record.input.intents:
             super().tick(record)
 
     def handle_tick(self, record: TickRecord) -> None:
@@ -222,7 +161,7 @@ class ConsoleSink(WorkerSink):
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
             self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
-        elif Intent.DAMP in record.input.intents and not self.told.is_driven():
+        elif Intent.DAMP in record.input.intents and not self._is_driven():
             self._print(f"[red]DAMP has no effect: no motor is driven; {HOW_TO_REACTIVATE}[/red]")
         elif bad:
             for text in bad:
@@ -233,10 +172,9 @@ class ConsoleSink(WorkerSink):
             names = ", ".join(intent.name for intent in record.input.intents)
             self._print(f"[dim]{names}: already in {control.mode.name}[/dim]")
         self._status = control.status_message
-        is_reached = _is_reached(output)
-        if is_reached and not self._is_reached:
-            self._print(f"standby reached{self._what_comes_next(record)}")
-        self._is_reached = is_reached
+        was_reached, self._is_reached = self._is_reached, _is_reached(output)
+        if self._is_reached and not was_reached:
+            self._print("standby reached")
 
     def handle_event(self, event: Event) -> None:
         """Print an event."""
@@ -247,21 +185,57 @@ class ConsoleSink(WorkerSink):
     def handle_pause(self) -> None:
         """Draw the line, ten times a second at most."""
         record, now = self._latest, monotonic()
-        if record is None or now - self._drawn < _REDRAW:
-            return
-        self._drawn = now
-        mode = record.output.control_mode.mode
-        self._line.draw(status_parts(record, self._frame, self._overruns, self.told, self._line.width), mode)
+        if record is not None and now - self._drawn >= _REDRAW:
+            self._drawn = now
+            self._line.draw(self._parts(record), record.output.control_mode.mode)
 
     def handle_close(self) -> None:
         """Take the line away."""
         self._line.clear()
 
-    def _what_comes_next(self, record: TickRecord) -> str:
-        if not self.told.has_keys:
-            return ""
-        found = [intent for intent in possible(record, self.told.available) if intent not in (Intent.DAMP, Intent.QUIT)]
-        return f": {', '.join(f'{key_of(intent)} {intent.name}' for intent in found)}" if found else ""
+    def _parts(self, record: TickRecord) -> list[str]:
+        """Return the parts of the line that fit, the most important ones first: mode, keys, velocity, misses, time."""
+        mode, time = record.output.control_mode.mode, float(record.input.state.time)
+        parts = [f"{mode.name} {self._progress(record)}".strip()]
+        velocity = record.input.state.extern.get(VELOCITY_COMMAND)
+        shown = []
+        if self._walks and velocity is not None:
+            shown.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
+        shown.append(f"{self._overruns} late tick{'' if self._overruns == 1 else 's'}")
+        width = self._line.width
+        parts += self._keys(record, width - sum(len(part) + 2 for part in (*parts, *shown))) + shown
+        if self._expected_duration:
+            parts.append(f"{min(100.0 * time / self._expected_duration, 100.0):.0f} %")
+        parts.append(f"{time:.1f} s")
+        while len(parts) > 1 and len("  ".join(parts)) > width:
+            parts.pop()
+        return parts
+
+    def _progress(self, record: TickRecord) -> str:
+        standby, frames = record.output.standby, self._motion_frames
+        if standby is not None:
+            percent = 100.0 * (standby.current_segment + standby.progress) / standby.total_segments
+            return "reached" if standby.is_finished else f"{percent:.0f} %"
+        is_driven = record.output.control_mode.mode is Mode.LOCOMOTION and self._frame is not None and frames
+        return f"{100.0 * min((self._frame or 0) + 1, frames) / frames:.0f} %" if is_driven else ""
+
+    def _keys(self, record: TickRecord, room: int) -> list[str]:
+        """Return the present intents with their keys; the keys alone where the names do not fit."""
+        if not self._has_keys:
+            return []
+        control = record.output.control_mode
+        safety = merge_safety(record.input.safety)
+        intents = granted(control.controller_name, safety, _is_reached(record.output), self._available)
+        keys = [(key_of(one), one.name) for one in intents if one is not Intent.DAMP or self._is_driven()]
+        if control.mode in REACTIVABLE:
+            keys.append((REACTIVATE_KEY, "reactivate"))
+        if self._walks and control.mode is Mode.LOCOMOTION:
+            keys.append(("arrows", "velocity"))
+        keys.append(("?", "help"))
+        named = [f"{key} {name}" for key, name in keys]
+        if len("  ".join(named)) + 2 <= room:
+            return named
+        return ["keys " + " ".join(key for key, _ in keys)]
 
     def _print(self, text: str) -> None:
         self._line.clear()

@@ -90,7 +90,6 @@ def real_robot(
         live=({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({} if keys is None else {KEY_PRESSED: KEY_COUNT}),
         qpos=MeasuredPose(description),
         model=lambda: build_model(description),
-        simulated=False,
         check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
         mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
         notices=notices,

@@ -8,11 +8,9 @@ from typing import Annotated, Literal
 import tyro
 
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.simulation import DROP
 
 DEFAULT_ROBOT = "lite"
 NO_POLICY = "none"
-"""Takes the place of a policy in a session that begins without one."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +29,14 @@ class PlayConfig:
     motion: str | None = None
     """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP. Default with the
     sample policy: wave."""
-    motion_topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
-    """Topic of the motion, in a file or folder that has others too. Default: its only one."""
     song: str | None = None
     """Song of a piano policy: a sample song, such as ode_to_joy, or a MIDI file (.mid).
     Default with the sample policy: ode_to_joy."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot, robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""
-    imu_site: str | None = None
-    """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
     command: Annotated[str, tyro.conf.arg(metavar="VX,VY,WZ")] = "0,0,0"
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
-    drop: Annotated[float, tyro.conf.arg(metavar="M")] = DROP
-    """Height in m from which a free-standing robot drops onto its feet when its policy starts, in simulation: landing
-    sets those policies walking that stand still until something disturbs them. 0 starts it on the floor."""
     hardware: Annotated[str | None, tyro.conf.arg(metavar="CHANNELS")] = None
     """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
     motors in this process. Default: simulation."""
@@ -76,42 +67,28 @@ class PlayConfig:
     record: Annotated[str, tyro.conf.arg(metavar="FILE.mcap")] = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
-    """Replace files named by --record, --html, --video, --snapshot or --summary that exist."""
+    """Replace files named by --record, --html, --video or --summary that exist."""
     gamepad: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[MAPPING.yaml]")] = None
     """Drive the FSM with a gamepad, of the usual layout or of the one in MAPPING.yaml. On a real bus one must be there,
     asked for or not; with --hardware its loss damps the robot."""
     joy: JoyBindings = field(default_factory=JoyBindings)
     no_gamepad: bool = False
     """On a real bus: do without a gamepad."""
-    dds: bool = False
-    """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there."""
-    dds_interface: str | None = None
-    """Start a second bridge for another computer, at this network interface, such as eth1: joint states, IMU, mode,
-    description and transforms go out, commands for REMOTE come in. Whoever is on that network can send some."""
-    dds_safety: bool = False
-    """Take safety statuses from the network of --dds-interface too. Whoever is there can then damp the robot."""
+    dds: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[INTERFACE]")] = None
+    """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there.
+    INTERFACE, such as eth1, starts a second one for another computer: whoever is on that network can command REMOTE."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
     PORT is part of its port's name, or the path of a raw MIDI device such as /dev/snd/midiC1D0."""
     remote: Literal["none", "gravity"] = "none"
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""
-    gravity_form: Literal["effort", "pd"] = "effort"
-    """Form in which gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
-    policy_seconds: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
-    """Seconds for which the policy drives the robot where nobody drives the FSM. Default: until its motion ends; 10
-    for a policy that follows none."""
-    action_limit: float | None = None
-    """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped. Default: the
-    contract's action_limit, or else 100."""
     manual: bool = False
     """Drive the FSM yourself, from the keyboard, or with --console or --gamepad from there."""
     script: str | None = None
     """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
-    pose: Literal["a", "b"] = "a"
-    """Standby pose to walk through when the FSM is driven automatically."""
     watchdog: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:SECONDS")] = ()
     """Sources of safety statuses, other programs on this machine, that must report at least every SECONDS: the robot is
     damped while one is silent."""
@@ -122,34 +99,20 @@ class PlayConfig:
     watches, beside the recording; none for no page."""
     video: Annotated[str | None, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Video of the run (.mp4); needs OpenGL."""
-    snapshot: Annotated[str | None, tyro.conf.arg(metavar="FILE.png")] = None
-    """Picture of the robot at the end of the motion (.png); needs OpenGL."""
     summary: Annotated[str | None, tyro.conf.arg(metavar="FILE.json")] = None
     """The final table as JSON."""
-    control_frequency: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
-    """Hz; default: the robot's, for simulation and for hardware."""
-    physics_timestep: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
-    """s; default: the robot's."""
-
-    def is_given(self, name: str) -> bool:
-        """Return whether an option is not as it is by default."""
-        return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
-
-    @property
-    def first_policy(self) -> str | None:
-        """The policy that is selected at the start, as it was given; None if none was."""
-        return self.policy[0] if self.policy else None
 
     @property
     def has_policy(self) -> bool:
         """True if a policy runs from the beginning; on hardware only one that is named."""
-        return self.first_policy != NO_POLICY and (bool(self.policy) or self.hardware is None)
+        return self.policy[:1] != (NO_POLICY,) and (bool(self.policy) or self.hardware is None)
 
+    @property
+    def is_real_bus(self) -> bool:
+        """True if the motors may be real ones."""
+        return self.hardware is not None and not self.hardware.startswith(("virtual:", "udp_multicast:"))
 
-SIMULATED = ("drop", "imu_site", "physics_timestep")
-"""Options of the simulated robot."""
-OF_HARDWARE = (
-    *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),
-    *("can_timeout", "imu", "imu_mounting", "no_gamepad"),
-)
-"""Options of a real robot."""
+    @property
+    def needs_gamepad(self) -> bool:
+        """True if a gamepad takes part: where one was requested, and on a real bus unless it was declined."""
+        return self.gamepad is not None or (self.is_real_bus and not self.no_gamepad and not self.dry_run)

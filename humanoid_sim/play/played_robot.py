@@ -14,7 +14,6 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
-from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checks import effort_findings, model_damping_findings, suspicious_findings
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.actuators import own_joint_damping
@@ -22,17 +21,18 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.robot import Robot
+from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.sim_robot import SimRobot, Touch
 
 
 class PlayedRobot(Robot, Protocol):
-    """A robot of which its program can tell whether there is still anything to protect."""
+    """A robot that can tell whether there is still anything to protect."""
 
     @property
     def is_closed(self) -> bool:
-        """Return whether `close` was called."""
+        """Return True if `close` was called."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class BringUp:
     """Checks and questions for an operator before a real robot is enabled."""
 
     question: str
-    """Question to be answered with yes before anything is enabled; empty where nothing can be hurt."""
+    """To be answered with yes before anything is enabled; empty where nothing can be hurt."""
     prepare: Callable[[], None]
     """Does everything but enable. Raises `RobotError` if something is wrong."""
     checks: Callable[[], Sequence[tuple[str, str, str]]]
@@ -48,7 +48,10 @@ class BringUp:
     unanswered: Callable[[], Sequence[str]]
     """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
     accept: Callable[[Sequence[str]], None]
-    """Accepts them, as the operator says."""
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return the warnings of the latest checks, one line each."""
+        return tuple(f"{subject}: {text}" for verdict, subject, text in self.checks() if verdict == "warning")
 
 
 class Touches:
@@ -63,7 +66,7 @@ class Touches:
         self._sunk = 0.0
 
     def __call__(self, mode: Mode) -> str:
-        """Take in that a mode begins; it says nothing."""
+        """Take in that a mode begins."""
         self._note()
         self._is_limp = mode in (Mode.ZERO_TORQUE, Mode.DAMPING)
         return ""
@@ -71,13 +74,10 @@ class Touches:
     def figures(self) -> dict[str, Any]:
         """Return force in N, time in s and name of the key of the hardest touch, the limit, and the force when limp."""
         self._note()
-        touch = self._driven
-        at = (
-            {"force": 0.0, "key": None, "time": None}
-            if touch is None
-            else touch._asdict() | {"key": key_name(touch.key)}
-        )
-        return at | {"limit": self._limit, "sunk": self._sunk}
+        hardest: dict[str, Any] = {"force": 0.0, "key": None, "time": None}
+        if self._driven is not None:
+            hardest = self._driven._asdict() | {"key": key_name(self._driven.key)}
+        return hardest | {"limit": self._limit, "sunk": self._sunk}
 
     def _note(self) -> None:
         touch = self._robot.hardest_touch
@@ -99,26 +99,23 @@ class RobotSetup:
     """Shape (nq,), MuJoCo's generalised position of `model` with the robot as it is, given its latest state."""
     model: Callable[[], mujoco.MjModel]
     """A model to draw the robot with. Each viewer draws with its own, so that none can touch the robot's."""
-    simulated: bool
-    """Writing to the robot also advances its physics, and its base's pose is known."""
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
-    """Notices for an operator about driving this robot with a policy that fits its joints, one line each. Raises
-    `InputError` if it cannot be driven with it."""
+    """Notices about driving this robot with a policy, one line each. Raises `InputError` if it cannot be driven."""
     base: BaseObserver | None = None
-    """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
+    """Sees a simulated floating base, from the monitor's thread; None where there is none."""
     mode_listener: Callable[[Mode], str] | None = None
-    """Told of each new mode; see `Session`."""
+    """See `Session`."""
     key_force: Callable[[], Mapping[str, Any] | None] = lambda: None
     """Hardest touch of a simulated piano's keys; None without one."""
     notices: tuple[str, ...] = ()
-    """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
+    """None in simulation."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
     """Figures of its buses, for the summary: JSON, with `lines` for people."""
     is_driven: Callable[[], bool] = lambda: True
     """True if commands reach its motors."""
     failure: Callable[[], str] = lambda: ""
-    """Reason why what the robot needs beside itself has failed; empty while it works."""
+    """Why what the robot needs beside itself has failed; empty while it works."""
 
 
 _Value = TypeVar("_Value")
@@ -133,13 +130,12 @@ def shared(field: str, values: Sequence[_Value]) -> _Value | None:
 
 
 def simulated_robot(
-    config: PlayConfig, description: RobotDescription, control_period: float, contracts: Sequence[PolicyContract]
+    description: RobotDescription, control_period: float, contracts: Sequence[PolicyContract]
 ) -> RobotSetup:
     """Return a robot in MuJoCo that measures what the policies of contracts observe; the control period is in s."""
     settings = SimConfig(
         control_period=control_period,
-        physics_timestep=config.physics_timestep,
-        drop=config.drop,
+        drop=DROP,
         anchor_body=shared("anchor_body", [one.anchor_body for one in contracts if one.anchor_body]) or "",
         velocity_at=tuple(dict.fromkeys(point for one in contracts for point in one.velocity_points)),
         height_scan=shared("height_scan", [one.height_scan for one in contracts if one.height_scan is not None]),
@@ -147,7 +143,7 @@ def simulated_robot(
     robot = SimRobot(description, settings)
     touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)
-    imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()
+    imu = (f"IMU: {imu_line(bare, description)}",) if description.is_floating else ()
 
     def check_policy(contract: PolicyContract) -> tuple[str, ...]:
         gains = resolve_action(contract, description.joint_names)
@@ -164,7 +160,6 @@ def simulated_robot(
         key_force=(lambda: None) if touches is None else touches.figures,
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
-        simulated=True,
         check_policy=check_policy,
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,

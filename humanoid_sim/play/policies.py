@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, shipped, song_path
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, policy_path, sample_policy, shipped, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, PlayConfig
-from humanoid_sim.play.refusals import checkpoint_path
+from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -35,7 +33,7 @@ class PolicyChoice:
     """The policy of a run, and what the user must be told about it."""
 
     loaded: LoadedPolicy | None = None
-    """Policy with its motion; None in a run without."""
+    """None in a run without a policy."""
     checkpoint: Checkpoint | None = None
     motion: Motion | None = None
     motion_file: Path | None = None
@@ -57,24 +55,13 @@ class PolicyChoice:
     @property
     def named(self) -> Mapping[str, LoadedPolicy]:
         """The policies by name where there are several: their files' names without .onnx."""
-        if not self.others:
-            return {}
-        return {choice.name: choice.loaded for choice in self.choices if choice.loaded is not None}
-
-    @property
-    def motions(self) -> Mapping[str, Motion]:
-        """The motions that `named` policies follow, by the policy's name."""
-        return {choice.name: choice.motion for choice in self.choices if choice.motion is not None}
+        choices = self.choices if self.others else ()
+        return {choice.name: choice.loaded for choice in choices if choice.loaded is not None}
 
     @property
     def contract(self) -> PolicyContract | None:
         """Contract of the policy; None without one."""
         return None if self.loaded is None else self.loaded.contract
-
-    def __str__(self) -> str:
-        """For operators: the policies, and the motions that they follow."""
-        own = self.source if self.motion_file is None else f"{self.source}, motion {self.motion_file.name}"
-        return "; ".join([own, *map(str, self.others)])
 
     @property
     def name(self) -> str:
@@ -85,6 +72,12 @@ class PolicyChoice:
     def source(self) -> str:
         """Name for operators: its file, or `none`."""
         return NO_POLICY if self.checkpoint is None else self.checkpoint.source
+
+    @property
+    def label(self) -> str:
+        """The policies, and the motions that they follow."""
+        own = self.source if self.motion_file is None else f"{self.source}, motion {self.motion_file.name}"
+        return "; ".join([own, *(other.label for other in self.others)])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -101,20 +94,25 @@ class PolicyChoice:
         """Length of the motion in policy steps; 0 for none."""
         return 0 if self.motion is None else len(self.motion.frames)
 
-    def live_inputs(self, reported: Mapping[str, int]) -> tuple[Mapping[str, int], Mapping[str, int]]:
-        """Return name and width of the live inputs from other programs, and of all; the robot reports some itself."""
-        taken = {
-            name: width
-            for choice in self.choices
-            if choice.loaded
-            for name, width in choice.loaded.live_inputs(reported).items()
-        }
-        return taken, {**taken, **reported, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+    def external_inputs(self, reported: Mapping[str, int]) -> dict[str, int]:
+        """Return name and width of the live inputs that have to come from other programs; the robot reports some."""
+        found: dict[str, int] = {}
+        for choice in self.choices:
+            if choice.loaded is not None:
+                found |= choice.loaded.live_inputs(reported)
+        return found
 
     @property
     def walks(self) -> bool:
         """Return True if one of them takes a velocity command."""
         return any(contract.takes_velocity_command for contract in self.contracts)
+
+
+def checkpoint_path(name: str | None) -> Path | None:
+    """Return the file of a checkpoint that an option names; None for the sample policy, the placeholder and none."""
+    if name in (None, PLACEHOLDER, NO_POLICY):
+        return None
+    return policy_path(name or "", also=(PLACEHOLDER, NO_POLICY))
 
 
 def choose_policy(config: PlayConfig, description: RobotDescription) -> PolicyChoice:
@@ -134,7 +132,7 @@ def _choose_one(config: PlayConfig, description: RobotDescription, name: str | N
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if name == PLACEHOLDER:
-        checkpoint = placeholder_checkpoint(description, config.pose)
+        checkpoint = placeholder_checkpoint(description, "a")
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
         checkpoint = load_checkpoint(path, contract_file, description.joint_names)
@@ -163,11 +161,11 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
     """Return the policy, chosen by `choose_policy`, and the robot with what it takes from the policy's contract."""
     policy = choose_policy(config, description)
     contract = policy.contract
-    if contract is None and description.has_no_gains:
-        raise InputError(
-            f"--policy none: '{description.name}' has no gains of its own to stand by, expected a robot's YAML"
-        )
     if contract is None:
+        if description.has_no_gains:
+            raise InputError(
+                f"--policy none: '{description.name}' has no gains of its own to stand by, expected a robot's YAML"
+            )
         return policy, description
     for one in policy.contracts:
         require_joints(one, description)
@@ -175,19 +173,14 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
     return policy, change(description, contract)
 
 
-_ANOTHER_ROBOT = f"--robot: '{DEFAULT_ROBOT}', the default, is not this policy's robot, name its MJCF or YAML file"
-
-
 def require_joints(contract: PolicyContract, description: RobotDescription) -> None:
     """Refuse a policy whose joints the robot does not have."""
     try:
         resolve_action(contract, description.joint_names)
     except FieldError as error:
-        hint = ""
-        if description.name == DEFAULT_ROBOT:
-            fitting = [name for name in shipped("robots") if contract.joint_names == load_robot(name).joint_names]
-            hint = f"it fits --robot {fitting[0]}; " if fitting else f"{_ANOTHER_ROBOT}: "
-        raise InputError(f"{hint}policy on robot '{description.name}': {error}") from None
+        fitting = [name for name in shipped("robots") if contract.joint_names == load_robot(name).joint_names]
+        hint = f"it fits --robot {fitting[0]}; " if fitting else ""
+        raise InputError(f"--robot: {hint}policy on robot '{description.name}': {error}") from None
 
 
 def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
@@ -234,7 +227,7 @@ def _chosen_motion(
         hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""
         raise InputError(f"--motion: is missing; {source} is a {task} policy and follows a motion{hint}")
     file = motion_path(config.motion or SAMPLE_MOTION)
-    return read_motion(file, config.motion_topic), file, ()
+    return read_motion(file), file, ()
 
 
 def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[Motion, Path, tuple[str, ...]]:

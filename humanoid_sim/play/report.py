@@ -21,7 +21,6 @@ from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.session.monitor import RunMonitor
-from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 
 _SHOWN = 10
@@ -30,12 +29,11 @@ _SHOWN = 10
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
-    plan, monitor, judged = run.plan, run.monitor, run.judged
-    keys = judged.keys
+    plan, monitor, keys = run.plan, run.monitor, run.keys
     return {
         "robot": plan.description.name,
-        "policy": None if run.policy.loaded is None else run.policy.source,
-        "motion": None if run.policy.motion_file is None else str(run.policy.motion_file),
+        "policy": None if plan.policy.loaded is None else plan.policy.source,
+        "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
         "reason": result.reason,
         "duration": result.duration,
         "modes": [
@@ -48,11 +46,11 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         },
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
-        "tracking": None if judged.tracking is None else judged.tracking.summary(),
+        "tracking": None if run.tracking is None else run.tracking.summary(),
         "base": None if monitor.base is None else monitor.base.summary(),
         "piano": None if keys is None or not len(keys.pressed) else asdict(score(keys.pressed, keys.wanted, keys.step)),
         "key_force": plan.setup.key_force(),
-        "doctor": _doctor(run.config),
+        "doctor": _doctor(plan.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
@@ -61,9 +59,9 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
 
 def _doctor(config: PlayConfig) -> str:
     """Give the command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
-    if config.first_policy in (None, "placeholder", NO_POLICY):
+    if not config.policy or config.policy[0] in ("placeholder", NO_POLICY):
         return ""
-    command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.first_policy), "--robot", config.robot]
+    command = ["python", "-m", "humanoid_sim.policy", "doctor", config.policy[0], "--robot", config.robot]
     for option in ("contract", "motion"):
         value = getattr(config, option)
         if value is not None:
@@ -153,17 +151,11 @@ def _piano(piano: dict[str, Any]) -> Table:
     return table
 
 
-_EDGES = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
-"""s, upper edges of the bars of the jitter histogram; the last bar is beyond."""
-_BAR = 30
-"""Characters of the longest bar."""
-
-
 def loop_figures(
     result: SessionResult, monitor: RunMonitor, control_period: float, *, realtime: bool
 ) -> dict[str, Any]:
     """Return times in s. `budget` is the share of the control period that 99 % of the ticks stay within."""
-    times = monitor.tick_time
+    times, late = monitor.tick_time, result.jitter
     return {
         "ticks": result.ticks,
         "control_period": control_period,
@@ -176,20 +168,9 @@ def loop_figures(
         "tick_time_p99": times.percentile(99.0),
         "tick_time_max": times.max,
         "budget": times.percentile(99.0) / control_period,
-        "jitter": _jitter(result.jitter) if result.jitter.count else None,
+        "jitter": {"p50": late.percentile(50.0), "p99": late.percentile(99.0), "max": late.max} if late.count else None,
         "measures": list(result.measures),
         "inferences": monitor.inferences,
-    }
-
-
-def _jitter(late: DurationHistogram) -> dict[str, Any]:
-    """Return how long after its due time each tick began."""
-    counts = late.counts(_EDGES)
-    return {
-        "p50": late.percentile(50.0),
-        "p99": late.percentile(99.0),
-        "max": late.max,
-        "histogram": [{"up_to": edge, "ticks": count} for edge, count in zip((*_EDGES, None), counts, strict=True)],
     }
 
 
@@ -211,7 +192,6 @@ def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     )
     if loop["jitter"]:
         table.add_row("ticks began late by", _three(loop["jitter"], ""))
-        table.add_row("", "\n".join(_bars(loop["jitter"]["histogram"])))
     if loop["measures"]:
         table.add_row("real-time settings", "\n".join(loop["measures"]))
     table.add_row("policy steps", str(loop["inferences"]))
@@ -222,15 +202,3 @@ def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
 def _three(figures: dict[str, Any], prefix: str) -> str:
     p50, p99, largest = (1e6 * figures[f"{prefix}{name}"] for name in ("p50", "p99", "max"))
     return f"median {p50:.0f} µs, 99 % {p99:.0f} µs, max {largest:.0f} µs"
-
-
-def _bars(histogram: list[dict[str, Any]]) -> list[str]:
-    """One line per bar, from the first to the last that is not empty."""
-    filled = [i for i, bar in enumerate(histogram) if bar["ticks"]]
-    longest = max(bar["ticks"] for bar in histogram)
-    lines = []
-    for bar in histogram[filled[0] : filled[-1] + 1]:
-        name = "above" if bar["up_to"] is None else f"≤ {1e3 * bar['up_to']:g} ms"
-        length = -(-_BAR * bar["ticks"] // longest)  # rounded up: one tick in a million is worth a mark
-        lines.append(f"{name:<10} {'█' * length} {bar['ticks']}")
-    return lines

@@ -48,13 +48,17 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     """Run, and report on a console.
 
     The status is 0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell
-    or a file could not be written; 128 plus the signal's number if a signal ended it. Raises `InputError` if before
+    or a file could not be written; 128 plus the signal's number if a signal ended it. Raises `InputError` before
     anything moves.
     """
     output = sys.stdout
     with ExitStack() as left:
         plan = Plan(config, left)
-        _introduce(console, plan)
+        if plan.policy.warning:
+            console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
+        console.print(f"robot {plan.description.name}, policy {plan.policy.label}", markup=False)
+        for notice in plan.notices:
+            console.print(f"note: {notice}", markup=False, style="dim")
         if plan.setup.bring_up is not None:
             left.callback(plan.setup.robot.close)
             if not bring_up(plan.setup.bring_up, config, console):
@@ -72,10 +76,10 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
                 console = PlayConsole(quiet=console.quiet)  # that thread may hold the lock of the other one
         problems = _problems(run, result)
         summary = summarise(run, result)
-    if run.plan.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
+    if plan.outputs.summary is not None:  # before anything is printed: its reader may leave early
         with _noting(problems):
-            write_summary(run.plan.outputs.summary, summary)
-    with _printing(problems):
+            write_summary(plan.outputs.summary, summary)
+    with _noting(problems):
         print_report(console, summary)
     _write_files(console, run, problems)
     for problem in problems:
@@ -89,109 +93,88 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     return Outcome(status, summary, tuple(problems))
 
 
-def _introduce(console: Console, plan: Plan) -> None:
-    if plan.policy.warning:
-        console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
-    console.print(f"robot {plan.description.name}, policy {plan.policy}", markup=False)
-    for notice in plan.notices:
-        console.print(f"note: {notice}", markup=False, style="dim")
-
-
 def _problems(run: Run, result: SessionResult) -> list[str]:
-    """Parts of the run that failed while it went on."""
+    """Return the parts of the run that failed while it went on."""
+    recorder, setup = run.recorder, run.plan.setup
     parts = (
-        *(("recording", recorder.error) for recorder in run.recorders),
+        ("recording", recorder and recorder.error),
         ("final table", run.monitor.error),
         ("console", run.console.error),
         ("front ends", run.front_ends.error),
-        ("robot", run.plan.setup.failure()),
+        ("robot", setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
-    touch = run.plan.setup.key_force()
+    touch = setup.key_force()
     if touch is not None and touch["force"] > touch["limit"]:
         hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
     if run.plan.config.script is None and run.script is not None:  # of a given one they are part of the plan
         found += [f"the automatic script: {refusal}" for refusal in run.script.refusals]
-    if lost := sum(recorder.lost for recorder in run.recorders):
-        found.append(f"recording: {lost} ticks left out, the disk was too slow")
-    for part, sink in (("final table", run.monitor), ("console", run.console)):
-        if sink.lost:
-            found.append(f"{part}: {sink.lost} ticks and events left out, it could not keep up")
+    for part, lost in (
+        ("recording", recorder.lost if recorder else 0),
+        ("final table", run.monitor.lost),
+        ("console", run.console.lost),
+    ):
+        if lost:
+            found.append(f"{part}: {lost} ticks left out, it could not keep up")
     return found
 
 
 @contextmanager
-def _printing(problems: list[str]) -> Iterator[None]:
-    """Close the outputs such that one that fails keeps no file from being written."""
-    try:
-        yield
-    except OSError as error:
-        problems.append(f"standard output cannot be written: {error.strerror}")
-        mute_output()
-
-
-@contextmanager
 def _noting(problems: list[str]) -> Iterator[None]:
-    """Write the files such that one that cannot be written keeps none of the others from being written."""
+    """Note an output that cannot be written, so that the others still are."""
     try:
         yield
     except InputError as error:
         problems.append(str(error))
+    except OSError as error:
+        problems.append(f"standard output cannot be written: {error.strerror}")
+        mute_output()
 
 
 def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     """Draw what was asked for and name every file that the run left."""
 
     def say(kind: str, text: object) -> None:
-        with _printing(problems):
+        with _noting(problems):
             console.print(f"{kind:<9}  {text}", markup=False)
 
-    outputs = run.plan.outputs
-    for path in (recorder.path for recorder in run.recorders if recorder.path.exists()):
+    outputs, path = run.plan.outputs, run.plan.outputs.record
+    if path is not None and path.exists():
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
-    if run.moments is not None:
-        for kind, write in (("page", _write_page), ("video", _write_video)):
-            try:
-                with _noting(problems), pose_progress(console, f"writing the {kind} (Ctrl-C skips it)") as progress:
-                    text = write(run, run.moments, progress)
-                    if text:
-                        say(kind, text)
-            except KeyboardInterrupt:
-                say(kind, "skipped")
+    for kind, file, write in (("page", outputs.html, _write_page), ("video", outputs.video, _write_video)):
+        if run.moments is None or file is None:
+            continue
+        try:
+            with _noting(problems), pose_progress(console, f"writing the {kind} (Ctrl-C skips it)") as progress:
+                say(kind, f"{file}   {write(file, run, run.moments, progress)}")
+        except KeyboardInterrupt:
+            say(kind, "skipped")
     if outputs.summary is not None and outputs.summary.exists():
         say("summary", outputs.summary)
 
 
-def _write_page(run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
-    """Write the page, if one is wanted; returns what to say about it."""
-    path, policy = run.plan.outputs.html, run.policy
-    if path is None:
-        return ""
+def _write_page(path: Path, run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
     from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
 
-    names = [run.plan.description.name, Path(policy.source).stem]
-    if policy.motion_file is not None:
-        names.append(policy.motion_file.stem)
-    write_page(path, run.plan.setup.model(), moments, title=", ".join(names), progress=progress)
-    return f"{path}   open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
+    policy = run.plan.policy
+    motion = [] if policy.motion_file is None else [policy.motion_file.stem]
+    title = ", ".join([run.plan.description.name, policy.name, *motion])
+    write_page(path, run.plan.setup.model(), moments, title=title, progress=progress)
+    return f"open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def _write_video(run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
-    """Draw the video, if one is wanted; returns what to say about it."""
-    path = run.plan.outputs.video
-    if path is None:
-        return ""
+def _write_video(path: Path, run: Run, moments: Moments, progress: Callable[[int, int], None]) -> str:
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415 - pictures' libraries are heavy
 
-    return f"{path}   drawn by {write_video(path, run.plan.setup.model(), moments, progress=progress)}"
+    return f"drawn by {write_video(path, run.plan.setup.model(), moments, progress=progress)}"
 
 
 _STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
 
 
 def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
-    """Prepare the robot, print what was checked, and ask the operator; whether it is to be enabled.
+    """Prepare the robot, print what was checked, and ask the operator; True if it is to be enabled.
 
     Raises:
         RobotError: if something is wrong with the robot; the list is printed then too.
@@ -205,25 +188,21 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
     try:
         robot.prepare()
     except RobotError as error:
-        _print_checks(robot, console)
-        if config.dry_run:
-            _print_verdict(robot, console)
+        _print_checks(robot, console, is_verdict=config.dry_run)
         raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
-    _print_checks(robot, console)
+    _print_checks(robot, console, is_verdict=config.dry_run)
     if asks and isinstance(console, PlayConsole) and console.is_unread:
         raise InputError("--yes: is needed where the question cannot be read (nobody reads standard output)")
     if config.dry_run:
         console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
-        _print_verdict(robot, console)
         return False
     unanswered = robot.unanswered()
     if unanswered and not asks:
         raise InputError(
             f"--accept-firmware: is needed for {', '.join(unanswered)}, which no document mentions, as nobody is asked"
         )
-    questions = [robot.question] if asks else []
-    if unanswered:
-        questions.insert(0, f"Drive motors with firmware {', '.join(unanswered)} as if it were the manual's?")
+    questions = [f"Firmware {', '.join(unanswered)} is undocumented. Drive these motors anyway?"] if unanswered else []
+    questions += [robot.question] if asks else []
     for question in questions:
         if console.input(Text(f"{question} [y/N] ")).strip().lower() not in ("y", "yes"):
             console.print("nothing was enabled", markup=False)
@@ -232,34 +211,30 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
     return True
 
 
-def _print_checks(robot: BringUp, console: Console) -> None:
+def _print_checks(robot: BringUp, console: Console, *, is_verdict: bool) -> None:
+    """Print what was checked, and for a dry run whether the robot could be enabled now."""
     console.print("[bold]Checks, before anything is enabled[/bold]")
+    found: dict[str, list[str]] = {}
     for verdict, subject, text in robot.checks():
+        found.setdefault(verdict, []).append(subject)
         console.print(Text.assemble((f"{verdict:<7} ", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))
-
-
-def _print_verdict(robot: BringUp, console: Console) -> None:
-    """Print whether the robot could be enabled now, and what to look at first."""
-    found = [(verdict, subject) for verdict, subject, _ in robot.checks()]
-    problems = [subject for verdict, subject in found if verdict == "problem"]
-    warnings = list(dict.fromkeys(subject for verdict, subject in found if verdict == "warning"))
-    if problems:
-        text = f"not ready: {', '.join(dict.fromkeys(problems))}"
+    if not is_verdict:
+        return
+    about = {verdict: ", ".join(dict.fromkeys(subjects)) for verdict, subjects in found.items()}
+    if "problem" in found:
+        text = f"not ready: {about['problem']}"
     elif unanswered := robot.unanswered():
         text = f"not ready: nobody knows firmware {', '.join(unanswered)}; if you do, add --accept-firmware"
-    elif warnings:
-        text = f"ready to be enabled, once you have read the warnings about {', '.join(warnings)}"
+    elif "warning" in found:
+        text = f"ready to be enabled, once you have read the warnings about {about['warning']}"
     else:
         text = "ready to be enabled, if every joint is where the list says"
-    console.print(f"verdict: {text}", markup=False, style="bold red" if problems else "bold")
-
-
-_ENDING = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+    console.print(f"verdict: {text}", markup=False, style="bold")
 
 
 @contextmanager
 def _handled_signals(run: Run) -> Iterator[list[int]]:
-    """Take over the signals for as long as the run lasts; gives the list of those received that end it.
+    """Handle the signals for as long as the run lasts; yields the list of those received that end it.
 
     SIGINT, SIGQUIT, SIGTERM and a closed terminal end the run through DAMPING. Once the robot is closed nothing is left
     to protect, and they do what they do to any program. SIGTSTP suspends a simulation; a process that holds motors
@@ -268,11 +243,11 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
     received: list[int] = []
     before: dict[int, signal.Handlers | int | Callable[[int, FrameType | None], object] | None] = {}
     keyboards = [] if run.keyboard is None else [run.keyboard]
-    interruption = run.interruption
+    interruption, robot = run.interruption, run.plan.setup.robot
 
     def end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
-        if run.plan.setup.robot.is_closed:
+        if robot.is_closed:
             for keyboard in keyboards:
                 keyboard.restore_terminal()
             signal.signal(number, before[number])
@@ -280,7 +255,7 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
         run.session.request_stop(signal.Signals(number).name)
 
     def suspend(number: int, frame: FrameType | None) -> None:
-        if interruption is not None and not run.plan.setup.robot.is_closed:
+        if interruption is not None and not robot.is_closed:
             interruption.refuse_suspension()
             return
         for keyboard in keyboards:
@@ -296,20 +271,19 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
         for keyboard in keyboards:
             keyboard.take_terminal()
 
-    def take(number: int, handler: signal.Handlers | Callable[[int, FrameType | None], object]) -> None:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
-            before[number] = signal.signal(number, handler)
-
-    for ending in _ENDING:
-        before[ending] = signal.signal(ending, end)
-    take(signal.SIGHUP, end)
-    take(signal.SIGTSTP, suspend)
-    take(signal.SIGCONT, proceed)
+    handlers: dict[int, signal.Handlers | Callable[[int, FrameType | None], object]] = {
+        **dict.fromkeys((signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP), end),
+        signal.SIGTSTP: suspend,
+        signal.SIGCONT: proceed,
+    }
     if interruption is not None:
-        take(signal.SIGTTIN, signal.SIG_IGN)
-        take(signal.SIGTTOU, signal.SIG_IGN)
+        handlers |= {signal.SIGTTIN: signal.SIG_IGN, signal.SIGTTOU: signal.SIG_IGN}
+    always = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+    for number, handler in handlers.items():
+        if number in always or signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
+            before[number] = signal.signal(number, handler)
     try:
         yield received
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, former in before.items():
+            signal.signal(number, former)

@@ -128,7 +128,7 @@ def _motion(files: Iterable[IO[bytes]], name: str, topic: str | None) -> Motion:
     with blaming(name):
         if topic is None and len(kinds) != 1:
             listed = ", ".join(f"'{topic}' {kind}" for topic, kind in kinds.items()) or "no topics"
-            raise FieldError(f"has {listed}, expected one topic of {_FRAME}; `--motion-topic` takes one of several")
+            raise FieldError(f"has {listed}, expected one topic of {_FRAME}")
         topic = topic or next(iter(kinds))
         require_known("topic", [topic], kinds, f"{name}: ")
         if kinds[topic] != _FRAME:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter, sleep
 
@@ -62,11 +61,6 @@ class DurationHistogram:
         rank = max(math.ceil(self.count * percent / 100.0), 1)
         bin_index = int(np.searchsorted(np.cumsum(self._bins), rank))
         return float(min(_LOWEST * 10.0 ** ((bin_index + 1) / _PER_DECADE), self.max))
-
-    def counts(self, edges: Sequence[float]) -> tuple[int, ...]:
-        """Return how many durations lie up to the first edge, s, between that and the second, …, beyond the last."""
-        cuts = [round(_PER_DECADE * math.log10(max(edge, _LOWEST) / _LOWEST)) for edge in edges]
-        return tuple(int(part.sum()) for part in np.split(self._bins, cuts))
 
 
 _SPIN = 0.0002  # s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel

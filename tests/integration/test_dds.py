@@ -69,7 +69,7 @@ def machines(tmp_path):
 
 def test_a_client_on_another_machine_reads_the_robot_and_commands_it_until_it_is_silent(machines):
     robot, host = machines
-    session = play(robot, "--dds-interface", CABLE, script="damp; load_a; wait; start_remote; hold 600")
+    session = play(robot, "--dds", CABLE, script="damp; load_a; wait; start_remote; hold 600")
     client = host.python("-c", CLIENT, CABLE, cwd=ROOT)
     read_until(session, "remote commands arrive and are in force")
     read_until(client, "turned")

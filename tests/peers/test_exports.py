@@ -131,7 +131,7 @@ def test_a_planted_mistake_is_refused(cli, export, term, options, tmp_path):
 def test_it_is_played(run, export):
     script = "damp; load_a; wait; start_locomotion; hold 0.4; damp"
     wiring = [str(part) for part in export.wired()[1:]]
-    result = run("--policy", str(export.model), *wiring, "--physics-timestep", "0.005", "--script", script)
+    result = run("--policy", str(export.model), *wiring, "--script", script)
     assert result.status == 0
     assert result.out.count("all names in scene.xml begin with 'robot/'") == 1
     steps = [tick for tick in result.ticks if tick.output.control_mode.mode.name == "LOCOMOTION"]

@@ -28,9 +28,9 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITCommand, MITState
-from humanoid_sim.play.console import ConsoleSink, Told, status_parts
+from humanoid_sim.play.console import ConsoleSink
 
-AUTOMATIC = Told(expected_duration=10.0)
+AUTOMATIC = {"expected_duration": 10.0}
 CONTROLLERS = {mode: name for name, mode in reversed(MODES.items())}
 
 
@@ -42,7 +42,7 @@ def record(index, mode, message="", **output):
 
 def printed(*records, events=(), terminal=False, told=AUTOMATIC):
     out = io.StringIO()
-    sink = ConsoleSink(Console(file=out, width=200, force_terminal=terminal, highlight=False), told)
+    sink = ConsoleSink(Console(file=out, width=200, force_terminal=terminal, highlight=False), **told)
     sink.start(SessionHeader("fake", ("a", "b"), 0.5, 0))
     for item in records:
         sink.tick(item)
@@ -82,7 +82,7 @@ def test_refusals_and_faults_without_a_transition_are_lines_too():
     ]
 
 
-OPERATOR = Told(has_keys=True, available=MODES, walks=True, motion_frames=400)
+OPERATOR = {"has_keys": True, "available": MODES, "walks": True, "motion_frames": 400}
 
 
 def tick(mode, time=12.34, *, standby=None, safety=True):
@@ -94,7 +94,9 @@ def tick(mode, time=12.34, *, standby=None, safety=True):
 
 
 def line(record, frame=None, told=OPERATOR, width=160):
-    return "  ".join(status_parts(record, frame, 2, told, width))
+    sink = ConsoleSink(Console(file=io.StringIO(), width=width + 1), **told)
+    sink._frame, sink._overruns = frame, 2
+    return "  ".join(sink._parts(record))
 
 
 def test_it_shows_what_is_and_what_is_possible_with_which_key():
@@ -170,7 +172,7 @@ def shown(terminal, *, seconds=0.4):
 
 
 def started(terminal, told=OPERATOR):
-    sink = ConsoleSink(terminal.console, told)
+    sink = ConsoleSink(terminal.console, **told)
     sink.start(SessionHeader("fake", ("a", "b"), 0.005, 0))
     return sink
 

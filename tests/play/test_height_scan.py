@@ -52,7 +52,7 @@ def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(run, qui
     script = "damp; load_a; wait; start_locomotion; hold 0.2"
     options = ("--script", script, "--hardware", "virtual:scan", "--yes", "--allow-script")
     result = run("--robot", quick, "--policy", str(policy), *options)
-    told = "the policy observes height_scan (/height_scan), which a program has to send: docs/front-ends.md"
+    told = "the policy observes height_scan (/height_scan), which a program has to send"
     assert told in result.out + result.err
     assert Mode.LOCOMOTION not in {tick.output.control_mode.mode for tick in result.ticks}
     refusals = [refusal for tick in result.ticks for refusal in tick.output.refusals]

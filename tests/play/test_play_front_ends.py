@@ -7,7 +7,7 @@ from humanoid_sim.cli import parse
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.play import front_ends
-from humanoid_sim.play.front_ends import look_for_gamepad, needs_gamepad, wanted_front_ends
+from humanoid_sim.play.front_ends import look_for_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.ros2.dds import domain
 
@@ -26,7 +26,7 @@ from humanoid_sim.ros2.dds import domain
     ],
 )
 def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options, needed):
-    assert needs_gamepad(PlayConfig(**options)) is needed
+    assert PlayConfig(**options).needs_gamepad is needed
 
 
 def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch):
@@ -69,16 +69,14 @@ def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch):
 def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(domain.socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth1")])
-    assert [(one.name, one.options, one.label) for one in wanted_front_ends(PlayConfig(dds_interface="eth1"))] == [
+    assert [(one.name, one.options, one.label) for one in wanted_front_ends(PlayConfig(dds=("eth1",)))] == [
         ("dds", (), ""),
         ("dds", ("--interface", "eth1"), "dds eth1"),
     ]
-    with pytest.raises(InputError, match=r"^--dds-interface: unknown network interface 'eth7'; known: lo, eth1$"):
-        wanted_front_ends(PlayConfig(dds_interface="eth7"))
-    with pytest.raises(InputError, match=r"^--dds-interface: is lo, which leads to no other machine"):
-        wanted_front_ends(PlayConfig(dds_interface="lo"))
-    both = wanted_front_ends(PlayConfig(dds_interface="eth1", dds_safety=True))
-    assert [one.options for one in both] == [(), ("--interface", "eth1", "--safety")]
+    with pytest.raises(InputError, match=r"^--dds: unknown network interface 'eth7'; known: lo, eth1$"):
+        wanted_front_ends(PlayConfig(dds=("eth7",)))
+    with pytest.raises(InputError, match=r"^--dds: is lo, which leads to no other machine"):
+        wanted_front_ends(PlayConfig(dds=("lo",)))
 
 
 @pytest.mark.parametrize(

@@ -71,10 +71,10 @@ def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path, quick):
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / "onnxruntime.py").write_text("raise ImportError('no shared library')\n", encoding="utf-8")
-    options = ("--viewer", "none", "--record", "none", "--robot", quick, "--motion", "reach", "--policy-seconds", "0.5")
+    options = ("--viewer", "none", "--record", "none", "--robot", quick, "--motion", "reach", "--duration", "4")
     run = subprocess.run(
         [sys.executable, "-m", "humanoid_sim.play", *options],
-        env={**os.environ, "PYTHONPATH": str(blocked)},
+        env={**os.environ, "PYTHONPATH": f"{blocked}:{os.environ.get('PYTHONPATH', '')}"},
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -8,9 +8,9 @@ pytestmark = needs_policies
 UNITREE, WALTZ, HOLOSOMA = (str(POLICIES / TRACES[name][0]) for name in ("unitree", "waltz", "holosoma"))
 
 
-def walk(run, policy, *options, seconds, step="0.005"):
+def walk(run, policy, *options, seconds):
     script = f"damp; load_a; wait; start_locomotion; {'motion' if seconds == 0 else f'hold {seconds}'}; damp"
-    return run("--policy", policy, "--robot", str(G1), "--physics-timestep", step, "--script", script, *options)
+    return run("--policy", policy, "--robot", str(G1), "--script", script, *options)
 
 
 def test_the_unitree_policy_walks(run):

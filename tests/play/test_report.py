@@ -44,16 +44,9 @@ def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys):
     loop = loop_figures(result(late, ("memory locked",)), monitor, 0.02, realtime=True)
     assert loop["budget"] == pytest.approx(0.2, rel=0.05)
     assert (loop["overruns"], loop["skipped_deadlines"]) == (1, 2)
-    histogram = {bar["up_to"]: bar["ticks"] for bar in loop["jitter"]["histogram"]}
-    assert {edge: count for edge, count in histogram.items() if count} == {2e-5: 60, 2e-4: 3, None: 1}
     assert loop["jitter"]["max"] == 0.03
     out = shown(loop, capsys)
     assert "1 missed deadlines, 2 skipped" in out
-    assert "≤ 0.02 ms  " + "█" * 30 + " 60" in out
-    assert "≤ 0.05 ms   0" in out  # an empty bar between two others
-    assert "≤ 0.2 ms   ██ 3" in out
-    assert "above      █ 1" in out
-    assert "0.01 ms" not in out
     assert "memory locked" in out
     assert "physics aside" not in out
     assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN for 3 joints" in out

@@ -71,7 +71,7 @@ def test_a_folder_of_rosbag2(tmp_path):
     assert (motion.body_names, motion.task_type) == ((), "")  # it does not say
     bag = write_bag(tmp_path / "several", "/other", "/motion", "/rosout")
     assert read_motion(bag, "/motion").frames.tobytes() == (VALUES + 1).tobytes()
-    for topic, words in ((None, "--motion-topic"), ("/moton", "did you mean '/motion'"), ("/rosout", "msg/String")):
+    for topic, words in ((None, "expected one topic"), ("/moton", "did you mean '/motion'"), ("/rosout", "msg/String")):
         with pytest.raises(InputError, match=words):
             read_motion(bag, topic)
     with pytest.raises(InputError, match="is a directory, expected a motion file"):

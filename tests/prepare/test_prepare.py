@@ -73,7 +73,7 @@ def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "18 bodies fit" in printed
     assert "assumed, and confirmed by the bodies: --joint-order contract" in printed
-    options = ["--record", "none", "--html", "none", "--viewer", "none", "--policy-seconds", "0.5"]
+    options = ["--record", "none", "--html", "none", "--viewer", "none", "--duration", "7"]
     assert play(["--policy", str(POLICY), "--motion", str(tmp_path / "out" / "dance.mcap"), *options]) == 0
 
 

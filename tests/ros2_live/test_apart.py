@@ -144,7 +144,7 @@ def test_by_default_nothing_crosses(robot, host, messages):
 @pytest.fixture(scope="class")
 def opened(robot, host):
     """With a bridge on the cable's interface, too."""
-    session = in_remote(robot, "--dds-interface", CABLE)
+    session = in_remote(robot, "--dds", CABLE)
     with ended(session):
         yield session
 

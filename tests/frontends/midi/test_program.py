@@ -96,7 +96,7 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard,
                 assert process.stdout.readline() == f"{keyboard.path} is there again\n"
                 replugged.press(50)
                 until(lambda: down(records[-1]) == [41])
-        session.feed.close()
+        session.registration.close()
         assert process.wait(PATIENCE) == 0, "it ends with the session"
 
 
