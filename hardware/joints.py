@@ -9,7 +9,7 @@ A motor's count of turns starts anew at power-on, and what it reports wraps at t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -199,12 +199,8 @@ def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
     At power-on a motor knows its angle within one turn only, 0..2π by default: a joint left at −0.1 rad reads 6.18. As
     long as a joint's range and twice the margin fit into one turn, at most one count is possible.
 
-    Args:
-        position: shape (n,), rad, motor frame, as reported.
-
-    Returns:
-        Shape (n,), whole numbers; NaN where no count is possible, where two are, or where the position is not known.
-        For a joint without limits 0.
+    `position`: shape (n,), rad, motor frame, as reported. Returns shape (n,), whole numbers; NaN where no count is
+    possible, where two are, or where the position is not known; 0 for a joint without limits.
     """
     turns = np.arange(-_MOST_TURNS, _MOST_TURNS + 1)[:, None]
     joint = wiring.direction * (position + _TURN * turns - wiring.offset)
@@ -214,8 +210,8 @@ def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
     return np.where(unlimited, 0.0, only)
 
 
-def check_positions(wiring: Wiring, joints: Collection[int], position: FloatArray, checks: CheckList) -> FloatArray:
-    """Note where these joints are, or why that is not known; returns their turns, shape (n,), NaN for the others."""
+def check_positions(wiring: Wiring, joints: Iterable[int], position: FloatArray, checks: CheckList) -> None:
+    """Note where these joints are, or why that is not known; `position` as for `find_turns`."""
     turns = find_turns(wiring, position)
     for i in joints:
         name, problem = wiring.names[i], _position_problem(wiring, i, float(position[i]), float(turns[i]))
@@ -225,7 +221,6 @@ def check_positions(wiring: Wiring, joints: Collection[int], position: FloatArra
         joint = wiring.direction[i] * (position[i] + _TURN * turns[i] - wiring.offset[i]) + 0.0
         counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
         checks.passed(name, f"at {joint:.3f} rad = {np.rad2deg(joint):.1f}°{counts}")
-    return np.where(np.isin(np.arange(wiring.count), list(joints)), turns, np.nan)
 
 
 def _position_problem(wiring: Wiring, i: int, position: float, turns: float) -> str:

@@ -67,12 +67,10 @@ class Finding(NamedTuple):
 class LinkTerms:
     """Settings of a robot for the motors of every family."""
 
-    host_id: int  # ours on the bus, where the family has such a thing
     can_timeout: float  # s without a command after which a motor stops by itself, where it can
     control_period: float  # s between two commands
     damping: FloatArray = field(default_factory=lambda: np.zeros(0))  # shape (motors,), N·m·s/rad, for a watchdog
     known_uids: Mapping[str, bytes] = field(default_factory=dict)  # of an earlier activation, by joint
-    is_whole: bool = True  # these are all motors of their channels; others are mentioned then
 
 
 class MotorLink(Protocol):

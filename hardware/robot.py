@@ -22,13 +22,13 @@ from humanoid_sim.hardware.joints import (
     JointReadings,
     JointTracker,
     check_positions,
+    find_turns,
     make_wiring,
     motor_values,
     unknown_joints,
 )
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink, Readings
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
-from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.hardware.robstride.motors import RobstrideMotors
 from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.hardware.safety import SafetyWatch
@@ -78,7 +78,6 @@ class HardwareRobot:
         imu: Imu | None = None,  # without one the state is that of a base upright and at rest
         anchor: AnchorOrientation | None = None,  # measures the live input `anchor_orientation`
         live: Callable[[], Mapping[str, FloatArray]] = dict,  # other live inputs by name, as only mock motors know them
-        dry_run: bool = False,  # `activate` verifies everything and then refuses
         accepted_firmware: Collection[str] = (),  # versions that no document mentions and an operator accepts
         open_bus: OpenBus = open_python_can,
     ) -> None:
@@ -110,7 +109,7 @@ class HardwareRobot:
         self._undirected = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
-        self._dry_run, self._accepted = dry_run, set(accepted_firmware)
+        self._accepted = set(accepted_firmware)
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         zeros = np.zeros(wiring.count)
@@ -119,7 +118,6 @@ class HardwareRobot:
         self._locks: tuple[ChannelLock, ...] = ()
         self._line: OpenChannels | None = None
         self._links: tuple[tuple[MotorLink, list[int]], ...] = ()  # with the joints of their motors
-        self._turns = np.zeros(0)  # shape (n,), see `find_turns`, of the latest `prepare`
         self._tracker: JointTracker | None = None
         self._watch: SafetyWatch | None = None
         self._joints = unknown_joints(wiring.count)
@@ -186,14 +184,13 @@ class HardwareRobot:
             for link, _ in self._links:
                 link.make_ready(checks)
             known = [i for link, joints in self._links if link.knows_positions for i in joints]
-            self._turns = check_positions(self._wiring, known, self._readings().position, checks)
+            check_positions(self._wiring, known, self._readings().position, checks)
             line.check(checks)
             checks.refuse()
             line.warn_of_strangers(checks)
         self._may_run = frozenset()
         self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
-        self._tracker = JointTracker(self._wiring, self._turns)
-        self._read_joints()
+        self._track()
 
     def activate(self) -> None:
         """Verify and configure everything afresh, then enable every motor, without torque.
@@ -203,8 +200,6 @@ class HardwareRobot:
         self.prepare()
         line, checks = self._line, self._checks
         assert line is not None
-        if self._dry_run:
-            raise RobotError(f"{self._name}: not enabled: this is a dry run")
         with self._giving_up():
             checks.refuse_questions()
             self._may_run = frozenset(range(self._wiring.count))
@@ -214,10 +209,9 @@ class HardwareRobot:
                 line.check(checks)
                 checks.refuse()
             late = [i for link, joints in self._links if not link.knows_positions for i in joints]
-            found = check_positions(self._wiring, late, self._readings().position, checks)
+            check_positions(self._wiring, late, self._readings().position, checks)
             checks.refuse()
-        self._tracker = JointTracker(self._wiring, np.where(np.isnan(found), self._turns, found))
-        self._read_joints()
+        self._track()
         self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
         self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
 
@@ -240,13 +234,18 @@ class HardwareRobot:
         for family, make_link in LINKS.items():
             joints = list(wiring.of_family(family))
             damping = self._damped.damping[joints]
-            terms = LinkTerms(DEFAULT_HOST_ID, self._can_timeout, self.control_period, damping, self._uids)
+            terms = LinkTerms(self._can_timeout, self.control_period, damping, self._uids)
             # A family without motors here has a link as well, which takes that family's frames off the others.
             link = make_link(line, wiring.select(joints), terms)
             line.listeners.append(link.receive)
             if joints:
                 self._links = (*self._links, (link, joints))
         return line
+
+    def _track(self) -> None:
+        """Begin to follow the joints from where their motors are."""
+        self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
+        self._read_joints()
 
     def _retire(self) -> None:
         """Stop what nothing else stops, and close the channels of an earlier activation."""

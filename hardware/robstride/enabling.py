@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride import messages
@@ -31,21 +31,36 @@ def make_ready(link: RobstrideLink, can_timeout: float, checks: CheckList) -> No
     """
     motors, everyone = link.motors, range(link.motors.count)
     _stop_and_check(link, checks)
-    mode = float(RunMode.OPERATION)
-    found = link.write(PARAMETERS["run_mode"], dict.fromkeys(everyone, mode))
-    for i in everyone:
-        if found.get(i) != mode:
-            checks.problem(motors.names[i], f"run_mode reads {_text(found.get(i))} after {mode:g} was written")
+    _write(link, "run_mode", dict.fromkeys(everyone, float(RunMode.OPERATION)), checks)
     ticks = float(CanTimeout.to_ticks(can_timeout))
-    found = link.write(_TIMEOUT, dict.fromkeys(everyone, ticks))
+    found = _write(link, "canTimeout", dict.fromkeys(everyone, ticks), checks, may_hide=True)
     for i in everyone:
         link.slots[i].hides_timeout = found.get(i) is None  # some manuals have it as one that cannot be read
-        if found.get(i) not in (None, ticks):
-            checks.problem(motors.names[i], f"canTimeout reads {_text(found[i])} after {ticks:g} was written")
-        elif found.get(i) == ticks:
+        if found.get(i) == ticks:
             checks.passed(motors.names[i], f"stops {1000.0 * can_timeout:g} ms after the last command")
-    _write_limit(link, "limit_torque", link.motors.torque_limit, checks)
-    _write_limit(link, "limit_cur", link.motors.current_limit, checks)
+    # Never a limit above the peak of the motor's data sheet; 0 leaves the firmware's own.
+    torque = {i: min(limit, motors.model[i].peak_torque) for i, limit in enumerate(motors.torque_limit) if limit > 0.0}
+    _write(link, "limit_torque", torque, checks)
+    # Documented for the velocity and position modes only, so that it need not be readable.
+    current = {i: min(top, motors.model[i].peak_current) for i, top in enumerate(motors.current_limit) if top > 0.0}
+    _write(link, "limit_cur", current, checks, may_hide=True)
+
+
+def _write(
+    link: RobstrideLink, name: str, values: Mapping[int, float], checks: CheckList, *, may_hide: bool = False
+) -> dict[int, float | None]:
+    """Write a parameter and return what is read back; another value is a problem, but for a limit that is lower."""
+    parameter = PARAMETERS[name]
+    found = link.write(parameter, values)
+    for i, wanted in values.items():
+        motor, value = link.motors.names[i], found.get(i)
+        if value is None and may_hide:
+            checks.warn(motor, f"{name} cannot be read")
+        elif value is None or not (parameter.is_same(value, wanted) or (parameter.type.is_float and value < wanted)):
+            checks.problem(motor, f"{name} reads {_text(value)} after {wanted:g} was written")
+        elif parameter.type.is_float:
+            checks.passed(motor, f"{name} {value:g} {parameter.unit}")
+    return found
 
 
 def _text(value: float | None) -> str:
@@ -55,7 +70,7 @@ def _text(value: float | None) -> str:
 def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
     """Stop these motors, and clear their faults on request; returns those that did not confirm it."""
     motor_id = link.motors.motor_id
-    commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=link.host_id)] for i in joints}
+    commands = {i: [messages.Stop(motor_id[i], clear_faults)] for i in joints}
 
     def is_done(status: messages.Status) -> bool:
         return status.mode is MotorMode.RESET and not (clear_faults and status.faults)
@@ -98,25 +113,6 @@ def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
     return {i: int(word) for i, word in found.items() if word is not None}
 
 
-def _write_limit(link: RobstrideLink, name: str, limits: Sequence[float], checks: CheckList) -> None:
-    """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own.
-
-    `limit_cur` is documented for the velocity and position modes only, so that it need not be readable.
-    """
-    unit, is_torque = PARAMETERS[name].unit, name == "limit_torque"
-    peaks = [model.peak_torque if is_torque else model.peak_current for model in link.motors.model]
-    values = {i: min(limit, peaks[i]) for i, limit in enumerate(limits) if limit > 0.0}
-    found = link.write(PARAMETERS[name], values)
-    for joint, wanted in values.items():
-        motor, value = link.motors.names[joint], found.get(joint)
-        if value is not None and value <= wanted * (1.0 + 1e-6):  # values travel as float32
-            checks.passed(motor, f"{name} {value:g} {unit}")
-        elif value is None and not is_torque:
-            checks.warn(motor, f"{name} cannot be read")
-        else:
-            checks.problem(motor, f"{name} reads {_text(value)} after {wanted:g} {unit} was written")
-
-
 _LONGEST = 1.0  # s in which every motor must run and have confirmed its CAN timeout
 _PERIOD = 0.02  # s between two rounds of commands meanwhile, well within the CAN timeout
 _POLL = 0.001  # s
@@ -154,11 +150,11 @@ def enable_motors(  # noqa: PLR0912 - one loop over the motors' answers
             motor_id, limp = motors.motor_id[i], _limp_command(link, i)
             commands: list[messages.Command] = [limp]
             if i not in running and slots[i].hides_timeout:
-                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=link.host_id))
+                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload))
             if i not in running:
-                commands += [messages.Enable(motor_id, host_id=link.host_id), limp]
+                commands += [messages.Enable(motor_id), limp]
             elif i not in confirmed:
-                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=link.host_id))
+                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index))
             link.send({i: commands})
         end = time.monotonic() + _PERIOD
         while time.monotonic() < end and len(confirmed) < len(joints):
@@ -191,7 +187,7 @@ def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float
         begin = time.monotonic()
         limp = {i: _limp_command(link, i) for i in untried}
         enable: dict[int, Sequence[messages.Command]] = {
-            i: [limp[i], messages.Enable(limp[i].motor_id, host_id=link.host_id), limp[i]] for i in untried
+            i: [limp[i], messages.Enable(limp[i].motor_id), limp[i]] for i in untried
         }
         running = link.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout)

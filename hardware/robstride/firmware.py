@@ -7,7 +7,7 @@ rs-00 to rs-04; rs-05 and rs-06 are assumed to follow. An operator decides what 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from humanoid_sim.errors import InputError
@@ -27,43 +27,32 @@ class KnownFirmware:
     last_old_range: FirmwareVersion = _NEVER  # the last that counts ±12.5 rad instead of ±4π
     first_true_gains: FirmwareVersion = _NEVER  # the first that does not multiply K_p and K_d by 1.4167
     first_reports: FirmwareVersion = _NEVER  # the first that knows active reports
-    last_reports_as_status: FirmwareVersion = _NEVER  # the last that sends them as type 2
 
 
-KNOWN: Mapping[str, KnownFirmware] = {
+_KNOWN: Mapping[str, KnownFirmware] = {
     # The vendor's firmware notes (RobStride/Product_Information, commit ba7236b) and the manuals of 2026-04-28.
-    "rs-00": KnownFirmware((0, 0, 3, 6), (0, 0, 2, 6), _NEVER, (0, 0, 3, 0), (0, 0, 3, 2)),
-    "rs-01": KnownFirmware((0, 1, 3, 6), (0, 1, 2, 1), (0, 1, 3, 4), (0, 1, 3, 0), (0, 1, 3, 2)),
-    "rs-02": KnownFirmware((0, 2, 3, 9), (0, 2, 2, 11), (0, 2, 3, 6), (0, 2, 3, 0), _NEVER),
-    "rs-03": KnownFirmware((0, 3, 1, 10), (0, 3, 0, 5), _NEVER, (0, 3, 1, 0), (0, 3, 1, 2)),
-    "rs-04": KnownFirmware((0, 4, 1, 12), (0, 4, 0, 5), _NEVER, (0, 4, 1, 0), (0, 4, 1, 2)),
+    "rs-00": KnownFirmware((0, 0, 3, 6), (0, 0, 2, 6), _NEVER, (0, 0, 3, 0)),
+    "rs-01": KnownFirmware((0, 1, 3, 6), (0, 1, 2, 1), (0, 1, 3, 4), (0, 1, 3, 0)),
+    "rs-02": KnownFirmware((0, 2, 3, 9), (0, 2, 2, 11), (0, 2, 3, 6), (0, 2, 3, 0)),
+    "rs-03": KnownFirmware((0, 3, 1, 10), (0, 3, 0, 5), _NEVER, (0, 3, 1, 0)),
+    "rs-04": KnownFirmware((0, 4, 1, 12), (0, 4, 0, 5), _NEVER, (0, 4, 1, 0)),
 }
-_UNKNOWN = KnownFirmware()
+_UNKNOWN = KnownFirmware()  # a model that the notes do not mention behaves as the manual has it
 
 
-@dataclass(frozen=True, slots=True)
-class Firmware:
-    """Behaviour of a version."""
-
-    position_range: float  # rad, full scale of positions
-    gain_factor: float  # by which the motor multiplies a commanded stiffness and damping
-    has_active_reports: bool  # whether it knows the command of type 24
-    reports_as_status: bool  # whether its active reports come as type 2
-
-    def applied_to(self, model: MotorModel) -> MotorModel:
-        """Return the model with this firmware's position range."""
-        return replace(model, position=self.position_range)
+def position_range(model: MotorModel, version: FirmwareVersion) -> float:
+    """Return full scale of positions, rad."""
+    return 12.5 if version <= _KNOWN.get(model.name, _UNKNOWN).last_old_range else model.position
 
 
-def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
-    """Return the behaviour of a model's version: the manual's, where the notes do not mention the model."""
-    known = KNOWN.get(model.name, _UNKNOWN)
-    return Firmware(
-        position_range=12.5 if version <= known.last_old_range else model.position,
-        gain_factor=1.4167 if version < known.first_true_gains else 1.0,
-        has_active_reports=version >= known.first_reports,
-        reports_as_status=version <= known.last_reports_as_status,
-    )
+def gain_factor(model: MotorModel, version: FirmwareVersion) -> float:
+    """Return the factor by which the motor multiplies a commanded stiffness and damping."""
+    return 1.4167 if version < _KNOWN.get(model.name, _UNKNOWN).first_true_gains else 1.0
+
+
+def has_active_reports(model: MotorModel, version: FirmwareVersion) -> bool:
+    """Return whether the motor knows the command of type 24."""
+    return version >= _KNOWN.get(model.name, _UNKNOWN).first_reports
 
 
 def model_name(version: FirmwareVersion) -> str | None:
@@ -96,13 +85,13 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     found = model_name(version)
     if found != model.name:
         return f"firmware {version_text(version)} is of {found or 'no known model'}, the robot file says {model.name}"
-    factor = firmware_of(model, version).gain_factor
+    factor = gain_factor(model, version)
     return "" if factor == 1.0 else f"firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"
 
 
 def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
     """Return why an operator has to accept this firmware; empty: a document covers it."""
-    newest = KNOWN.get(model.name, _UNKNOWN).newest
+    newest = _KNOWN.get(model.name, _UNKNOWN).newest
     if version[3] == _EMULATED or (newest is not None and version <= newest):
         return ""
     known = "no document mentions any" if newest is None else f"the newest documented is {version_text(newest)}"

@@ -6,12 +6,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import (
     FirmwareVersion,
-    firmware_of,
     firmware_problem,
     firmware_question,
+    position_range,
     version_text,
 )
 from humanoid_sim.hardware.robstride.link import RobstrideLink
@@ -23,22 +22,19 @@ _QUIET = 0.1  # s without an answer that end the scan; motors answer within a fe
 
 
 def identify(
-    link: RobstrideLink, checks: CheckList, known_uids: Mapping[str, bytes], *, asks_everyone: bool
-) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Return unique ids and firmware versions by joint, of the motors that answered. Asks only; nothing is written.
+    link: RobstrideLink, checks: CheckList, known_uids: Mapping[str, bytes]
+) -> tuple[dict[str, bytes], dict[int, FirmwareVersion]]:
+    """Return the motors' unique ids, by joint's name, and their firmware, by index. Writes nothing.
 
-    Args:
-        known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
-        asks_everyone: whether every id is asked, and strangers are mentioned.
+    `known_uids`: of an earlier activation; a motor that was exchanged since has another zero.
     """
     motors, sources = link.motors, link.sources
-    ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted(set(motors.motor_id))
     answers: defaultdict[tuple[int, int], set[bytes]] = defaultdict(set)
-    for channel, reply in link.scan(ids, _QUIET):
+    for channel, reply in link.scan(sorted(set(motors.motor_id)), _QUIET):
         answers[channel, reply.motor_id].add(reply.uid)
     places = list(zip(motors.channel, motors.motor_id, strict=True))
     again = [i for i, place in enumerate(places) if place not in answers]  # an answer may have been lost
-    questions = {i: [GetDeviceId(motors.motor_id[i], host_id=link.host_id)] for i in again}
+    questions = {i: [GetDeviceId(motors.motor_id[i])] for i in again}
     found = link.ask(questions, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
     for i, uid in found.items():
         answers[places[i]].add(uid)
@@ -51,18 +47,14 @@ def identify(
         uids.update((i, uid) for uid in answers.get(places[i], ()))
         if i in uids and known_uids.get(name, uids[i]) != uids[i]:
             checks.problem(name, f"its motor was exchanged (id {motor_id} on {sources[channel]}): calibrate it")
-    for channel, motor_id in sorted(answers):
-        if motor_id not in motors.motor_id:
-            checks.warn(sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
-    return uids, _check_versions(link, uids, checks)
+    return {motors.names[i]: uid for i, uid in uids.items()}, _check_versions(link, uids, checks)
 
 
 def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[str]) -> str:
     uids = sorted(uid.hex() for uid in answers.get((channel, motor_id), ()))
     elsewhere = ", ".join(sources[other] for other, answered in answers if answered == motor_id and other != channel)
     if not uids:
-        swapped = f"; one answers on {elsewhere}: are the channels swapped?" if elsewhere else ""
-        return f"motor {motor_id} does not answer on {sources[channel]}{swapped}"
+        return f"motor {motor_id} does not answer on {sources[channel]}{f', but on {elsewhere}' if elsewhere else ''}"
     if len(uids) > 1:
         return f"{len(uids)} motors answer as {motor_id} on {sources[channel]} (uid {' and '.join(uids)})"
     return f"a second motor {motor_id} answers on {elsewhere}" if elsewhere else ""
@@ -74,7 +66,7 @@ def read_versions(link: RobstrideLink, joints: Iterable[int]) -> dict[int, Firmw
     def version(_: int, reply: Reply) -> FirmwareVersion | None:
         return reply.version if isinstance(reply, Version) else None
 
-    return link.ask({i: [ReadVersion(link.motors.motor_id[i], host_id=link.host_id)] for i in joints}, version)
+    return link.ask({i: [ReadVersion(link.motors.motor_id[i])] for i in joints}, version)
 
 
 def _check_versions(link: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList) -> dict[int, FirmwareVersion]:
@@ -91,7 +83,7 @@ def _check_versions(link: RobstrideLink, uids: Mapping[int, bytes], checks: Chec
             continue
         where = f"motor {motors.motor_id[i]} on {link.sources[motors.channel[i]]}"
         checks.passed(name, f"{where}, {model.name}, firmware {version_text(version)}, uid {uids[i].hex()}")
-        found = firmware_of(model, version).position_range
+        found = position_range(model, version)
         if found != model.position:
             checks.warn(name, f"firmware {version_text(version)} counts ±{found:g} rad: angles are off by 0.5 %")
         if question := firmware_question(model, version):

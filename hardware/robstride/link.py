@@ -18,16 +18,24 @@ import numpy as np
 
 from humanoid_sim.hardware.bus.channel import NEVER, Note
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import ChannelNotes, OpenChannels
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.motor_link import MotorGroup, Readings
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
-from humanoid_sim.hardware.robstride.messages import Command, FrameType, Identifier, MotorMode, Reply, split_identifier
+from humanoid_sim.hardware.robstride.messages import (
+    DEFAULT_HOST_ID,
+    Command,
+    FrameType,
+    MotorMode,
+    Reply,
+    split_identifier,
+)
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 
-_QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})  # another host may scan and read
-_COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}  # but must not send these
+_COMMANDS = frozenset(FrameType) - {FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER}  # others may only scan and read
+_OURS = frozenset({DEFAULT_HOST_ID, messages.BROADCAST_ID})
+_STRANGERS = {"standard_id": "frame with an 11-bit identifier"}  # other reasons say enough
 
 
 class Sample(NamedTuple):
@@ -76,11 +84,10 @@ class RobstrideLink:
     What asks waits for the answers, while nothing is moving, and never raises.
     """
 
-    def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
-        """Send nothing yet. A robot's host id is above 127, so that it is no motor's."""
+    def __init__(self, line: OpenChannels, motors: MotorGroup) -> None:
+        """Send nothing yet."""
         self.line = line
         self.channels, self.sources = line.channels, line.sources
-        self.host_id = host_id
         self.expect(motors)
 
     def expect(self, motors: MotorGroup) -> None:
@@ -99,42 +106,36 @@ class RobstrideLink:
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, whatever it is; True."""
-        notes = self.line.notes[channel]
-        if not frame.is_extended or frame.is_remote or frame.is_error:
-            notes.strangers["remote frame" if frame.is_remote else "frame with an 11-bit identifier"] += 1
-            return True
-        parts = split_identifier(frame.arbitration_id)
-        if parts.destination != self.host_id and (channel, parts.destination) in self._index:
-            _take_command(notes, parts, time)
-            return True
+        notes, parts = self.line.notes[channel], split_identifier(frame.arbitration_id)
+        kind, _, sender, destination = parts
         # A fault is a fault, whomever the motor reports it to: the manuals do not say where unasked reports go.
-        host_id = parts.destination if parts.type == FrameType.FAULT_REPORT else self.host_id
+        host_id = destination if kind == FrameType.FAULT_REPORT else DEFAULT_HOST_ID
         reply = decode_reply(frame, self._models[channel], host_id)
-        index = self._index.get((channel, parts.low))
-        if index is None:
-            if isinstance(reply, messages.DeviceId):
-                self._answers.append((channel, reply))
-            else:
-                notes.strangers["frame of no motor of this robot"] += 1
-            return True
-        slot = self.slots[index]
+        slot = None if (i := self._index.get((channel, sender))) is None else self.slots[i]
         match reply:
-            case messages.Malformed():
-                slot.invalid = Note(time, reply.reason)
-            case messages.Ignored() if parts.type == FrameType.STATUS:
+            case messages.Ignored("host_command") if kind in _COMMANDS and (channel, destination) in self._index:
+                who = "another host" if kind == FrameType.OPERATION_CONTROL else f"host 0x{sender:02X}"
+                name = FrameType(kind).name.lower().replace("_", " ")
+                notes.intruder = Note(time, f"{who} sends '{name}' to motor {destination}")
+            case messages.Ignored("other_host") if slot is not None and kind == FrameType.STATUS:
                 # Another host commands it, or its own id is stored in it: commands do not name their host.
-                text = f"motor {parts.low} answers host {parts.destination}, not {self.host_id}: --host-id?"
-                notes.intruder = Note(time, text)
-            case messages.Ignored() if parts.destination in {self.host_id, messages.BROADCAST_ID}:
-                slot.invalid = Note(time, f"frame of communication type {parts.type}")
-            case messages.Ignored():
-                notes.strangers["frame to another host"] += 1
-            case messages.FaultReport():
-                slot.report = reply
-            case _:
+                notes.intruder = Note(time, f"motor {sender} answers host {destination}, not {DEFAULT_HOST_ID}")
+            case messages.Ignored("unknown_type" | "host_command") if slot is not None and destination in _OURS:
+                slot.invalid = Note(time, f"frame of communication type {kind}")
+            case messages.Ignored(reason):
+                notes.strangers[_STRANGERS.get(reason, reason.replace("_", " "))] += 1
+            case messages.DeviceId() | messages.ParameterReply() | messages.Version():
                 self._answers.append((channel, reply))
-                if isinstance(reply, messages.Status):
-                    _take_status(slot, Sample(time, reply))
+            case messages.Malformed() if slot is not None:
+                slot.invalid = Note(time, reply.reason)
+            case messages.FaultReport() if slot is not None:
+                slot.report = reply
+            case messages.Status() if slot is not None:
+                self._answers.append((channel, reply))
+                slot.sample = Sample(time, reply)
+                slot.statuses += 1
+                if reply.faults or reply.mode is not MotorMode.RUN:
+                    slot.alarm = slot.sample
         return True
 
     # --- control thread
@@ -160,13 +161,11 @@ class RobstrideLink:
         for step in range(longest):
             for motor, group in commands.items():
                 if step < len(group):
-                    command = group[step]
+                    command, channel = group[step], self.channels[self.motors.channel[motor]]
                     frame = encode_command(command, self.motors.model[motor])
-                    lifetime = (
-                        _LIFETIME if isinstance(command, (messages.Enable, messages.OperationControl)) else math.inf
-                    )
-                    channel = self.channels[self.motors.channel[motor]]
-                    channel.send([((type(command), self.motors.names[motor], step), frame)], lifetime)
+                    moves = isinstance(command, messages.Enable | messages.OperationControl)
+                    key = type(command), self.motors.names[motor], step
+                    channel.send([(key, frame)], _LIFETIME if moves else math.inf)
 
     def take_answers(self) -> list[tuple[int, Reply]]:
         """Return motor and answer of every answer that has come since; waits for none."""
@@ -181,18 +180,12 @@ class RobstrideLink:
     def ask(
         self,
         commands: Mapping[int, Sequence[Command]],
-        accept: Callable[[int, Reply], Answer | None],
-        patience: Sequence[float] | None = None,
+        accept: Callable[[int, Reply], Answer | None],  # None: another answer than the wanted one
+        patience: Sequence[float] | None = None,  # s to wait for answers, each time that it asks
         *,
-        takes_late: bool = False,
+        takes_late: bool = False,  # answers to earlier questions count
     ) -> dict[int, Answer]:
-        """Send each motor's commands and collect one answer per motor; those that did not answer are left out.
-
-        Args:
-            accept: turns an answer of a motor into the result, or None if it is not the one wanted.
-            patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
-            takes_late: whether answers to earlier questions count.
-        """
+        """Send each motor's commands and collect one answer per motor; those that did not answer are left out."""
         found: dict[int, Answer] = {}
         for wait in _ANSWER_TIMES if patience is None else patience:
             missing = {motor: group for motor, group in commands.items() if motor not in found}
@@ -214,11 +207,7 @@ class RobstrideLink:
     def until_status(
         self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[messages.Status], bool]
     ) -> dict[int, messages.Status]:
-        """Send each motor's commands until a status that came afterwards is as wanted; other motors are left out.
-
-        The state that a motor reports counts, and not that it answers: a late status to an earlier command, or an
-        active report, answers nothing.
-        """
+        """Send each motor's commands until a status that came afterwards is as wanted; other motors are left out."""
 
         def accept(_: int, reply: Reply) -> messages.Status | None:
             return reply if isinstance(reply, messages.Status) and wanted(reply) else None
@@ -230,18 +219,15 @@ class RobstrideLink:
     ) -> list[tuple[int, messages.DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 
-        Args:
-            quiet_time: s without an answer after which nobody else is expected.
-            pace: s between two ids; 0: as fast as the bus takes them.
+        Nobody else is expected after `quiet_time` s without an answer; `pace`: s between two ids.
         """
         self._answers.clear()
         some_model = next(iter(MOTORS.values()))  # a question is the same for every model
         for motor_id in motor_ids:
-            frame = encode_command(messages.GetDeviceId(motor_id, host_id=self.host_id), some_model)
+            frame = encode_command(messages.GetDeviceId(motor_id), some_model)
             for each in self.channels:
                 each.send([(None, frame)])
-            if pace:
-                time.sleep(pace)
+            time.sleep(pace)
         for each in self.channels:
             each.flush(1.0)
         found: list[tuple[int, messages.DeviceId]] = []
@@ -296,11 +282,11 @@ class RobstrideLink:
         questions: dict[int, Sequence[Command]] = {}
         for motor, parameter in parameters.items():
             motor_id = self.motors.motor_id[motor]
-            question: Command = messages.ReadParameter(motor_id, parameter.index, host_id=self.host_id)
+            question: Command = messages.ReadParameter(motor_id, parameter.index)
             questions[motor] = [question]
             if motor in values:
                 payload = pack_value(parameter.type, values[motor])
-                write = messages.WriteParameter(motor_id, parameter.index, payload, host_id=self.host_id)
+                write = messages.WriteParameter(motor_id, parameter.index, payload)
                 questions[motor] = [write, question]
 
         def accept(motor: int, reply: Reply) -> tuple[float | None] | None:
@@ -311,23 +297,6 @@ class RobstrideLink:
 
         answers = self.ask(questions, accept, patience, takes_late=takes_late)
         return {motor: value for motor, (value,) in answers.items()}
-
-
-def _take_command(notes: ChannelNotes, parts: Identifier, time: float) -> None:
-    """Take a command to one of our motors that we did not send."""
-    if parts.type not in _COMMANDS:
-        notes.strangers["another host's question"] += 1
-        return
-    sender = "another host" if parts.type == FrameType.OPERATION_CONTROL else f"host 0x{parts.low:02X}"
-    name = FrameType(parts.type).name.lower().replace("_", " ")
-    notes.intruder = Note(time, f"{sender} sends '{name}' to motor {parts.destination}")
-
-
-def _take_status(slot: MotorSlot, sample: Sample) -> None:
-    if sample.status.faults or sample.status.mode is not MotorMode.RUN:
-        slot.alarm = sample
-    slot.sample = sample
-    slot.statuses += 1
 
 
 def _row(sample: Sample | None) -> tuple[float, ...]:

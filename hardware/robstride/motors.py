@@ -11,7 +11,7 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.enabling import enable_motors, make_ready, stop_motors
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, has_active_reports
 from humanoid_sim.hardware.robstride.identification import identify
 from humanoid_sim.hardware.robstride.link import MotorSlot, RobstrideLink
 from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, SetActiveReport, flag_names
@@ -38,11 +38,11 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
         """Send nothing yet."""
-        super().__init__(line, motors, terms.host_id)
+        super().__init__(line, motors)
         self._terms = terms
         self._all = range(motors.count)
         self._versions: Mapping[int, FirmwareVersion] = {}
-        self._reporting: tuple[int, ...] = ()
+        self._reporting: list[int] = []
         self.uids: Mapping[str, bytes] = {}
 
     # --- activation
@@ -52,9 +52,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         time.sleep(_LISTENING)
         self.line.check(checks)
         checks.refuse()
-        terms = self._terms
-        uids, self._versions = identify(self, checks, terms.known_uids, asks_everyone=terms.is_whole)
-        self.uids = {self.motors.names[i]: uid for i, uid in uids.items()}
+        self.uids, self._versions = identify(self, checks, self._terms.known_uids)
 
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`."""
@@ -67,11 +65,6 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             elif sample is not None and not abs(own - sample.status.position) < self.motors.model[i].position:
                 text = f"counts {own:.2f} rad and reports {sample.status.position:.2f}"
                 checks.problem(name, f"{text}: it turned beyond ±4π since power-on; switch it off and on")
-        volts = self.read(dict.fromkeys(self._all, PARAMETERS["VBUS"]))
-        for channel, source in enumerate(self.sources):
-            here = [value for i in self.motors.on_channel(channel) if (value := volts.get(i)) is not None]
-            if here:
-                checks.passed(source, f"supply {min(here):.1f} to {max(here):.1f} V at its motors")
 
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`."""
@@ -80,33 +73,29 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def _start_reports(self, checks: CheckList) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
-        interval, period = report_interval(_SCAN_TIME), self._terms.control_period
-        load = [
-            _FRAME_TIME * len(self.motors.on_channel(channel)) * (2.0 / period + 1.0 / interval)
-            for channel in range(len(self.channels))
-        ]
-        self._reporting = tuple(
+        interval, period, channels = report_interval(_SCAN_TIME), self._terms.control_period, self.motors.channel
+        frames = [channels.count(channel) * (2.0 / period + 1.0 / interval) for channel in channels]  # a second
+        self._reporting = [
             i
             for i, version in self._versions.items()
             if interval < period
-            and load[self.motors.channel[i]] <= _FULL_BUS
-            and firmware_of(self.motors.model[i], version).has_active_reports
-        )
+            and _FRAME_TIME * frames[i] <= _FULL_BUS
+            and has_active_reports(self.motors.model[i], version)
+        ]
         self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, float(_SCAN_TIME)))
         before = [slot.statuses for slot in self.slots]
+        self._set_reports(self._reporting, is_on=True)
 
         def silent() -> list[int]:
             """Return motors that sent no more than one status: that may have answered the request."""
             return [i for i in self._reporting if self.slots[i].statuses <= before[i] + 1]
 
-        self._set_reports(self._reporting, is_on=True)
         self.line.wait(lambda: not silent(), _REPORT_WAIT)
         for i in silent():
             checks.warn(self.motors.names[i], "sends no active reports: its state is a control period old")
 
     def _set_reports(self, motors: Iterable[int], *, is_on: bool) -> None:
-        ids = self.motors.motor_id
-        self.send({i: [SetActiveReport(ids[i], is_on, host_id=self.host_id)] for i in motors})
+        self.send({i: [SetActiveReport(self.motors.motor_id[i], is_on)] for i in motors})
 
     # --- control
 

@@ -19,7 +19,7 @@ from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, Command, DeviceId, GetDeviceId
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter
 from humanoid_sim.robots.motors import MOTORS
 
@@ -51,7 +51,7 @@ def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None
             opened.callback(lock.release)
         line = OpenChannels(addresses, checks, locks=locks)
         opened.callback(line.close)
-        link = RobstrideLink(line, motors or some_motors([], []), DEFAULT_HOST_ID)
+        link = RobstrideLink(line, motors or some_motors([], []))
         line.listeners.append(link.receive)
         yield link
 
@@ -115,7 +115,7 @@ def _silent_motor(link: RobstrideLink, motor: int) -> SilentMotorError:
 
 def ask_uid(link: RobstrideLink, motor: int = 0) -> bytes:
     """Return a motor's unique id."""
-    question = GetDeviceId(link.motors.motor_id[motor], host_id=link.host_id)
+    question = GetDeviceId(link.motors.motor_id[motor])
     found = link.ask({motor: [question]}, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
     if motor not in found:
         raise _silent_motor(link, motor)

@@ -30,7 +30,6 @@ from humanoid_sim.hardware.calibration import (
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import (
     check_channels,
@@ -145,7 +144,7 @@ def _sweep(
     with contextlib.ExitStack() as stack:
         limp = None
         if unasked:
-            terms = LinkTerms(DEFAULT_HOST_ID, 0.0, _PERIOD, np.zeros(len(unasked)), is_whole=False)
+            terms = LinkTerms(0.0, _PERIOD, np.zeros(len(unasked)))
             limp = stack.enter_context(enabled(link, wiring.select(unasked), terms))
         begin = next_table = time.monotonic()
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None

@@ -21,7 +21,6 @@ from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import (
     answers_yes,
@@ -102,7 +101,7 @@ def identify(config: Identify) -> int:
 def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink) -> Iterator[MotorLink]:
     """Enable the joint's motor with the torque as its limit, and give it its own limit back at the end."""
     alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
-    terms = LinkTerms(DEFAULT_HOST_ID, CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), is_whole=False)
+    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]))
     old = None if joint in wiring.unasked else bench.read({joint: _LIMIT}).get(joint)
     was_enabled = False
     try:

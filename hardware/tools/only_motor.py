@@ -69,7 +69,7 @@ def _only_motor(channel: str) -> Iterator[tuple[RobstrideLink, bytes]]:
 
 def _save(link: RobstrideLink, uid: bytes) -> None:
     """Let the motor keep its values beyond power-off, and check that it is still the one that answers."""
-    command_motor(link, messages.SaveParameters(link.motors.motor_id[0], host_id=link.host_id))
+    command_motor(link, messages.SaveParameters(link.motors.motor_id[0]))
     if (found := ask_uid(link)) != uid:
         raise RobotError(f"{link.motors.names[0]}: unique id {found.hex()} answers, expected {uid.hex()}")
 
@@ -88,7 +88,7 @@ def set_id(config: SetId) -> int:
         found: set[tuple[int, bytes]] = set()
         for _ in range(_ATTEMPTS):
             if found != {(new_id, uid)}:
-                link.send({0: [messages.SetDeviceId(old_id, new_id, host_id=link.host_id)]})
+                link.send({0: [messages.SetDeviceId(old_id, new_id)]})
                 found = _scan(link, [old_id, new_id] * 2)
         if found != {(new_id, uid)}:
             ids = ", ".join(str(motor_id) for motor_id, _ in sorted(found)) or "none"
@@ -108,7 +108,7 @@ def set_zero(config: SetZero) -> int:
         before = read_value(link, PARAMETERS["mechPos"])
         print(f"its position is {before:.3f} rad; a calibration of its joint is void afterwards")
         confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
-        command_motor(link, messages.SetZero(motor_id, host_id=link.host_id))
+        command_motor(link, messages.SetZero(motor_id))
         after = read_value(link, PARAMETERS["mechPos"])
         if after is None or not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor_id}: reads {after} rad after its zero was set, expected 0: hold it still")

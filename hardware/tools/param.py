@@ -32,7 +32,7 @@ def ping(config: Ping) -> int:
     """Ask, print, and return the exit status."""
     with open_motor(config.channel, config.motor_id) as link:
         print(f"{link.motors.names[0]}, unique id {ask_uid(link).hex()}")
-        question, times = {0: [GetDeviceId(config.motor_id, host_id=link.host_id)]}, []
+        question, times = {0: [GetDeviceId(config.motor_id)]}, []
         for _ in range(_QUESTIONS):
             begin = time.perf_counter()
             if link.ask(question, lambda _, reply: isinstance(reply, DeviceId) or None, (_ANSWER_TIME,)):
@@ -59,7 +59,7 @@ def param(config: Get | Set | Save) -> int:
         case Set():
             return _set(config)
     with open_motor(config.channel, config.motor_id) as link:
-        command_motor(link, SaveParameters(config.motor_id, host_id=link.host_id))
+        command_motor(link, SaveParameters(config.motor_id))
         print(f"{link.motors.names[0]}: saved")
     return 0
 

@@ -78,7 +78,6 @@ def real_robot(
         anchor=anchor,
         live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
         allow_no_timeout=config.allow_no_timeout,
-        dry_run=config.dry_run,
         can_timeout=config.can_timeout,
         accepted_firmware=config.accept_firmware,
         open_bus=open_bus if motors is None else motors.open_bus,

@@ -87,7 +87,7 @@ def test_motors_or_programs_that_speak_another_protocol_are_a_warning(address, p
     checks = CheckList()
     line = OpenChannels([address], checks)
     try:
-        link = RobstrideLink(line, make_wiring(load_robot("lite"), 1), 0xFD)
+        link = RobstrideLink(line, make_wiring(load_robot("lite"), 1))
         line.listeners.append(link.receive)
         for motor_id in range(11, 18):
             data = bytes.fromhex("7fff7ff0000007ff")
