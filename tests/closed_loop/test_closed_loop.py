@@ -13,12 +13,6 @@ from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.simulation.kinematics import GravityTorque
 
-MOTIONS = sorted(path.stem for path in asset_path("motions").glob("*.mcap"))
-
-
-def test_there_are_motions():
-    assert {"wave", "circle", "reach"} <= set(MOTIONS)
-
 
 @pytest.mark.parametrize("name", ["reach", "wave"])
 def test_the_sample_policy_tracks_the_sample_motions(name):
@@ -41,18 +35,6 @@ def test_the_sample_policy_tracks_the_sample_motions(name):
     assert summary["errors"]["hand_position_error"]["rms"] <= 0.03
     assert summary["errors"]["hand_orientation_error"]["rms"] <= np.radians(12.0)
     assert np.abs(drive.applied()).max() < drive.description.effort_limit.max()
-
-
-def test_at_the_end_of_the_motion_the_last_frame_is_held():
-    checkpoint = load_checkpoint(SAMPLE_POLICY)
-    motion = read_motion(asset_path("motions", "reach.mcap"))
-    drive = Drive(load_policy(checkpoint.contract, checkpoint.policy, motion))
-    drive.stand()
-    drive.step(Intent.START_LOCOMOTION)
-    drive.run(motion.duration + 1.0)
-    last = [output.policy_step.frame for output in drive.outputs if output.policy_step][-50:]
-    assert last == [len(motion.frames) - 1] * 50
-    assert np.abs(drive.states[-1].joint_velocity).max() < 0.05
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
@@ -90,23 +72,6 @@ def test_gains_ramp_in_without_a_step_in_torque(load):
     # The corner of the trajectory between its segments is a step in speed, which K_d turns into one of torque.
     assert change.max() < 0.5
     assert np.abs(drive.applied(entered)).max() > 1.0  # something was driven at all
-
-
-def test_a_walk_that_is_interrupted_begins_again_from_where_the_arms_are():
-    drive = Drive()
-    drive.step(Intent.DAMP)
-    drive.step(Intent.LOAD_A)
-    drive.run(3.0)
-    drive.step(Intent.DAMP)
-    drive.run(0.2)
-    entered = len(drive.states)
-    drive.step(Intent.LOAD_B)
-    drive.run(0.5)
-    start = drive.states[entered].joint_position
-    first = drive.outputs[entered].command
-    assert first.position.tolist() == start.tolist()
-    assert not first.stiffness.any()
-    assert np.abs(np.diff(drive.applied(entered + 1), axis=0)).max() < 0.5
 
 
 def test_arms_that_are_let_go_sink_slowly():
@@ -173,24 +138,3 @@ def test_the_effort_form_lets_the_arms_be_moved_and_the_pd_form_pulls_back():
         moved[form] = float(np.abs(drive.position - start).max())
     assert moved["effort"] > 0.1
     assert moved["pd"] < 0.005
-
-
-@pytest.mark.parametrize("form", ["effort", "pd"])
-def test_a_source_that_falls_silent_lets_the_arms_sink_damped(form):
-    drive = in_remote()
-    drive.run(1.0, Compensation(drive, form))
-    last = Compensation(drive, form)()
-    silent = len(drive.states)
-    drive.run(1.0, lambda: last)  # the same old command, as an inbox keeps it
-    for i in range(silent, len(drive.states)):
-        command, age = drive.outputs[i].command, float(drive.states[i].time) - last.arrival_time
-        if age <= 0.1:
-            assert command is last.command
-        else:
-            assert command.damping.tolist() == [5.0] * 14
-            assert not command.stiffness.any()
-            assert not command.effort.any()
-            assert command.position.tolist() == drive.states[i].joint_position.tolist()
-    assert drive.outputs[-1].control_mode.mode is Mode.REMOTE
-    fastest = max(np.abs(state.joint_velocity).max() for state in drive.states[silent:])
-    assert 0.05 < fastest < 1.0  # they sink, and slowly

@@ -95,17 +95,6 @@ def test_free_standing_legs_are_held_until_a_policy_takes_over():
     assert operator.truncated
 
 
-def test_the_same_intents_give_the_same_episode(shared):
-    def rollout():
-        operator, seen = Operator(shared), []
-        for intent in (Intent.DAMP, None, Intent.LOAD_A, *[None] * 20):
-            operator.request(intent)
-            seen.append(b"".join(np.asarray(value).tobytes() for value in operator.observation.values()))
-        return seen
-
-    assert rollout() == rollout()
-
-
 def test_many_do_what_one_does_alone():
     """One quits and begins again, one is up to LOCOMOTION, one is left alone."""
     plans = [[5, 0, 6], [1, 2, *[0] * 50, 4], []]

@@ -75,15 +75,6 @@ def test_options_that_do_not_fit_are_named(options, message):
         PolicyEnv(config, **options)
 
 
-def test_seeds_make_starts(env):
-    first, _ = env.reset(seed=7)
-    following, _ = env.reset()
-    again, _ = env.reset(seed=7)
-    np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(env.reset()[0], following)
-    assert np.abs(first - following).max() > 1e-3
-
-
 def test_randomised_robots_differ_and_are_seeded():
     env = PolicyEnv(TRACKING, randomisation=EVERYTHING, **STILL)
     seen = []

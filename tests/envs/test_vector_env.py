@@ -160,15 +160,6 @@ def test_commands_and_wrenches_of_the_caller_hold():
     assert envs.simulation.qvel[1, 1] < left[1]
 
 
-def test_implicit_damping_is_close_and_takes_fewer_steps():
-    exact, implicit = make(), make(implicit=True)
-    assert (exact.simulation.physics_steps, implicit.simulation.physics_steps) == (40, 8)
-    np.testing.assert_array_equal(exact.reset(seed=5)[0], implicit.reset(seed=5)[0])
-    for _ in range(12):
-        ours, theirs = exact.step(zeros(exact))[0], implicit.step(zeros(exact))[0]
-    assert 1e-7 < np.abs(ours - theirs).max() < 0.1
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

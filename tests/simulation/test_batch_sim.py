@@ -11,7 +11,6 @@ from humanoid_sim.robots.description import load_robot, shipped_robots
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import SimConfig
-from humanoid_sim.simulation.push import push_wrench
 from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.simulation.sim_robot import SimRobot
 
@@ -105,21 +104,6 @@ def test_a_drawn_robot_is_the_same_alone_and_in_a_batch(name):
         batch.redraw()
 
 
-def test_gains_may_differ_between_robots_and_change():
-    robot = load_robot("lite")
-    batch, alone = BatchSim(robot, 2, threads=1), [SimRobot(robot) for _ in range(2)]
-    for one in alone:
-        one.reset()
-    for step, factors in enumerate([(1.0, 1.0), (0.5, 0.8), (0.5, 0.2), (1.0, 1.0)]):
-        command = rows(waving(robot, step, 0.5), 2)
-        stiffness = command.stiffness * np.array(factors)[:, None]
-        command = MITCommand(command.position, command.velocity, command.effort, stiffness, command.damping)
-        batch.step(command)
-        for i, one in enumerate(alone):
-            one.write(MITCommand(*(getattr(command, name)[i] for name in COMMAND_FIELDS)))
-            assert_equal(batch, i, one)
-
-
 def test_robots_outside_the_choice_stand_still_and_miss_nothing():
     robot = load_robot("lite_biped")
     late = Randomisation(delay=(0.015, 0.015))
@@ -173,17 +157,6 @@ def test_starts():
     batch.reset([0], qpos=qpos, qvel=qvel)
     np.testing.assert_array_equal(batch.qpos[0], qpos[0])
     np.testing.assert_array_equal(batch.state().extern["base_linear_velocity"].value[0], qvel[0, :3])
-
-
-@pytest.mark.parametrize("implicit", [False, True])
-def test_a_push_moves_the_base(implicit):
-    robot = load_robot("lite_biped")
-    batch = BatchSim(robot, 2, implicit=implicit)
-    wrench = push_wrench(np.array([[0.4, 0.0], [0.0, 0.0]]), float(batch.model(0).body_mass.sum()))
-    for step in range(round(0.1 / batch.control_period)):
-        batch.step(rows(waving(robot, step, 0.0), 2), wrench=wrench)
-    assert batch.qvel[0, 0] - batch.qvel[1, 0] > 0.3
-    assert batch.qvel[0, 4] > 0.03  # the pelvis is above the centre of mass
 
 
 def test_implicit_damping_takes_longer_steps_and_stays_within_half_a_millimetre_at_the_hands():

@@ -110,12 +110,6 @@ class TestSupport:
         run(robot, 0.1)
         assert before - base_of(robot).height == pytest.approx(0.5 * 9.81 * 0.1**2, rel=0.05)
 
-    def test_it_can_start_free(self, hopper):
-        robot = SimRobot(at_height(hopper, 0.8), SimConfig(support=False))
-        assert not robot.supported
-        run(robot, 0.1)
-        assert base_of(robot).height == pytest.approx(0.8 - 0.5 * 9.81 * 0.1**2, abs=2e-3)
-
     def test_it_holds_the_base_where_it_then_is(self, hopper):
         robot = SimRobot(load_robot(hopper), SimConfig(support=False))
         run(robot, 0.3)
@@ -194,19 +188,6 @@ def test_base_state_in_words():
         assert replace(state, quaternion=np.array(quaternion, dtype=float)).tilt == pytest.approx(tilt)
 
 
-def test_a_batch_of_base_states_is_its_members_bit_for_bit():
-    rng = np.random.default_rng(5)
-    quaternion = rng.normal(size=(20, 4))
-    quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
-    position, linear, angular, mass = rng.normal(size=(4, 20, 3))
-    up, floor = np.array([0.6, 0.0, 0.8]), rng.normal(size=20)
-    batch = BaseState(position, quaternion, linear, angular, mass, floor, up)
-    for i in range(20):
-        one = BaseState(position[i], quaternion[i], linear[i], angular[i], mass[i], floor[i], up)
-        for name in ("height", "mass_height", "tilt", "yaw", "gravity", "planar_velocity"):
-            np.testing.assert_array_equal(getattr(batch, name)[i], getattr(one, name))
-
-
 def test_the_support_lets_go_for_a_policy_and_takes_over_after_it():
     robot = SimRobot(load_robot("lite_biped"))
     said = []
@@ -250,12 +231,6 @@ class TestLift:
         assert low + 0.01 < stopped < SOLE
         run(robot, 0.5)
         assert base_of(robot).height == pytest.approx(stopped, abs=1e-3)
-
-    def test_not_where_it_began_on_the_floor(self, hopper):
-        robot, low = self.caught(hopper, 0.0)
-        support_in_mode(robot, Mode.STANDBY)
-        run(robot, 0.5)
-        assert base_of(robot).height == pytest.approx(low, abs=1e-3)
 
 
 def test_a_base_that_stands_on_another_axis_is_upright_there():

@@ -111,24 +111,6 @@ def test_rays_begin_above_the_frame(walker):
     )
 
 
-@pytest.mark.parametrize(
-    ("geom", "height"),
-    [
-        ('<geom type="hfield" hfield="bowl"/>', lambda x: 0.5 + 0.5 * x),
-        ('<geom type="mesh" mesh="ramp"/>', lambda x: 0.5 + 0.5 * x),
-        ('<geom type="sphere" size="1"/>', lambda x: math.sqrt(1.0 - x * x)),
-        ('<geom type="cylinder" size="1 0.3" pos="0 0 0.2"/>', lambda _: 0.5),
-        ('<geom type="capsule" size="0.5 1" euler="0 90 0"/>', lambda _: 0.5),
-        ('<geom type="ellipsoid" size="1 1 0.5"/>', lambda x: 0.5 * math.sqrt(1.0 - x * x)),
-        ('<body pos="0 0 0.1"><geom type="box" size="1 1 0.2"/></body>', lambda _: 0.3),
-    ],
-)
-def test_ground_of_every_shape(walker, geom, height):
-    line = HeightScan(grid=(0.8, 0.0), resolution=0.2)
-    known = [2.0 - height(x) for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]
-    assert scan_of(walker(geom), line, (0.0, 0.0, 2.0)) == pytest.approx(known, abs=1e-6)
-
-
 FRAMES = [("base", (0.0, 0.0, 0.0)), ("eye", (0.5, 0.25, 0.1)), ("leg", (0.0, 0.0, 0.2)), ("imu", (0.0, 0.0, 0.0))]
 
 

@@ -5,8 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.schema import JointDynamics, RobotDescription
+from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -59,13 +58,3 @@ def test_a_weaker_motor_with_higher_gains_is_the_same(small_robot):
     halved = JointDynamics(torque_scale=0.5)
     weak = with_dynamics(robot, halved, halved, stiffness=40.0, damping=2.0)
     assert followed(weak) == pytest.approx(followed(robot), abs=1e-9)
-
-
-def test_a_recording_keeps_them_and_a_file_says_them_by_joint(small_robot, tmp_path):
-    robot = small_robot()
-    text = with_dynamics(robot, *MEASURED).to_json()
-    assert RobotDescription.from_json(text, robot.folder).joints[0].dynamics == MEASURED[0]
-    assert "dynamics" not in robot.to_json(), "where there are none"
-    path = tmp_path / "fitted.yaml"
-    path.write_text(f"mjcf: {robot.mjcf_path}\njoints:\n  elbow: {{dynamics: {{friction: 0.2, delay: 0.004}}}}\n")
-    assert load_robot(path).joints[1].dynamics == JointDynamics(friction=0.2, delay=0.004)

@@ -8,7 +8,6 @@ from motion_samples import BODIES, joint_path, pose_a
 
 from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import AnchorOrientation, ForwardKinematics, GravityTorque, InverseKinematics
 from humanoid_sim.simulation.model import SimConfig, build_model
@@ -42,16 +41,6 @@ def test_golden_hand_positions():
         np.testing.assert_allclose(positions[:, b], expected, rtol=0, atol=1e-9)
 
 
-def test_single_and_batch_are_the_same_bits_and_do_not_change_afterwards():
-    kinematics = ForwardKinematics(load_robot("lite"))
-    poses = np.array([sample["q"][:14] for sample in GOLDEN]).reshape(4, 5, 14)
-    positions, rotations = kinematics(poses)
-    alone = {index: kinematics(poses[index]) for index in np.ndindex(4, 5)}
-    for index, (position, rotation) in alone.items():
-        assert position.tobytes() == positions[index].tobytes()
-        assert rotation.tobytes() == rotations[index].tobytes()
-
-
 def test_poses_are_in_the_base_frame(small_robot):
     kinematics = ForwardKinematics(small_robot(ON_A_TILTED_BASE, ("hinge",)), ("tip", "base"))
     positions, rotations = kinematics(np.array([np.pi / 2]))
@@ -72,20 +61,6 @@ def test_is_the_bias_of_a_robot_at_rest(name):
         data.qpos[:] = position
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(gravity(position), data.qfrc_bias, rtol=0, atol=1e-12)
-
-
-def test_holds_the_arms_still():
-    """With a little damping, and nothing that pulls towards a position."""
-    description = load_robot("lite")
-    robot = SimRobot(description)
-    gravity = GravityTorque(description)
-    start = np.array(description.standby_controller_a.pose_segments[1])
-    robot.reset(start)
-    zeros = np.zeros(14)
-    for _ in range(400):
-        effort = gravity(robot.qpos)
-        robot.write(MITCommand(zeros, zeros, effort, zeros, np.full(14, 0.5)))
-    assert np.abs(robot.qpos - start).max() < 1e-3
 
 
 def test_the_joints_of_a_motion_are_found_from_its_bodies():

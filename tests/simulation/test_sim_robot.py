@@ -131,33 +131,6 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot, tmp_pa
     assert set(tmp_path.iterdir()) == files  # MuJoCo would write MUJOCO_LOG.TXT
 
 
-def test_damping_dissipates_energy(small_robot):
-    robot = SimRobot(small_robot(simulation={"physics_timestep": 0.001, "control_frequency": 1000}))
-    robot.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    robot.reset(np.array([1.0, -0.5]), np.array([2.0, -3.0]))
-    zeros, energy = np.zeros(2), []
-    for _ in range(12000):
-        robot.write(MITCommand(zeros, zeros, zeros, zeros, np.array([0.3, 0.2])))
-        energy.append(float(robot.data.energy.sum()))
-    assert (np.diff(energy) < 1e-6).all()
-    assert energy[-1] < energy[0] - 1.0
-    assert np.abs(robot.data.qvel).max() < 0.01
-
-
-def test_standby_reaches_its_pose_and_sags_little():
-    """The description's own gains hold pose A against gravity."""
-    description = load_robot("lite")
-    robot, standby, zeros = SimRobot(description), description.standby_controller_a, np.zeros(14)
-    start, pose = np.array(description.initial_position), np.array(standby.pose_segments[1])
-    for share in [*np.linspace(0.0, 1.0, 400), *[1.0] * 400]:
-        target = start + share * (pose - start)
-        robot.write(MITCommand(target, zeros, zeros, np.array(standby.target_stiffness), description.damping))
-    state, (status,) = robot.read()
-    assert status.is_ok
-    assert np.abs(state.joint_position - pose).max() < 0.05
-    assert np.abs(state.joint_velocity).max() < 0.01
-
-
 @pytest.mark.parametrize("body", ["anchor_body", "bodies", "velocity_at"])
 def test_a_part_that_the_model_lacks_is_named(body):
     with pytest.raises(Exception, match=r"unknown (body|site) 'nose'"):

@@ -38,15 +38,6 @@ def g1(checkpoint):
     return with_contract(load_robot(MODELS / "scene.xml"), checkpoint.contract)
 
 
-def test_what_its_mjcf_says():
-    robot = load_robot(MODELS / "scene.xml")
-    assert robot.name == "g1_29dof_rev_1_0"
-    assert robot.joint_count == 29
-    assert robot.joint_names[:2] == ("left_hip_pitch_joint", "left_hip_roll_joint")
-    assert (robot.base.body, robot.imu) == ("pelvis", "imu_in_pelvis")
-    assert not robot.stiffness.any()
-
-
 def test_gyro_and_gravity_are_those_of_the_published_trace(g1):
     trace = np.load(VELOCITY / "trace.npz")
     robot, rotation = SimRobot(g1), np.empty(9)
