@@ -74,21 +74,14 @@ class PolicyEnvConfig:
     """Largest magnitude of a raw action, beyond which the policy has failed; None: the contract's, or 100."""
     live: Mapping[str, LiveInput] = field(default_factory=dict)
     """By name, makers of the live inputs that the contract declares: of an `MITState` a value (..., width)."""
-    width: int = 480
-    """Pixels of a picture."""
-    height: int = 480
-    camera: str | None = None
-    """Camera of the model; None looks at the robot from the front."""
 
     def __post_init__(self) -> None:
         """Check the numbers. Raises `InputError`."""
         for name in ("joint_noise", "velocity_noise"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name}: is {getattr(self, name)!r}, expected a finite number >= 0")
-        for name in ("max_episode_steps", "width", "height"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
+        if self.max_episode_steps is not None and self.max_episode_steps < 1:
+            raise InputError(f"max_episode_steps: is {self.max_episode_steps!r}, expected a whole number >= 1")
         if self.action_limit is not None and not 0.0 < self.action_limit < 1e38:
             raise InputError(f"action_limit: is {self.action_limit!r}, expected a finite number > 0")
 
@@ -110,7 +103,7 @@ def changed(config: Config, options: Mapping[str, Any]) -> Config:
 
 
 def policy_config(config: PolicyEnvConfig | str, options: Mapping[str, Any]) -> PolicyEnvConfig:
-    """Return a configuration, or one of `CONFIGS`, with other values of some fields. Raises `InputError`."""
+    """Return a configuration, or one of `CONFIGS`, with other values of some fields."""
     if isinstance(config, str):
         require_known("config", [config], CONFIGS)
         config = CONFIGS[config]
@@ -155,13 +148,13 @@ class Scenario:
 
 
 def build_scenario(config: PolicyEnvConfig, *, motion_source: str = "motion") -> Scenario:
-    """Read what is named, and check that it fits together.
+    """Read what is named, and check that it fits together. Raises `InputError`.
 
-    Raises `InputError` for what cannot be read, or does not fit; `motion_source` names a motion that is given itself.
+    `motion_source` names a motion that is given itself.
     """
     described = config.robot if isinstance(config.robot, RobotDescription) else load_robot(config.robot)
     checkpoint = checkpoint_of(config.policy, described.joint_names)
-    motion = with_songs(config.motion, checkpoint.contract, described)
+    motion = _with_songs(config.motion, checkpoint.contract, described)
     loaded = read_policy(checkpoint, motion, motion_source)
     contract = with_joint_limits(loaded.contract, described)
     description = with_contract(described, contract)
@@ -171,10 +164,10 @@ def build_scenario(config: PolicyEnvConfig, *, motion_source: str = "motion") ->
         provided = {mit.VELOCITY_COMMAND: 3, **reported, **live.widths}
         extern = {name: width for name, width in loaded.extern.items() if name in provided}
         wiring = PolicyWiring(description.joint_names, contract, loaded.reference, extern, config.action_limit)
-    model = build_model(description, scene="floor")
     context = StepContext(description, contract, loaded.reference)
     task = Task(config, context)
     noise = config.joint_noise, config.velocity_noise
+    model = build_model(description, scene="floor")
     starts = EpisodeStarts(context, model, noise, task.commands, task.command_draws)
     context.standing_height = starts.standing_height
     return Scenario(
@@ -213,12 +206,12 @@ def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 
-def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
+def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
     """Return the motions with goals in the place of songs and MIDI files, as far as the robot plays them."""
     if contract.task_type != "piano" or motion is None or isinstance(motion, Motion):
         return motion
     if not isinstance(motion, str | Path):
-        return [cast("Named | Motion", with_songs(one, contract, robot)) for one in motion]
+        return [cast("Named | Motion", _with_songs(one, contract, robot)) for one in motion]
     if str(motion) not in sample_songs() and not str(motion).endswith((".mid", ".midi")):
         return motion
     song, _ = named_song(str(motion), robot, what="motion")
@@ -226,10 +219,7 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
 
 
 def read_policy(checkpoint: Checkpoint, motion: Motions | None, motion_source: str = "motion") -> LoadedPolicy:
-    """Return a policy with what it follows: one motion, or several, one after the other.
-
-    Raises `InputError` for what cannot be read, or does not fit.
-    """
+    """Return a policy with what it follows: one motion, or several, one after the other. Raises `InputError`."""
     if motion is not None and not isinstance(motion, str | Path | Motion):
         if not motion or checkpoint.motion is not None:
             raise InputError(f"motion: is {len(motion)} of them, and {checkpoint.source} expects one, or its own")

@@ -18,6 +18,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 
 RENDER_MODES = ["human", "rgb_array"]
+PICTURE = 480, 480  # pixels, width and height
 
 
 class Display:
@@ -26,10 +27,9 @@ class Display:
     _open: ClassVar[Display | None] = None
     """MuJoCo crashes on a second window in the same process."""
 
-    def __init__(self, description: RobotDescription, period: float, render_mode: str | None, config: Any) -> None:
+    def __init__(self, description: RobotDescription, period: float, render_mode: str | None) -> None:
         """Prepare; nothing is loaded before the first pose, of which there is one every `period` s.
 
-        `config` has `width` and `height` of a picture in pixels, and `camera`; None looks at the robot from the front.
         Raises `InputError` if there is no such mode, or no window can be opened.
         """
         if render_mode not in (None, *RENDER_MODES):
@@ -37,7 +37,7 @@ class Display:
         if render_mode == "human" and not has_display():
             raise InputError("render_mode: human needs a display; use rgb_array instead")
         self._mode, self._period, self._description = render_mode, period, description
-        self._pictures = PoseRenderer(lambda: build_model(description), config.width, config.height, config.camera)
+        self._pictures = PoseRenderer(lambda: build_model(description), *PICTURE)
         self._viewer: Any = None
         self._due = 0.0
         modes = [mode for mode in RENDER_MODES if mode != "human" or has_display()]

@@ -47,10 +47,6 @@ class ModesEnvConfig:
     """What it follows."""
     max_episode_steps: int = 12_000
     """Control ticks after which an episode is truncated."""
-    width: int = 480
-    """Pixels of a picture."""
-    height: int = 480
-    camera: str | None = None
 
     def read(self) -> tuple[RobotDescription, LoadedPolicy | None, SimConfig]:
         """Return the robot, its policy, and a simulation that reports what this observes."""
@@ -89,7 +85,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self.robot = SimRobot(description, replace(sim, drop=DROP))
         period, live = self.robot.control_period, {**self.robot.extern, VELOCITY_COMMAND: 3}
         self.supervisor = build_supervisor(description, period, loaded, live=live)
-        self._display = Display(description, period, render_mode, config)
+        self._display = Display(description, period, render_mode)
         self.metadata, self.render_mode = self._display.metadata, render_mode
         self.action_space = Discrete(len(INTENTS))
         self.observation_space = modes_observation_space(description)
@@ -164,13 +160,8 @@ def tick_input(state: MITState, safety: tuple[SafetyStatus, ...], velocity: Floa
 
 def first_info(memory: SupervisorMemory) -> dict[str, Any]:
     """Return the info of a reset."""
-    return {
-        "controller": memory.controller,
-        "status": memory.status_message,
-        "refusals": (),
-        "faults": (),
-        "time": 0.0,
-    }
+    info = {"controller": memory.controller, "status": memory.status_message}
+    return {**info, "refusals": (), "faults": (), "time": 0.0}
 
 
 def step_info(output: TickOutput, time: float) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         if config.implicit:
             raise InputError("implicit: is for many robots at once, expected a vector environment (make_vec)")
         self.scenario = scenario = build_scenario(config)
-        self._display = Display(scenario.description, scenario.contract.policy_dt, render_mode, config)
+        self._display = Display(scenario.description, scenario.contract.policy_dt, render_mode)
         self.metadata, self.render_mode = self._display.metadata, render_mode
         self.observation_space = observation_space(scenario.wiring)
         self.action_space = action_space(scenario.wiring, scenario.description)

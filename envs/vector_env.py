@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_config
+from humanoid_sim.envs.display import PICTURE
 from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
 from humanoid_sim.errors import InputError
@@ -89,9 +90,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSim.step` takes it."""
         self.episode_steps: IntArray = np.zeros(num_envs, dtype=np.int64)
         """Shape (N,), policy steps since each episode began. Greater ones let episodes of a set length end earlier."""
-        self._pictures = PoseRenderer(
-            lambda: build_model(scenario.description), config.width, config.height, config.camera
-        )
+        self._pictures = PoseRenderer(lambda: build_model(scenario.description), *PICTURE)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
         self._commands: FloatArray = np.zeros((num_envs, max(scenario.task.command_draws // 4, 1), 3))
         self._is_over = np.zeros(num_envs, dtype=np.bool_)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import mujoco
@@ -62,9 +61,7 @@ class BatchSim:
         self.joints = description.joint_names
         self.count = count
         self.control_period = config.period(description)
-        """s"""
         self.physics_steps = config.physics_steps(description, implicit=implicit)
-        """Physics steps in one control period."""
         self.threads = min(_usable_processors() if threads is None else threads, count)
         self.randomisation = Randomisation() if randomisation is None else randomisation
         self._is_varied = self.randomisation.differs
@@ -79,8 +76,7 @@ class BatchSim:
         )
         DampingStability(model, description).check_description()
         self._sensors = Sensors(model, description, config, count=count, threads=self.threads)
-        self.extern: Mapping[str, int] = self._sensors.widths
-        """Names and widths of the live inputs that the state has."""
+        self.extern = self._sensors.widths
         self.start_pose = StartPose(model, description)
         """Pose in which a robot starts, for any joint positions."""
         self._base_body = base_body(model, description)
@@ -106,7 +102,7 @@ class BatchSim:
         longest = self._own_delay + round(self.randomisation.delay[1] / self._timestep)
         # targets of the latest commands, the newest first: as many as can be under way, and the one in force
         self._targets = np.zeros((1 + -(-longest // self.physics_steps), count, 3, n))
-        self.generators: list[np.random.Generator] = []
+        self.generators = [np.random.default_rng(0)] * count
         """The random numbers of each robot."""
         self.variations: list[Variation] = []
         """The robots of this episode; empty without a randomisation."""
@@ -125,7 +121,7 @@ class BatchSim:
 
     @property
     def effort(self) -> FloatArray:
-        """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view."""
+        """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view, as are all others."""
         return _read_only(self._effort)
 
     @property
@@ -148,19 +144,13 @@ class BatchSim:
         return self._open.get_model(i)
 
     def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
-        """Begin the random numbers of some robots anew and draw them; they are to be reset then.
+        """Begin the random numbers of robots `indices`, (k,) or all, anew with `seeds`, (k,), and draw them.
 
-        Args:
-            seeds: shape (k,) or scalar, whole numbers >= 0.
-            indices: shape (k,), which; None for all.
+        They are to be reset then.
         """
         where = self._where(indices)
-        fresh = [np.random.default_rng(int(seed)) for seed in np.broadcast_to(np.asarray(seeds), where.shape)]
-        if indices is None:
-            self.generators = fresh
-        else:
-            for i, generator in zip(where.tolist(), fresh, strict=True):
-                self.generators[i] = generator
+        for i, seed in zip(where.tolist(), np.asarray(seeds).tolist(), strict=True):
+            self.generators[i] = np.random.default_rng(int(seed))
         self.redraw(where)
 
     def redraw(self, indices: npt.ArrayLike | None = None) -> None:

@@ -30,16 +30,13 @@ _OK = (SafetyStatus(source=_SOURCE),)
 class Touch(NamedTuple):
     """A piano's key that is touched."""
 
-    force: float
-    """N, normal to the surfaces."""
-    key: int
-    """0 is A0, 87 is C8."""
-    time: float
-    """s"""
+    force: float  # N, normal to the surfaces
+    key: int  # 0 is A0, 87 is C8
+    time: float  # s
 
 
 class SimRobot:
-    """A simulated robot: `write` applies a command and advances physics by one control period.
+    """A simulated robot: `write` applies a command and advances physics by one control period, of `physics_steps`.
 
     `mit_torque` acts before every physics step. The clock counts physics steps; `activate` puts the robot back to its
     start at the present time, as a relaunch on a running robot would find it, and `reset` begins an episode at time 0.
@@ -53,9 +50,7 @@ class SimRobot:
         self.description = description
         self.joints = description.joint_names
         self.control_period = config.period(description)
-        """s, by which one `write` advances the simulation."""
         self.physics_steps = config.physics_steps(description)
-        """Physics steps in one control period."""
         self._timestep = config.timestep(description)
         self.model = build_model(description, physics_timestep=self._timestep, sensors=config)
         self.data = mujoco.MjData(self.model)
@@ -63,7 +58,6 @@ class SimRobot:
         self._warnings = [self.data.warning[kind] for kind in UNSOUND]
         self._sensors = Sensors(self.model, description, config)
         self.extern = self._sensors.widths
-        """Names and widths of the live inputs that the state has."""
         self.stability = DampingStability(self.model, description)
         self.warnings = self.stability.check_description()
         """Messages to an operator about gains that are close to unstable, one line each."""
@@ -94,7 +88,8 @@ class SimRobot:
         self._update_torque: Callable[[], None] | None = None
         self._pending: deque[tuple[int, MITCommand]] = deque()
         self._state: MITState | None = None
-        self._fault = ""
+        self.fault = ""
+        """What is wrong with the simulation, which then stands still; empty while it is sound."""
         self.activate()
 
     @property
@@ -103,15 +98,9 @@ class SimRobot:
         return self._step * self._timestep
 
     @property
-    def fault(self) -> str:
-        """Return what is wrong with the simulation, which then stands still; empty while it is sound."""
-        return self._fault
-
-    @property
     def qpos(self) -> FloatArray:
         """Shape (nq,), a copy of MuJoCo's generalised position."""
-        qpos: FloatArray = self.data.qpos.copy()
-        return qpos
+        return np.array(self.data.qpos)
 
     @property
     def effort(self) -> FloatArray:
@@ -185,8 +174,8 @@ class SimRobot:
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """Return the state at the present simulation time, and the simulator's safety status."""
-        if self._fault:
-            return self.state(), (SafetyStatus(level=SafetyLevel.CRITICAL, source=_SOURCE, message=self._fault),)
+        if self.fault:
+            return self.state(), (SafetyStatus(level=SafetyLevel.CRITICAL, source=_SOURCE, message=self.fault),)
         return self.state(), _OK
 
     def state(self) -> MITState:
@@ -213,7 +202,7 @@ class SimRobot:
         self._state = None
         begin, end = self._step, self._step + self.physics_steps
         self._step = end
-        if self._fault:
+        if self.fault:
             return
         self._disturb(begin)
         applied = self._applied(command)
@@ -228,7 +217,7 @@ class SimRobot:
             begin = arrival
         self._advance(end - begin)
         if any(warning.number for warning in self._warnings):
-            self._fault = f"simulation unstable: its state is not finite, or huge (t = {self.time:.4f} s)"
+            self.fault = f"simulation unstable: its state is not finite, or huge (t = {self.time:.4f} s)"
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support hold a floating base where it now is, or let the base go.
@@ -257,7 +246,7 @@ class SimRobot:
         self._require_open()
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.time
-        self._update_torque, self._state, self._fault = None, None, ""
+        self._update_torque, self._state, self.fault = None, None, ""
         self._torque[:] = 0.0
         self._is_lifted = False
         self._pending.clear()

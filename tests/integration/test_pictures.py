@@ -60,13 +60,12 @@ def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
 
 
 def test_environments_render_the_robot_as_it_is():
-    size = {"render_mode": "rgb_array", "width": 80, "height": 60}
-    env = gymnasium.make("humanoid_sim/LiteTracking-v0", **size)
-    envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=2, **size)
+    env = gymnasium.make("humanoid_sim/LiteTracking-v0", render_mode="rgb_array")
+    envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=2, render_mode="rgb_array")
     env.reset(seed=1)
     envs.reset(seed=0)
     before, pictures = env.render(), envs.render()
-    assert (before.shape, before.dtype) == ((60, 80, 3), np.uint8)
+    assert (before.shape, before.dtype) == ((480, 480, 3), np.uint8)
     np.testing.assert_array_equal(pictures[1], before)
     assert np.any(pictures[0] != pictures[1])
     for _ in range(20):

@@ -6,7 +6,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -77,23 +76,6 @@ def test_a_key_sounds_strictly_beyond_its_trigger_alone_and_in_a_batch():
     assert np.flatnonzero(robot.state().extern[KEY_PRESSED].value).tolist() == [40]
     robot.activate()  # releases it
     assert not robot.state().extern[KEY_PRESSED].value.any()
-
-
-def test_the_hardest_touch_is_kept_with_its_key():
-    """A hand that presses the white key below it against its stop: the force is the one that was applied."""
-    pose = READY.copy()
-    pose[LEFT] = -0.4423, -0.0338, -1.1194, -2.0289, -0.0762, 0.2497, -0.3649  # 1 mm above key 34
-    robot = SimRobot(replace(ROBOT, initial_position=tuple(pose)))
-    assert robot.hardest_touch is None
-    target = pose.copy()
-    target[LEFT] += -0.0070, 0.0424, 0.0031, -0.0002, 0.0004, 0.0022, -0.0084  # the arm's weight, and 4 N on the key
-    command = MITCommand(target, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping)
-    for _ in range(200):
-        robot.write(command)
-    touch = robot.hardest_touch
-    assert touch.key == 34
-    assert 1.0 < touch.force < 7.1
-    assert 0.0 < touch.time <= 1.0
 
 
 def test_a_batch_has_the_hardest_touch_of_every_physics_step():
