@@ -23,15 +23,6 @@ def run(controller, first, *later):
     return commands
 
 
-def test_position_is_captured_at_activation():
-    controller = DampingController(JOINTS, KD)
-    moved, lost = tick(1.0, position=(9.0, 9.0, 9.0)), tick(-5.0, position=(NAN, NAN, NAN))
-    for command in run(controller, tick(0.0, position=(0.1, -0.2, 0.3)), moved, lost):
-        assert command.position.tolist() == [0.1, -0.2, 0.3]
-        assert command.damping.tolist() == KD.tolist()
-        assert not any(getattr(command, name).any() for name in ("velocity", "effort", "stiffness"))
-
-
 @pytest.mark.parametrize("reading", [NAN, INF, -INF, 1e6 + 1.0, -1e7, 1e300])
 def test_an_unknown_or_absurd_reading_makes_no_joint_limp(reading):
     (command,) = run(DampingController(JOINTS, KD), tick(position=(0.1, reading, 0.3)))

@@ -40,13 +40,6 @@ def test_a_gamepad_that_connects_with_buttons_held_can_only_damp():
     assert pressed_intents(bindings, (), buttons(X)) == ()
 
 
-def test_remapping():
-    bindings = JoyBindings(damp_button=9, load_combo_a=(1, 2, 3), start_combo_locomotion=(7,))
-    for down, intent in (((9,), Intent.DAMP), ((1, 2, 3), Intent.LOAD_A), ((7,), Intent.START_LOCOMOTION)):
-        assert pressed_intents(bindings, buttons(*down, count=10), buttons(count=10)) == (intent,)
-    assert pressed_intents(bindings, buttons(2, count=10), buttons(count=10)) == ()
-
-
 @pytest.mark.parametrize(
     ("changes", "field"),
     [

@@ -169,14 +169,6 @@ def phases(rule, commands):
     return shown
 
 
-def test_phases_stay_within_a_turn_and_come_round():
-    shown = np.array(phases(PhaseRule(1.0), [WALK] * 120))
-    assert (shown >= -np.pi).all()
-    assert (shown < np.pi).all()
-    np.testing.assert_allclose(shown[50], shown[0], atol=1e-9)
-    np.testing.assert_allclose(np.cos(shown[:, 0]), -np.cos(shown[:, 1]), atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("options", "commands", "shown"),
     [

@@ -46,19 +46,6 @@ def test_a_motion_that_does_not_fit_is_refused(changes, frames, message):
         build_reference(contract(**changes), frames)
 
 
-def test_a_batch_is_aligned_like_its_robots():
-    rng = np.random.default_rng(3)
-    quaternions = rng.standard_normal((4, 4))
-    quaternions /= np.sqrt((quaternions**2).sum(axis=1, keepdims=True))
-    motion = MotionReference(1, {"anchor_pos": [[0.3, -0.2, 0.8]], "anchor_quat": [quaternions[0]]})
-    poses = np.concatenate([rng.standard_normal((4, 3)), quaternions], axis=1)
-    batch = motion.align(poses)
-    for i, pose in enumerate(poses):
-        alone = motion.align(pose)
-        assert np.array_equal(batch.yaw[i], alone.yaw)
-        assert np.array_equal(batch.offset[i], alone.offset)
-
-
 def test_motions_one_after_the_other_are_each_held_at_their_end():
     joined = MotionReference.joined([reference(3), reference(1), reference(4)])
     for motions in (joined, pickle.loads(pickle.dumps(joined))):

@@ -11,17 +11,6 @@ NAN, INF = np.nan, np.inf
 KD = np.array([1.0, 2.0, 3.0])
 
 
-def test_passive_is_a_damped_hold_of_the_live_position():
-    controller = RemotePolicyController(JOINTS, KD)
-    memory = controller.activate(tick(10.0))
-    live = {(0.1, 0.2, 0.3): [0.1, 0.2, 0.3], (NAN, 0.5, INF): [0.0, 0.5, 0.0]}
-    for position, held in live.items():
-        memory, sent = controller.update(memory, tick(10.02, position=position))
-        assert sent.position.tolist() == held
-        assert sent.damping.tolist() == KD.tolist()
-        assert sent.stiffness.tolist() == sent.velocity.tolist() == sent.effort.tolist() == [0.0, 0.0, 0.0]
-
-
 @pytest.mark.parametrize(("policy", "doing"), [("passive", "damped"), ("hold", "held")])
 def test_an_operator_reads_once_when_commands_stop_and_when_they_come(policy, doing):
     controller = RemotePolicyController(JOINTS, KD, policy)

@@ -67,12 +67,6 @@ def test_finished_is_exactly_the_pose_and_the_gains(seconds):
     assert (report.current_segment, report.total_segments, report.progress, report.is_finished) == (1, 2, 1.0, True)
 
 
-def test_other_numbers_of_segments():
-    command, report = at(1.0, segment_durations=[2.0], pose_segments=[[0.0, 0.0, 0.0]])
-    assert command.stiffness == pytest.approx([5.0, 10.0, 15.0]), "gains reach their targets in segment 0"
-    assert report.total_segments == 1
-
-
 def test_a_stall_of_the_host_does_not_make_the_arms_jump():
     _, (after, report) = run(standby(), [0.0, 100.0])
     assert report.progress == pytest.approx(0.025)  # 0.05 s of 2 s

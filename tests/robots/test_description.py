@@ -18,7 +18,6 @@ from humanoid_sim.robots.description import (
     shipped_robots,
     with_contract,
     with_contract_physics,
-    with_joint_limits,
 )
 
 LITE = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
@@ -118,20 +117,6 @@ def test_a_shipped_robot_survives_json(name):
         RobotDescription.from_json(text[:-1])
 
 
-def test_digests_of_baselines_are_those_of_before_there_were_guards_and_dynamics():
-    document = msgspec.json.decode(load_robot("lite").to_json())
-    assert document.keys().isdisjoint({"guards", "piano", "folder"})
-    assert "dynamics" not in document["joints"][0]
-
-
-def test_the_passive_hold_damps_as_damping_does_unless_it_has_its_own(tmp_path, document):
-    document["damping_controller"] = {"damping": [float(i) for i in range(14)]}
-    document["remote_policy_controller"] = {"stale_command_timeout_ms": 50}
-    assert load_robot(write(tmp_path, document)).passive_damping.tolist() == document["damping_controller"]["damping"]
-    document["remote_policy_controller"] = {"damping_scalar": 3.0}
-    assert load_robot(write(tmp_path, document)).passive_damping.tolist() == [3.0] * 14
-
-
 def completed(hopper, text):
     return load_robot(write(hopper.parent, f"mjcf: hopper.xml\n{text}"))
 
@@ -219,10 +204,3 @@ def test_lower_torque_limits_and_damping_of_the_training_are_the_robots():
     robot = with_contract_physics(BIPED, trained)
     assert robot.simulation.joint_damping == "drop"
     assert robot.effort_limit.tolist() == [*BIPED.effort_limit[:-1].tolist(), 2.0]
-
-
-def test_joint_limits_are_those_of_the_driven_joints():
-    driven = (BIPED.joint_names[4], BIPED.joint_names[1])
-    clipped = contract(BIPED.joint_names, action_joint_names=driven, position_clip="joint_limits")
-    limits = [[BIPED.lower[4], BIPED.upper[4]], [BIPED.lower[1], BIPED.upper[1]]]
-    assert with_joint_limits(clipped, BIPED).position_clip.tolist() == limits

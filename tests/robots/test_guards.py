@@ -37,13 +37,6 @@ def test_the_defaults_follow_from_the_limits():
     assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
 
 
-def test_a_speed_that_a_motor_cannot_report_is_too_fast():
-    sito = load_robot("lite_sito")
-    largest = 0.99 * 32767 / (65536 / (2 * np.pi))  # an int16, in counts/s
-    for robot in (sito, replace(sito, guards=GuardSettings(speed=(20.0,) * 14))):
-        assert of(robot).speed_limit[ROLL] == pytest.approx(largest)
-
-
 def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy():
     contract = load_checkpoint(policy_path("lite_biped_velocity"), None, BIPED.joint_names).contract
     weak = dataclasses.replace(contract, effort_limit=np.full(len(contract.joint_names), 5.0))

@@ -10,7 +10,6 @@ import pytest
 
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.sim_robot import SimRobot
 
@@ -23,7 +22,6 @@ NECK = ("neck_yaw", "neck_roll", "neck_pitch")
 LOWER = [-3.14159, -1.5708, -1.5708, -2.35619, -1.5708, -0.698132, -0.785398]
 UPPER = [0.785398, 1.91986, 1.5708, 0.0, 1.5708, 0.698132, 0.785398]
 MIRROR = np.array([1, -1, -1, 1, -1, 1, -1])
-HOME = [-0.1745, 0.0, 0.0, 0.3491, 0.0, -0.1745, 0.0]
 READY = (0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0.3)
 
 
@@ -131,41 +129,6 @@ def test_poses_and_the_ways_to_them_touch_nothing(robot):
     across_the_chest = np.zeros(robot.joint_count)
     across_the_chest[[0, 1, 3]] = -1.5, -1.2, -2.3
     assert touches(model, data, across_the_chest), "the check can fail"
-
-
-@ARMS
-def test_the_arms_start_at_rest_without_torque(robot):
-    """Friction holds the hanging arms (and the head) where they are: ZERO_TORQUE looks calm from the first tick."""
-    model = build_model(robot)
-    data, start = mujoco.MjData(model), np.array(robot.initial_position)
-    data.qpos[:] = start
-    for _ in range(6000):
-        mujoco.mj_step(model, data)
-    assert np.abs(data.qpos - start).max() < np.deg2rad(1.0)
-    assert np.abs(data.qvel).max() < 0.01
-    left, right = ForwardKinematics(load_robot("lite"))(start[:14])[0]
-    np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("pose", "center", "foot", "height"),
-    [
-        ([0.0] * 7, [-0.0055, 0.0, -0.26766], [-0.015, 0.07, -0.71], 0.775),
-        (HOME, [0.01357, 0.0, -0.26678], [-0.01806, 0.06703, -0.70406], 0.76935),
-    ],
-)
-def test_the_legs_centre_of_mass_feet_and_height_are_the_published_ones(pose, center, foot, height):
-    robot = SimRobot(BIPED)
-    model, data = robot.model, robot.data
-    data.qpos[2], data.qpos[7:] = height - 5e-5, pose * 2
-    mujoco.mj_forward(model, data)
-    assert data.body("pelvis").subtree_com - data.body("pelvis").xpos == pytest.approx(center, abs=1e-5)
-    position, _ = ForwardKinematics(BIPED)(np.array(pose * 2))
-    assert position == pytest.approx(np.array([foot, foot * np.array([1, -1, 1])]), abs=2e-5)
-    bodies = model.geom_bodyid[data.contact.geom]
-    touching = np.abs(data.contact.dist) < 1e-4
-    assert set(bodies[touching].ravel().tolist()) == {0, *(model.body(name).id for name in BIPED.hands)}
-    assert (data.contact.dist > -1e-4).all(), "nothing overlaps, of legs and pelvis either"
 
 
 def test_the_legs_carry_themselves_for_ten_seconds():

@@ -3,11 +3,10 @@
 import math
 
 import mujoco
-import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators, own_joint_damping
+from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model
@@ -91,25 +90,6 @@ def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(hop
     assert load_robot(hopper).simulation.physics_timestep == used
 
 
-def test_contacts_and_solver_stay_those_of_the_mjcf(hopper):
-    own = mujoco.MjModel.from_xml_path(str(hopper))
-    model = build_model(load_robot(hopper))
-    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    for option in ("cone", "impratio", "iterations", "ls_iterations", "solver", "tolerance", "enableflags"):
-        assert getattr(model.opt, option) == getattr(own.opt, option)
-    assert model.ngeom == own.ngeom  # its own floor, and no second one
-    for field in ("contype", "conaffinity", "condim", "friction", "solref", "solimp", "margin", "priority"):
-        assert np.array_equal(getattr(model, f"geom_{field}"), getattr(own, f"geom_{field}"))
-    assert np.array_equal(model.dof_armature, own.dof_armature)
-    assert (model.nu, model.nkey, model.nsensor) == (0, 0, 2)  # the sensor that needed an actuator is gone
-
-
-def test_the_joints_own_damping(hopper):
-    edit(hopper, ('name="knee" axis', 'name="knee" damping="0.25" axis'))
-    robot = load_robot(hopper)
-    assert own_joint_damping(bare_model(robot), robot) == {"knee": 0.25}, "the spring is not the robot's"
-
-
 MESHES = """<mujoco><compiler meshdir="assets"/><asset>{}</asset><worldbody><body name="b"><joint name="j"/>
 <geom type="mesh" mesh="leg"/></body></worldbody></mujoco>"""
 LEG = '<mesh name="leg" file="{}"/>'
@@ -188,15 +168,6 @@ def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
     assert model.nexclude == own.nexclude == 1
 
 
-def test_a_prefix_that_one_name_lacks_or_that_is_in_an_included_file_stays(prefixed):
-    outer = prefixed.with_name("outer.xml")
-    outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
-    for name in ("trunk", "root", "none"):
-        prefixed.write_text(PREFIXED.replace(f'"r2/{name}"', f'"{name}"'))
-        path = outer if name == "none" else prefixed
-        assert (load_robot(path).joint_names, load_robot(path).imu) == (("r2/hip",), "r2/imu")
-
-
 def robot_with(folder, *, pelvis="", torso="", mount="", sensors=""):
     """A robot with these sites on its bodies."""
     on = {"pelvis": pelvis, "torso": torso, "mount": mount}
@@ -229,27 +200,3 @@ IMUS = [
 def test_the_frame_that_is_the_imu(tmp_path, sites, line):
     robot = robot_with(tmp_path, **sites)
     assert imu_line(bare_model(robot), robot).startswith(line)
-
-
-def test_another_imu_may_be_chosen(tmp_path):
-    robot_with(tmp_path, pelvis="imu", torso="b")
-    for name, line in {"b": "site 'b' on 'torso'", "torso": "body 'torso'"}.items():
-        chosen = load_robot(tmp_path / "robot.xml", name)
-        assert imu_line(bare_model(chosen), chosen).startswith(f"{line}, not the base 'pelvis'")
-    with pytest.raises(InputError, match=r"robot.xml: imu of 'robot': unknown site or body 'head'; known: "):
-        bare_model(load_robot(tmp_path / "robot.xml", "head"))
-
-
-def test_warnings_of_a_simulation_are_not_written(hopper, monkeypatch, capfd):
-    monkeypatch.chdir(hopper.parent)
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(None)
-    try:
-        model = bare_model(load_robot(hopper))
-        data = mujoco.MjData(model)
-        data.qpos[0] = math.nan
-        mujoco.mj_step(model, data)
-    finally:
-        mujoco.set_mju_user_warning(before)
-    assert capfd.readouterr() == ("", "")
-    assert [path.name for path in hopper.parent.iterdir()] == [hopper.name]

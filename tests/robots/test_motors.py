@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from humanoid_sim.robots.description import load_robot, shipped_robots
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 
 TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
@@ -19,17 +18,6 @@ def test_ranges_are_the_tables():
         limits, motor = model["mit_limits"], MOTORS[model["model"]]
         assert (motor.stiffness, motor.damping) == (limits["kp"], limits["kd"])
         assert (motor.velocity, motor.effort) == (limits["velocity"], limits["torque"])
-
-
-def test_ranges_without_the_table():
-    assert (MOTORS["rs-02"].stiffness, MOTORS["rs-02"].damping) == (500.0, 5.0)
-    assert (MOTORS["rs-06"].stiffness, MOTORS["rs-06"].damping) == (5000.0, 100.0)
-    small, large = MOTORS["TA40-50"], MOTORS["TA40-100"]  # ranges of integers
-    assert small.velocity == large.velocity == pytest.approx(3.1415, abs=1e-4)
-    assert (small.effort, large.effort) == pytest.approx((150.40, 297.85), abs=0.01)
-    assert small.position == pytest.approx(205887.4, abs=0.1)
-    joints = [joint for name in shipped_robots() for joint in load_robot(name).joints]
-    assert {joint.motor.model for joint in joints} <= set(MOTORS)
 
 
 def test_ids_of_one_family_that_the_others_frames_could_address():

@@ -110,9 +110,3 @@ def test_a_stretch_written_apart_is_the_same(before, after):
 def test_a_wrong_string_is_refused(message, reason):
     with pytest.raises(CdrError, match=reason):
         CdrReader(message).string()
-
-
-def test_what_is_left_over_is_refused():
-    reader = CdrReader(ENCAPSULATION + bytes(4))
-    with pytest.raises(CdrError, match="4 bytes left"):
-        reader.finish()

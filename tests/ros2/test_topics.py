@@ -2,7 +2,6 @@
 
 import pytest
 
-from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import LIVE_INPUT, TOPICS, Topic, joint_states_topic, kind_of
 
 
@@ -32,17 +31,3 @@ def test_quality_of_service_is_the_stacks():
 )
 def test_a_prefix_becomes_a_name_that_ros_allows(prefix, topic):
     assert joint_states_topic(prefix) == topic
-
-
-def test_fields_of_a_definition():
-    assert message_fields("humanoid_control_msgs/msg/SafetyStatus") == (
-        ("header", "std_msgs/msg/Header", None),
-        ("level", "uint8", None),
-        ("source", "string", None),
-        ("flags", "uint32", None),
-        ("message", "string", None),
-    )
-    imu = {field.name: field for field in message_fields("sensor_msgs/msg/Imu")}
-    assert imu["orientation_covariance"][1:] == ("float64", 9)
-    joint_state = {field.name: field for field in message_fields("sensor_msgs/msg/JointState")}
-    assert joint_state["name"][1:] == ("string", 0)
