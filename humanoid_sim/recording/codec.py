@@ -57,38 +57,22 @@ class TickEncoder:
 
     def encode(self, record: TickRecord) -> bytes:
         """Return the message of one tick."""
-        tick_input, output, count = record.input, record.output, self._count
-        state, command = tick_input.state, output.command
-        return b"".join(
-            (
-                ENCAPSULATION,
-                _HEAD.pack(record.index, state.time, record.duration),
-                state.imu_quaternion.tobytes(),
-                state.imu_angular_velocity.tobytes(),
-                state.imu_linear_acceleration.tobytes(),
-                _FLAGS.pack(record.overrun, output.quit, record.qpos is not None, output.control_mode.mode),
-                self._first_count,
-                state.joint_position.tobytes(),
-                count,
-                state.joint_velocity.tobytes(),
-                count,
-                state.joint_effort.tobytes(),
-                count,
-                state.joint_age.tobytes(),
-                count,
-                command.position.tobytes(),
-                count,
-                command.velocity.tobytes(),
-                count,
-                command.effort.tobytes(),
-                count,
-                command.stiffness.tobytes(),
-                count,
-                command.damping.tobytes(),
-                *_encode_rest(record),
-                self._encode_texts(tick_input, output),
-            )
-        )
+        state, command = record.input.state, record.output.command
+        parts = [
+            ENCAPSULATION,
+            _HEAD.pack(record.index, state.time, record.duration),
+            state.imu_quaternion.tobytes(),
+            state.imu_angular_velocity.tobytes(),
+            state.imu_linear_acceleration.tobytes(),
+            _FLAGS.pack(record.overrun, record.output.quit, record.qpos is not None, record.output.control_mode.mode),
+            self._first_count,
+            state.joint_position.tobytes(),
+        ]
+        measured = state.joint_velocity, state.joint_effort, state.joint_age
+        commanded = command.position, command.velocity, command.effort, command.stiffness, command.damping
+        for array in (*measured, *commanded):
+            parts += (self._count, array.tobytes())
+        return b"".join((*parts, *_encode_rest(record), self._encode_texts(record.input, record.output)))
 
     def _encode_texts(self, tick_input: TickInput, output: TickOutput) -> bytes:
         """Return what rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
