@@ -5,7 +5,7 @@
     python -m humanoid_sim.policy check arms.onnx --robot lite
     python -m humanoid_sim.play --robot lite --policy arms.onnx --motion wave
 
-Ctrl-C and SIGTERM end it after the iteration, with an export; `--resume` goes on from the checkpoint beside the output.
+Ctrl-C and SIGTERM end it after the iteration, with an export.
 The rewards are those of the task `tracking`.
 """
 
@@ -40,7 +40,7 @@ class Options:
     """Train the Lite's arms to follow a motion."""
 
     output: Path = Path("arms.onnx")
-    """The policy; checkpoints go to the same name with .zip, and .npz for the normalisation."""
+    """The policy."""
     minutes: float = 20.0
     """Time of this run."""
     iterations: int = 1_000_000
@@ -48,8 +48,6 @@ class Options:
     envs: int = 64
     """Robots simulated at once."""
     seed: int = 0
-    resume: bool = False
-    """Go on from the checkpoint."""
 
 
 class Actor(nn.Module):
@@ -72,23 +70,8 @@ class Actor(nn.Module):
         return torch.minimum(torch.maximum(self.last(self.hidden(seen)), self.low), self.high)
 
 
-def save(model: PPO, normalise: VecNormalize, output: Path) -> None:
-    """Write the checkpoint."""
-    model.save(output.with_suffix(".zip"))
-    statistics = normalise.obs_rms
-    np.savez(output.with_suffix(".npz"), mean=statistics.mean, var=statistics.var, count=statistics.count)
-
-
-def load(model: PPO, normalise: VecNormalize, output: Path) -> None:
-    """Read a checkpoint: weights and numbers only."""
-    model.set_parameters(output.with_suffix(".zip"), device="cpu")
-    with np.load(output.with_suffix(".npz"), allow_pickle=False) as known:
-        statistics = normalise.obs_rms
-        statistics.mean, statistics.var, statistics.count = known["mean"], known["var"], float(known["count"])
-
-
 def main(options: Options) -> None:
-    """Train, save every minute, and export."""
+    """Train and export."""
     torch.set_num_threads(1)  # physics takes all processors
     envs = gymnasium.make_vec(
         "humanoid_sim/LiteTracking-v0", options.envs, autoreset_mode="SameStep", motion=MOTION, implicit=True
@@ -112,8 +95,6 @@ def main(options: Options) -> None:
             "log_std_init": float(np.log(0.2 / np.median(scenario.contract.action_scale))),  # 0.2 rad
         },
     )
-    if options.resume:
-        load(model, normalise, options.output)
 
     asked_to_end: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -126,16 +107,9 @@ def main(options: Options) -> None:
         if now - shown < 60.0 or not model.ep_info_buffer:
             continue
         shown = now
-        save(model, normalise, options.output)
-        rate = (now - begin) / iteration
-        left = min(begin + 60.0 * options.minutes - now, rate * (options.iterations - iteration))
-        print(
-            f"{iteration * per_iteration / 1e6:.2f} M steps, {per_iteration / rate:.0f}/s: return "
-            f"{np.mean([episode['r'] for episode in model.ep_info_buffer]):.2f}, spread "
-            f"{model.policy.log_std.exp().mean().item():.3f}; {left / 60.0:.0f} min left",
-            flush=True,
-        )
-    save(model, normalise, options.output)
+        returned = np.mean([episode["r"] for episode in model.ep_info_buffer])
+        rate = iteration * per_iteration / (now - begin)
+        print(f"{iteration} iterations, {rate:.0f} steps/s: return {returned:.2f}", flush=True)
 
     def answer(observation: np.ndarray) -> np.ndarray:
         return model.predict(normalise.normalize_obs(observation), deterministic=True)[0]

@@ -135,7 +135,7 @@ class Options:
     """Train the Lite's legs to walk."""
 
     output: Path = Path("walk.onnx")
-    """The policy; checkpoints go to the same name with .pt."""
+    """The policy."""
     minutes: float = 180.0
     """Time of this run."""
     iterations: int = 1_000_000
@@ -143,14 +143,6 @@ class Options:
     envs: int = 256
     """Robots simulated at once."""
     seed: int = 0
-    resume: bool = False
-    """Go on from the checkpoint."""
-
-
-def save(runner: OnPolicyRunner, checkpoint: Path, iteration: int) -> None:
-    """Replace the checkpoint by a whole one."""
-    runner.save(f"{checkpoint}.part", {"iteration": iteration})
-    Path(f"{checkpoint}.part").replace(checkpoint)
 
 
 def export(runner: OnPolicyRunner, scenario: Any, output: Path) -> None:
@@ -169,30 +161,24 @@ def export(runner: OnPolicyRunner, scenario: Any, output: Path) -> None:
 
 
 def main(options: Options) -> None:
-    """Train, save every minute, and export."""
+    """Train and export."""
     torch.manual_seed(options.seed)
     torch.set_num_threads(1)  # physics takes all processors
-    checkpoint = options.output.with_suffix(".pt")
     robots = gymnasium.make_vec("humanoid_sim/BipedVelocity-v0", options.envs, autoreset_mode="SameStep", **ENVIRONMENT)
     meter = RecordEpisodeStatistics(robots)
     envs = WalkingEnv(meter, seed=options.seed)
     with contextlib.redirect_stdout(io.StringIO()):  # it prints its networks
         runner = OnPolicyRunner(envs, CONFIGURATION, log_dir=None)
-    actor, first = runner.alg.get_policy(), 0
+    actor = runner.alg.get_policy()
     actor.mlp[-1].weight.data *= 0.01  # begin with the gait alone
     for model in (actor, runner.alg.critic):
         model.obs_normalizer.eps = 0.2  # added to standard deviations: what rarely changes is not blown up
-    if options.resume:
-        known = torch.load(checkpoint, weights_only=True)
-        runner.alg.load(known, None, True)
-        runner.alg.learning_rate = runner.alg.optimizer.param_groups[0]["lr"]
-        first = known["infos"]["iteration"]
 
     asked_to_end: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked_to_end.append(True))
     begin = shown = time.monotonic()
-    iteration, per_iteration = first, STEPS * options.envs
+    iteration, per_iteration = 0, STEPS * options.envs
     envs.episode_length_buf = torch.randint(0, envs.max_episode_length, (options.envs,))  # they end one by one
     while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not asked_to_end:
         runner.learn(1)
@@ -200,16 +186,12 @@ def main(options: Options) -> None:
         if now - shown < 60.0 or not meter.return_queue:
             continue
         shown = now
-        save(runner, checkpoint, iteration)
-        rate = (now - begin) / (iteration - first)
-        left = min(begin + 60.0 * options.minutes - now, rate * (options.iterations - iteration))
+        returned, seconds = np.mean(meter.return_queue), 0.02 * np.mean(meter.length_queue)
+        rate = iteration * per_iteration / (now - begin)
         print(
-            f"{iteration} iterations, {iteration * per_iteration / 1e6:.2f} M steps, {per_iteration / rate:.0f}/s: "
-            f"return {np.mean(meter.return_queue):.2f}, {0.02 * np.mean(meter.length_queue):.1f} s an episode, "
-            f"spread {actor.output_std.mean().item():.3f}; {left / 60.0:.0f} min left",
+            f"{iteration} iterations, {rate:.0f} steps/s: return {returned:.2f}, episodes of {seconds:.1f} s",
             flush=True,
         )
-    save(runner, checkpoint, iteration)
     export(runner, robots.unwrapped.scenario, options.output)
     envs.close()
     print(f"{options.output}: after {iteration} iterations")
