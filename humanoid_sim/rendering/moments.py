@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
-from rich.console import Console
-from rich.progress import Progress
 
 from humanoid_sim.messages import Event, EventKind, TickRecord
 from humanoid_sim.mit import FloatArray
@@ -79,11 +76,3 @@ class Moments(Sink):
                     ghost.align(moment.anchor)
                 pose = ghost.pose(model, moment.qpos, moment.frame) if ghost.has_place else None
             yield pose
-
-
-@contextmanager
-def pose_progress(console: Console, label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on a terminal while poses are drawn; yields what takes their number so far and their total."""
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -7,7 +7,7 @@ import contextlib
 import io
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -33,15 +33,8 @@ _LIGHTS = ((-50.0, 2.5), (50.0, 1.5), (180.0, 1.5))  # degrees from the camera, 
 _CAPTION = Path(__file__).with_name("replay_caption.html")
 
 
-def write_page(
-    path: str | Path,
-    model: mujoco.MjModel,
-    moments: Moments,
-    *,
-    title: str,
-    progress: Callable[[int, int], object] | None = None,
-) -> None:
-    """Write the run; `model`'s colours may be changed, and `progress` is called with poses done and their total.
+def write_page(path: str | Path, model: mujoco.MjModel, moments: Moments, *, title: str) -> None:
+    """Write the run; `model`'s colours may be changed.
 
     Raises `InputError` if there is no pose, or the file cannot be written.
     """
@@ -57,18 +50,16 @@ def write_page(
         scene.camera_tracking_enabled = False
         ghost = None if moments.ghost is None else Figure(server, model, "reference", _GHOST)
         serializer = server.get_scene_serializer()
-        time, total = 0.0, len(moments.kept)
-        for i, (moment, pose) in enumerate(zip(moments.kept, moments.ghosts(model), strict=True)):
+        time = 0.0
+        for moment, pose, offset in zip(moments.kept, moments.ghosts(model), offsets, strict=True):
             serializer.insert_sleep(moment.time - time)
             time = moment.time
             data.qpos[:] = moment.qpos
             mujoco.mj_kinematics(model, data)
-            scene.update_from_arrays((data.xpos + offsets[i])[None], data.xmat.reshape(1, -1, 3, 3))
-            scene.fixed_bodies_frame.position = offsets[i]
+            scene.update_from_arrays((data.xpos + offset)[None], data.xmat.reshape(1, -1, 3, 3))
+            scene.fixed_bodies_frame.position = offset
             if ghost is not None:
-                ghost.hide() if pose is None else ghost.show(pose, offsets[i])
-            if progress is not None:
-                progress(i + 1, total)
+                ghost.hide() if pose is None else ghost.show(pose, offset)
         serializer.insert_sleep(1.0 / moments.rate)
         page = serializer.as_html(dark_mode=True)
     head, body_end, rest = page.replace("<title>Viser<", f"<title>{escape(title)}<", 1).rpartition("</body>")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
@@ -27,17 +26,12 @@ _STRIP, _TEXT = (22, 26, 32), (244, 246, 248)
 
 
 def write_video(
-    path: str | Path,
-    model: mujoco.MjModel,
-    moments: Moments,
-    *,
-    size: tuple[int, int] = (1280, 720),
-    progress: Callable[[int, int], object] | None = None,
+    path: str | Path, model: mujoco.MjModel, moments: Moments, *, size: tuple[int, int] = (1280, 720)
 ) -> str:
     """Write a video of a run's poses, each shown at its time, and return the OpenGL that drew it.
 
-    `size` is width and height in pixels; `progress` is called with the poses done and their total. The model's visual
-    settings are adapted. Raises `InputError` if there is no pose, OpenGL does not work, or the file cannot be written.
+    `size` is width and height in pixels. The model's visual settings are adapted. Raises `InputError` if there is no
+    pose, OpenGL does not work, or the file cannot be written.
     """
     path = output_file(path, "video", ".mp4")
     if not moments.kept:
@@ -53,15 +47,12 @@ def write_video(
                 stream.width, stream.height = size
                 stream.pix_fmt = "yuv420p"
                 stream.time_base = stream.codec_context.time_base = 1 / rate
-                poses = zip(moments.kept, moments.ghosts(model), strict=True)
-                for count, (moment, ghost) in enumerate(poses, start=1):
+                for moment, ghost in zip(moments.kept, moments.ghosts(model), strict=True):
                     picture = draw_caption(pictures.draw(moment.qpos, ghost), moment.caption)
                     frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
                     # As poses are chosen: rounding would give two of them, half a frame off, one place.
                     frame.pts, frame.time_base = math.floor(moment.time * rate + Fraction(1, 1000)), 1 / rate
                     container.mux(stream.encode(frame))
-                    if progress is not None:
-                        progress(count, len(moments.kept))
                 container.mux(stream.encode(None))
         except av.FFmpegError as error:
             raise InputError(f"video '{path}': cannot be written: {error.strerror or error}") from None

@@ -46,14 +46,12 @@ def test_a_page_holds_the_poses_at_their_times_and_opens_no_socket(tmp_path, pen
 
     monkeypatch.setattr(socket.socket, "bind", refuse)
     monkeypatch.setenv("MUJOCO_GL", "off")
-    done = []
     page = tmp_path / "run.html"
-    write_page(page, pendulum, moments, title="a <b>", progress=lambda count, total: done.append((count, total)))
+    write_page(page, pendulum, moments, title="a <b>")
     seconds, messages = scene_of(page)
     assert seconds == pytest.approx(26 / 25)
     poses = [time for time, message in messages if "batched_wxyzs" in message.get("updates", {})]
     assert sorted(set(poses)) == pytest.approx(np.arange(26) / 25)
-    assert done[-1] == (26, 26)
     assert "<title>a &lt;b&gt;</title>" in page.read_text("utf-8")
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.html"]
 
