@@ -23,8 +23,6 @@ class DoctorConfig:
     """ONNX file, or a shipped policy."""
     robot: str
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
-    imu_site: str | None = None
-    """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     motion: str | None = None

@@ -41,7 +41,7 @@ def examine(config: DoctorConfig, console: Console) -> dict[str, Any]:
 
     Raises `InputError` if checkpoint, robot, motion or trace is refused.
     """
-    robot = load_robot(config.robot, config.imu_site)
+    robot = load_robot(config.robot)
     subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task("changes", total=None)

@@ -44,8 +44,6 @@ class Check:
     checkpoint: _Checkpoint
     robot: str
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
-    imu_site: str | None = None
-    """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: _Contract = None
     hardware: bool = False
     """For the real robot: what only a simulation knows is an error."""

@@ -37,7 +37,7 @@ _SHOWN = {"error": ("bold red", "error(s)"), "warning": ("yellow", "warning(s)")
 
 def check(options: Check) -> int:
     """Print the findings; exit status 1 if there is an error among them."""
-    description = load_robot(options.robot, options.imu_site)
+    description = load_robot(options.robot)
     findings = check_checkpoint(options.checkpoint, description, options.contract, hardware=options.hardware)
     counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
     if options.json:

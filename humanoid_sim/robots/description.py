@@ -40,12 +40,12 @@ def shipped_robots() -> tuple[str, ...]:
     return shipped("robots")
 
 
-def load_robot(name_or_path: str | Path, imu_site: str | None = None) -> RobotDescription:
+def load_robot(name_or_path: str | Path) -> RobotDescription:
     """Load a robot: shipped (`lite`), public (`robot_descriptions:g1`), of a YAML file, or of an MJCF alone.
 
     A YAML file without a list of joints changes single fields of what its MJCF says, as in
-    `joints: {left_knee: {effort_limit: 60}}`. `imu_site` is another site or body of the MJCF that is the IMU. Raises
-    `InputError` with file and fields, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
+    `joints: {left_knee: {effort_limit: 60}}`. Raises `InputError` with file and fields, such as
+    `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _robot_file(str(name_or_path))
     if path.suffix == ".urdf":
@@ -56,12 +56,10 @@ def load_robot(name_or_path: str | Path, imu_site: str | None = None) -> RobotDe
     if path.suffix == ".xml":
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
-        robot = describe_mjcf(path)
-    else:
-        document = read_yaml(path, label)
-        with blaming(label, InputError):
-            robot = _described(document, path.resolve().parent)
-    return robot if imu_site is None else replace(robot, imu=imu_site)
+        return describe_mjcf(path)
+    document = read_yaml(path, label)
+    with blaming(label, InputError):
+        return _described(document, path.resolve().parent)
 
 
 def _robot_file(name_or_path: str) -> tuple[Path, str]:
