@@ -108,18 +108,17 @@ class Term:
     """One observation term. Processing order: the value, its conventions, clip, scale, history."""
 
     name: str  # as the exporter calls it
-    kind: str = ""
-    """Its meaning, a name of `TERM_KINDS` or `command`; empty: by its name. Any other is the name of a live input."""
+    kind: str = ""  # meaning: a name of `TERM_KINDS`, `command`, or the name of a live input; empty: by its name
     scale: FloatArray | float = 1.0  # scalar, or one factor per value. 0 feeds zeros
     clip: tuple[float, float] | None = None  # bounds before scaling
     history: int = 1  # number of policy steps that are shown, this one included
     history_order: HistoryOrder = "oldest_first"
     frame: Frame = "body"  # for velocities and the anchor position
     at: str = BASE  # for the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site
-    relative: bool | None = None
-    """For joint positions (default true) and the motion command (default false): less the default pose."""
-    layout: OrientationLayout = "rows"
-    """Layout of six orientation values: the first two columns row by row, column by column, or the first two rows."""
+    relative: bool | None = None  # less the default pose: joint positions (None: true), motion command (None: false)
+    layout: OrientationLayout = (
+        "rows"  # of six orientation values: two columns row by row, by column, or two rows
+    )
     inverse: bool = False  # for the anchor orientation: seen from the reference instead of from the robot
     quaternion: QuaternionOrder = "wxyz"  # for terms that are quaternions
     form: ActionForm = "raw"  # for the last action: the network's output, or that times the action scale
@@ -127,8 +126,7 @@ class Term:
     scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
     width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
     topic: str | None = None  # topic on which other programs publish a live input; None: the kind's
-    timeout: float | None = None
-    """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
+    timeout: float | None = None  # s after arrival from which a live input is stale; None: 0.5, or the sample's own
 
     def __post_init__(self) -> None:
         where, put = f"observation term '{self.name}'", partial(object.__setattr__, self)
@@ -219,24 +217,17 @@ class PolicyContract:
     body_names: tuple[str, ...] = ()  # bodies that the motion reference describes, b of them
     dataset_repo_id: str = ""  # dataset that the default motion comes from; empty for none
     lookahead_steps: tuple[int, ...] = ()  # steps ahead of this one that `target_keys_future` shows (piano)
-    action_offset: FloatArray | None = None
-    """Shape (m,), rad, added to the scaled action; None: the default pose of the driven joints."""
+    action_offset: FloatArray | None = None  # shape (m,), rad, added to the scaled action; None: the default pose
     action_clip: float = np.inf  # magnitude at which a raw action is clipped before it is scaled
-    action_limit: float | None = None
-    """Magnitude of a raw action beyond which the policy has failed; None: `ACTION_LIMIT`."""
+    action_limit: float | None = None  # magnitude of a raw action beyond which the policy has failed; None: the usual
     position_clip: FloatArray | str | None = None
-    """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any; `joint_limits`:
-    those of the robot's joints."""
+    """Shape (m, 2), or (1, 2) for all, rad, bounds of commanded positions; None: none; `joint_limits`: the robot's."""
     effort_limit: FloatArray | None = None
-    """Shape (n,), N·m, the torques that the policy was trained with, infinite where it was not limited. A robot with
-    lower limits keeps them. None: the robot's."""
+    """Shape (n,), N·m, of the training, infinite without; a robot with lower limits keeps them. None: the robot's."""
     model_joint_damping: ModelDamping = "undecided"
-    """Treatment, in simulation, of the damping that a robot's own model gives its joints: it acts in addition to
-    `joint_damping`, or it is dropped. Undecided: it stays, and checks ask for a decision."""
-    history_layout: HistoryLayout = "per_term"
-    """Order of terms that show more than one step: each term's steps together, or each step's terms together."""
-    command_ranges: FloatArray | None = None
-    """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
+    """Whether the damping of the robot's own model acts in addition to `joint_damping`. Undecided: it does."""
+    history_layout: HistoryLayout = "per_term"  # of several steps: each term's together, or each step's together
+    command_ranges: FloatArray | None = None  # shape (3, 2), bounds of vx, vy (m/s) and yaw rate (rad/s); None: any
     phase: PhaseRule | None = None  # the gait clock of policies that observe one
     anchor_body: str = ""  # the body that the reference's anchor terms compare
     align_reference: bool = True  # align the reference with the robot at activation: in heading and place

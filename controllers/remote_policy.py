@@ -22,8 +22,7 @@ class RemoteMemory(Memory):
     activation_time: float  # s, robot's clock
     time: float  # s, robot's clock at the previous tick
     stamp: float  # arrival time of the latest command, which tells it from the next; NaN before the first
-    age: float = 0.0
-    """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
+    age: float = 0.0  # s since it arrived, summed tick by tick: a clock that jumps back makes no command young
     command: MITCommand | None = None  # None: none since activation
     is_fresh: bool = False  # True while a command that is not stale is in force
 
@@ -40,8 +39,7 @@ class RemotePolicyController:
     stale_command_policy: StaleCommandPolicy = "passive"
     """`passive`: K_p 0 and `damping` at the live position. `hold`: the last command stays in force."""
     stale_command_timeout_ms: float = 100.0
-    needs_producer: bool = False
-    """True where it may start only while commands arrive: nothing else keeps a floating base on its feet."""
+    needs_producer: bool = False  # it starts only while commands arrive: nothing else keeps a floating base up
 
     def unready(self, tick_input: TickInput) -> str:
         """Return why it cannot start yet; '' if it can."""

@@ -42,9 +42,7 @@ class SupervisorMemory:
     controller_memory: Any  # memory of that controller; None: it is to be activated in the next tick
     status_message: str  # the latest message to the operator
     command: MITCommand  # the command of the previous tick, which was accepted; zeros at the start
-    guards: GuardMemory | None = None
-    """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
-    ZERO_TORQUE, which push nowhere, end it."""
+    guards: GuardMemory | None = None  # outlives a change of controller; DAMPING and ZERO_TORQUE end it
     policy: str = ""  # name of the selected policy; '' where there is only one
 
 
