@@ -116,9 +116,7 @@ class Term:
     frame: Frame = "body"  # for velocities and the anchor position
     at: str = BASE  # for the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site
     relative: bool | None = None  # less the default pose: joint positions (None: true), motion command (None: false)
-    layout: OrientationLayout = (
-        "rows"  # of six orientation values: two columns row by row, by column, or two rows
-    )
+    layout: OrientationLayout = "rows"  # of six orientation values: two columns row by row, by column, or two rows
     inverse: bool = False  # for the anchor orientation: seen from the reference instead of from the robot
     quaternion: QuaternionOrder = "wxyz"  # for terms that are quaternions
     form: ActionForm = "raw"  # for the last action: the network's output, or that times the action scale
