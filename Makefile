@@ -86,7 +86,7 @@ $(VENV)/play.done: pyproject.toml constraints.txt | $(VENV)/bin/pip
 	touch $@
 
 $(VENV)/test.done: $(VENV)/play.done
-	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test,console,dds,gamepad,midi]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test,dds,midi]'
 	touch $@
 
 $(VENV)/integration.done: $(VENV)/test.done

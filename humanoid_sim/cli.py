@@ -30,13 +30,13 @@ class FrontEnd(NamedTuple):
 
 
 FRONT_ENDS: Mapping[str, FrontEnd] = {
-    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad", ("pygame",), "gamepad"),
+    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad"),
     "midi": FrontEnd("send to a running session which keys of a MIDI keyboard are down",
                      "a MIDI keyboard", "--midi", ("rtmidi",), "midi"),
     "gravity": FrontEnd("compensate gravity in REMOTE, on a running session",
                         "gravity compensation, for REMOTE", "--remote"),
     "console": FrontEnd("serve a page for the operator, on a running session",
-                        "the browser console", "--console", ("plotly",), "console"),
+                        "the browser console", "--console"),
     "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders",
                        "MuJoCo's window", "--viewer"),
     "dds": FrontEnd("serve a running session to ROS 2 and DDS, and take commands for REMOTE",

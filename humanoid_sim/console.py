@@ -1,26 +1,28 @@
-"""A page for the operator of a running session: from the feed to pages, and from pages to the intake."""
+"""A page for the operator of a running session: viser's, behind a gate of its own."""
 
 from __future__ import annotations
 
-import asyncio
-import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic, sleep
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.frontends.attach import Attachment, ready
-from humanoid_sim.frontends.console.access import Access, checked_host
-from humanoid_sim.frontends.dds.mirror import RobotElsewhere
+from humanoid_sim.frontends.attach import Attachment, Source, ready
+from humanoid_sim.frontends.dds.mirror import Watched
 
 _LOCAL = "127.0.0.1"
-_LOOK = 0.04
-"""s between two looks at the feed: the view moves 25 times a second."""
+_TICK = 0.02  # s that a tick is waited for: commands leave that often
+_FRAME = 0.04  # s between two pictures
+_PANEL = 0.1  # s between two updates of the panel
 
 
 @dataclass(frozen=True)
-class ConsoleConfig(RobotElsewhere):
+class ConsoleConfig(Watched):
     """Serve a page for the operator of a running session, to be opened in a browser."""
 
     host: str = _LOCAL
@@ -32,46 +34,51 @@ class ConsoleConfig(RobotElsewhere):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(ConsoleConfig, "console", arguments)
-    host = checked_host(config.host)
-    with config.shown("console") as found:
-        if found is not None:
-            asyncio.run(_serve(*found, host, config.port))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with config.source("console") as source:
+        _serve(source, config)
     return 0
 
 
-async def _serve(
-    attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], host: str, port: int
-) -> None:
-    """Serve pages. Nothing that a page asks for goes to a robot elsewhere, which `refresh` shows."""
+def _serve(source: Source, config: ConsoleConfig) -> None:
     # What the packages of the extra provide is imported where it is known that they are there.
-    from humanoid_sim.frontends.console.hub import Hub  # noqa: PLC0415
+    from humanoid_sim.frontends.console.gate import Gate, checked_host  # noqa: PLC0415
+    from humanoid_sim.frontends.console.operator import Operator  # noqa: PLC0415
+    from humanoid_sim.frontends.console.panel import Panel  # noqa: PLC0415
     from humanoid_sim.frontends.console.scene import Scene  # noqa: PLC0415
-    from humanoid_sim.frontends.console.server import serving  # noqa: PLC0415
-    from humanoid_sim.frontends.console.showing import Showing  # noqa: PLC0415
 
-    ending = asyncio.Event()
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ending.set)
-    socket = attachment.session.path / f"{os.getpid()}.viser"
-    scene = Scene(socket, attachment.model(), attachment.description, attachment.reference_ghost())
-    hub = Hub(attachment, Showing(attachment, scene))
-    try:
-        async with serving(host, port, socket, hub.page) as gate:
-            if refresh is None:
-                ready(f"console on {gate.address(Access.CONTROL)}")
-            ready(f"to watch only: {gate.address(Access.READ_ONLY)}")
-            if host != _LOCAL:
-                ready(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted")
-            while attachment.feed.is_running() and not ending.is_set() and not ended():
-                if refresh is not None:
-                    refresh()
-                record = hub.look()
-                if record is not None:
-                    scene.show(record)
-                await asyncio.sleep(_LOOK)
-            await hub.say_goodbye()
-    finally:
-        hub.close()
-        scene.close()
+    host = checked_host(config.host)
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="humanoid_sim-"))
+        socket = Path(folder) / "viser"
+        scene = Scene(socket, source)
+        stack.callback(scene.close)
+        operator = Operator(source) if isinstance(source, Attachment) else None
+        gate = Gate(host, config.port, socket, operator.damp if operator else lambda: None)
+        stack.callback(gate.close)
+        if operator is not None:
+            operator.gate = gate
+            stack.callback(operator.close)
+        panel = Panel(source, scene, operator)
+        if operator is not None:
+            ready(f"console on {gate.control}")
+        ready(f"to watch only: {gate.watch}")
+        if host != _LOCAL:
+            ready(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted")
+        drawn = shown = 0.0
+        while source.is_running():
+            for tick in source.ticks(_TICK):
+                panel.take(tick.record)
+            if operator is not None:
+                operator.step()
+            if source.latest is not None and monotonic() - drawn > _FRAME:
+                drawn = monotonic()
+                scene.show(source.latest.record)
+            if monotonic() - shown > _PANEL:
+                shown = monotonic()
+                gate.shown = panel.show()
+        gate.shown = {**gate.shown, "ended": True}
+        sleep(0.2)  # s, until the pages were told
 
 
 if __name__ == "__main__":

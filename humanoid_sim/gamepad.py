@@ -11,24 +11,19 @@ from time import sleep
 import numpy as np
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.client import Intake, Looks, SessionError
+from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, ready, steps
-from humanoid_sim.frontends.gamepad.device import Pad, Pads, missing_reason
-from humanoid_sim.frontends.gamepad.layout import PadLayout, SpeedRange, Sticks, chosen_layout, policy_speeds
+from humanoid_sim.frontends.gamepad.device import Pad, Pads
+from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout, policy_speeds, stick_velocity
 from humanoid_sim.messages import Intent
+from humanoid_sim.mit import FloatArray
 
-_PERIOD = 0.01
-"""s between two looks at the buttons."""
-_HEARTBEAT_EVERY = 2
-"""Looks."""
-_ANSWER_WITHIN = 0.05
-"""s for which an answer of the session is waited for; on a session's own machine it comes within a tick."""
-_UNKNOWN = "its buttons have their driver's numbers: see them with gamepad --list, bind them by --joy.*"
-_MOVED = 0.02
-"""m/s or rad/s by which a stick must move to say that somebody moved it."""
+_PERIOD = 0.01  # s between two polls
+_HEARTBEAT_EVERY = 2  # polls
+_ANSWER, _REPEAT = 0.001, 0.1  # s that an answer is waited for in a poll, and after which DAMP is sent again
+_MOVED = 0.02  # m/s or rad/s by which a stick must move to claim the velocity
 
 
 @dataclass(frozen=True)
@@ -44,88 +39,97 @@ class GamepadConfig:
     device: str = ""
     """Part of the gamepad's name. Default: the first one that is plugged in."""
     list: bool = False
-    """Show the gamepads that are plugged in, with the buttons that are down, and end; 1 if there is none."""
+    """Show the gamepads that are plugged in, and end; 1 if none can be used."""
     mapping: Path | None = None
-    """Layout (.yaml): joy: with the names below, and sticks:, or a ROS 2 parameter file with joy.* of mode_manager."""
-    raw: bool = False
-    """Number buttons and axes as the driver does, not in the order of an Xbox pad."""
+    """Buttons (.yaml): joy: with the names below, or a ROS 2 parameter file with joy.* of mode_manager."""
     joy: JoyBindings = field(default_factory=JoyBindings)
-    sticks: Sticks = field(default_factory=Sticks)
 
 
 class Driver:
     """From what the gamepads show to what a session is asked for; `step` once a period."""
 
-    def __init__(self, intake: Intake, config: GamepadConfig, *, speeds: SpeedRange | None, is_hardware: bool) -> None:
-        """Prepare.
+    def __init__(self, intake: Intake, config: GamepadConfig, *, speeds: FloatArray | None, is_hardware: bool) -> None:
+        """Choose no gamepad yet.
 
         Args:
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
         """
-        self._intake, self._config, self.speeds, self._is_hardware = intake, config, speeds, is_hardware
+        self._intake, self._config, self._speeds, self._is_hardware = intake, config, speeds, is_hardware
         self._pad: Pad | None = None
-        self._before: dict[int, tuple[bool, ...]] = {}
+        self._refused: set[Pad] = set()
         self._velocity = np.zeros(3)
-        self._looks, self._clock = 0, Looks()
+        self._polls, self._polled, self._now = 0, 0, monotonic_ns()
+        self._waiting: tuple[str, Intent, int] | None = None
+        """Token of the latest request, and when it was posted, ns; None once it is answered."""
 
     def step(self, pads: Sequence[Pad]) -> list[str]:
-        """Act on one look at the gamepads; lines for the operator. Raises `SessionError` if the session has ended."""
-        self._clock.look()
-        lines = self._choose(pads)
-        asked = []
+        """Act on one poll of the gamepads; lines for the operator. Raises `SessionError` if the session has ended."""
+        self._polled, self._now = self._now, monotonic_ns()  # what this poll has found came after the one before
+        lines = [*self._answer(), *self._choose(pads)]
+        asked: list[Intent] = []
         for pad in pads:
-            before = self._before.get(pad.identity, ())
-            intents = pressed_intents(self._config.joy, pad.buttons, before)
-            is_chosen = self._pad is not None and pad.identity == self._pad.identity
-            asked += [intent for intent in intents if is_chosen or intent is Intent.DAMP]
-        self._before = {pad.identity: pad.buttons for pad in pads}
-        if Intent.DAMP in asked:
+            for before, buttons in pad.changes:
+                intents = pressed_intents(self._config.joy, buttons, before)
+                asked += [intent for intent in intents if pad is self._pad or intent is Intent.DAMP]
+        if Intent.DAMP in asked or self._is_damp_lost():
             asked = [Intent.DAMP]
-        lines += [self._ask(intent) for intent in asked]
+        for intent in asked:
+            self._ask(intent)
         if self._pad is not None:
-            if self._looks % _HEARTBEAT_EVERY == 0:
+            if self._polls % _HEARTBEAT_EVERY == 0:
                 self._intake.heartbeat()
             self._steer(self._pad)
-        self._looks += 1
+        self._polls += 1
         return lines
 
     def _choose(self, pads: Sequence[Pad]) -> list[str]:
-        """Take the chosen gamepad as it is now, or another one where it is gone."""
-        before = self._pad
-        fitting = [pad for pad in pads if self._config.device.lower() in pad.name.lower()]
-        self._pad = next((pad for pad in fitting if before is not None and pad.identity == before.identity), None)
-        if self._pad is not None:
+        """Choose another gamepad where the chosen one is gone."""
+        if self._pad in pads:
             return []
         lines = []
-        if before is not None:
-            lines.append(f"{before.name} is gone")
-            self._velocity = np.zeros(3)
+        if self._pad is not None:
+            lines.append(f"{self._pad} is gone")
+            self._pad, self._velocity = None, np.zeros(3)
             if self._is_hardware:
-                lines.append(self._ask(Intent.DAMP))
-        for pad in fitting:
+                self._ask(Intent.DAMP)
+        for pad in pads:
             problem = _problem(pad, self._config.joy)
+            if self._config.device.lower() not in pad.name.lower() or pad in self._refused:
+                continue
             if problem:
-                lines.append(f"{pad} is not used: {problem}" if pad.identity not in self._before else "")
+                self._refused.add(pad)
+                lines.append(f"{pad.name} is not used: {problem}")
                 continue
             self._pad = pad
             lines.append(f"{pad} drives")
-            if not pad.is_known:
-                lines.append(_UNKNOWN)
             break
-        return [line for line in lines if line]
+        return lines
 
-    def _ask(self, intent: Intent) -> str:
-        token = self._intake.post(intent.name.lower(), seen=self._clock.stamp)
+    def _ask(self, intent: Intent) -> None:
+        self._waiting = self._intake.post(intent.name.lower(), seen=self._polled), intent, monotonic_ns()
+
+    def _answer(self) -> list[str]:
+        """Return the session's answer to the intent before, if it has come."""
+        if self._waiting is None:
+            return []
         try:
-            return self._intake.answer(token, _ANSWER_WITHIN).text
+            text = self._intake.answer(self._waiting[0], _ANSWER).text
         except SessionError:
-            return f"{intent.name} requested"
+            return []
+        self._waiting = None
+        return [text]
+
+    def _is_damp_lost(self) -> bool:
+        """Return whether DAMP is to be sent again: the session has not answered."""
+        if self._waiting is None or self._waiting[1] is not Intent.DAMP:
+            return False
+        return 1e-9 * (monotonic_ns() - self._waiting[2]) > _REPEAT
 
     def _steer(self, pad: Pad) -> None:
-        if self.speeds is None:
+        if self._speeds is None:
             return
-        velocity = self._config.sticks.velocity(pad.axes, self.speeds)
+        velocity = stick_velocity(pad.axes, self._speeds)
         moved = bool(np.abs(velocity - self._velocity).max() > _MOVED)
         if moved:
             self._velocity = velocity
@@ -135,51 +139,42 @@ class Driver:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GamepadConfig, "gamepad", arguments)
-    require_packages("gamepad")
-    layout = chosen_layout(config.mapping, PadLayout(config.joy, config.sticks), "--mapping")
-    config = replace(config, joy=layout.joy, sticks=layout.sticks)
-    pads = Pads(raw=config.raw)
+    config = replace(config, joy=chosen_layout(config.mapping, PadLayout(config.joy), "--mapping").joy)
+    pads = Pads()
     try:
         if config.list:
             return _list(pads, config.joy)
-        return _drive(pads, config)
+        with attached(config.session, "gamepad") as attachment:
+            speeds = policy_speeds(attachment.walking_contract)
+            driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=attachment.is_hardware)
+            found = pads.poll()
+            ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
+            for _ in steps(attachment, lambda: driver.step(pads.poll())):
+                sleep(_PERIOD)
+        return 0
     finally:
         pads.close()
 
 
 def _list(pads: Pads, joy: JoyBindings) -> int:
-    """Print each gamepad, with what an operator should know before it drives; 1 if none can be used."""
-    found = pads.look()
-    problems = [_problem(pad, joy) for pad in found]
-    for pad, problem in zip(found, problems, strict=True):
-        down = [str(index) for index, is_down in enumerate(pad.buttons) if is_down]
-        note = f"; cannot be used: {problem}" if problem else "" if pad.is_known else f"; {_UNKNOWN}"
-        print(f"{pad}; down: {', '.join(down) or 'none'}{note}")
+    """Print each gamepad, and why it cannot be used; 1 if none can."""
+    found = {pad: _problem(pad, joy) for pad in pads.poll()}
+    for pad, problem in found.items():
+        print(f"{pad.name}{problem and f' cannot be used: {problem}'}")
     if not found:
-        print(missing_reason())
-    return 0 if "" in problems else 1
+        print(pads.missing_reason())
+    return 0 if "" in found.values() else 1
 
 
 def _problem(pad: Pad, joy: JoyBindings) -> str:
     """Return why a gamepad cannot be used with these bindings; empty if it can."""
+    if not pad.is_known:
+        return "its layout is not known; many have a switch for Xbox pads (XInput)"
     try:
         joy.check(len(pad.buttons))
     except FieldError as error:
         return str(error)
     return ""
-
-
-def _drive(pads: Pads, config: GamepadConfig) -> int:
-    with attached(config.session, "gamepad") as attachment:
-        is_hardware = bool(attachment.session.hardware)
-        driver = Driver(
-            attachment.intake, config, speeds=policy_speeds(attachment.walking_contract), is_hardware=is_hardware
-        )
-        found = pads.look()
-        ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
-        for _ in steps(attachment, lambda: driver.step(pads.look())):
-            sleep(_PERIOD)
-    return 0
 
 
 if __name__ == "__main__":

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import mujoco
 import numpy as np
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import SessionError
-from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.attach import attached, ready
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
@@ -19,10 +20,8 @@ from humanoid_sim.simulation.kinematics import GravityTorque
 
 GravityForm = Literal["effort", "pd"]
 
-_DAMPING = 1.0
-"""N·m·s/rad of the effort form: a touch, so that an arm that is let go comes to rest."""
-_SILENCE = 0.5
-"""s without a tick after which this looks whether the session is still there."""
+_DAMPING = 1.0  # N·m·s/rad of the effort form: so much that an arm that is let go comes to rest
+_TIMEOUT = 0.5  # s that a tick is waited for
 
 
 def gravity_command(
@@ -52,15 +51,13 @@ class GravityProducer:
     are in.
     """
 
-    def __init__(self, attachment: Attachment, form: GravityForm) -> None:
-        """Load the model that the feed carries. Raises `InputError` if it cannot be loaded."""
-        self._description = attachment.description
-        self._gravity = GravityTorque(attachment.description, attachment.model())
+    def __init__(self, description: RobotDescription, model: mujoco.MjModel, form: GravityForm) -> None:
+        self._description, self._gravity = description, GravityTorque(description, model)
         self._form: GravityForm = form
         self._hold: FloatArray | None = None
 
     def command(self, record: TickRecord) -> MITCommand | None:
-        """Return what to send after a tick; None while a joint has not been heard."""
+        """Return what to send after a tick; None while the position of a joint is not known."""
         position = record.input.state.joint_position
         if not np.isfinite(position).all():
             return None
@@ -85,19 +82,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GravityConfig, "gravity", arguments)
     with attached(config.session, "gravity") as attachment:
-        producer = GravityProducer(attachment, config.form)
-        ready(f"gravity compensation ({config.form}) for {attachment.session}")
-        number = 0
-        while attachment.feed.is_running():
-            sample = attachment.feed.wait(number, _SILENCE)
-            if sample is None:
-                continue
-            number, command = sample.number, producer.command(attachment.record(sample))
-            if command is not None:
+        producer = GravityProducer(attachment.description, attachment.model(), config.form)
+        ready(f"gravity compensation ({config.form}) for {attachment}")
+        while attachment.is_running():
+            for tick in attachment.ticks(_TIMEOUT)[-1:]:
+                command = producer.command(tick.record)
+                if command is None:
+                    continue
                 try:
-                    attachment.send(command, sample.stamp)
-                except SessionError:
-                    break
+                    attachment.send(command, tick.stamp)
+                except SessionError:  # it has ended
+                    return 0
     return 0
 
 

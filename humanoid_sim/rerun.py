@@ -21,10 +21,9 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.client import Sample
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Attachment, behind, ready
-from humanoid_sim.frontends.dds.mirror import RobotElsewhere
+from humanoid_sim.frontends.attach import Source, ready
+from humanoid_sim.frontends.dds.mirror import Watched
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import RecordedBody
@@ -33,23 +32,16 @@ from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
 
 _HOST = "127.0.0.1"
-_PERIOD = 0.04
-"""s of the robot's time between two poses: each costs the library some 20 calls."""
-_PAUSE = 0.01
-"""s between two looks at the feed."""
-_TOLD_EVERY = 0.5
-"""s between two looks whether the viewer keeps up, and the status is true."""
-_STARTING = 25.0
-"""s that the viewer may take to be there."""
-_MEMORY = "1GB"
-"""That the viewer keeps at most; the oldest is dropped."""
+_PERIOD = 0.04  # s of the robot's time between two poses: each costs the library some 20 calls
+_STATUS_PERIOD = 0.5  # s between two statuses, and two checks that the viewer keeps up
+_STARTING = 25.0  # s that the viewer may take to be there
+_MEMORY = "1GB"  # that the viewer keeps at most; the oldest is dropped
 _PLOTS = ("position", "command", "velocity", "effort", "action")
-_PR_SET_PDEATHSIG = 1
-"""Linux, prctl(2)."""
+_PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
 
 
 @dataclass(frozen=True)
-class RerunConfig(RobotElsewhere):
+class RerunConfig(Watched):
     """Watch a running session in rerun's viewer: the robot, and plots of its joints."""
 
     web: bool = False
@@ -60,7 +52,7 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
     """Return what the viewer's text says of the present, as Markdown.
 
     Args:
-        late: what `behind` says of it.
+        late: that it is not the present; empty if it is.
         clock: the time of day, by which a picture that stands still gives itself away.
     """
     if record is None:
@@ -72,32 +64,50 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
-    with config.shown("rerun", niceness=10) as found:
-        if found is not None:
-            _show(*found, is_page=config.web)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with config.source("rerun", niceness=10) as source:
+        _show(source, is_page=config.web)
     return 0
 
 
-def _show(
-    attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], *, is_page: bool
-) -> None:
-    """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
-    body = RecordedBody.of(attachment.header)
+def _show(source: Source, *, is_page: bool) -> None:
+    """Show ticks until the session or the viewer has ended."""
+    body = RecordedBody.of(source.header)
     if body is None:
-        raise InputError(f"{attachment.session}: does not describe its robot's body")
+        raise InputError(f"{source}: does not describe its robot's body")
     with _viewer(is_page=is_page or not has_display()) as viewer:
         os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
         library = rerun_module("the rerun viewer")
         stream = library.RecordingStream("humanoid_sim")
         stream.connect_grpc(viewer.source)
-        has_keys = attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
+        has_keys = source.description.piano is not None or KEY_PRESSED in source.live_inputs
         stream.send_blueprint(_blueprint(has_keys=has_keys))
-        log = RerunLog(library, stream, attachment.header, body, _action_names(attachment), period=_PERIOD)
-        ready(f"{viewer.told}, for {attachment.session}")
-        _watch(attachment, viewer, log, _Teller(library, stream), refresh, ended)
+        names = () if source.contract is None else source.contract.action_joint_names
+        log = RerunLog(library, stream, source.header, body, names, period=_PERIOD)
+        ready(f"{viewer.told}, for {source}")
+        # What waits for the viewer is kept short: the library's queue would grow without end.
+        keeps_up, told = True, 0.0
+        while viewer.process.poll() is None and source.is_running():
+            for tick in source.ticks(_PERIOD):
+                if keeps_up:
+                    log.tick(tick.record)
+            if time.monotonic() - told > _STATUS_PERIOD:
+                text = status_text(source.latest_record, source.lateness(), time.strftime("%H:%M:%S"))
+                if keeps_up:
+                    stream.log("status", library.TextDocument(text, media_type=library.MediaType.MARKDOWN), static=True)
+                keeps_up, told = _has_taken(stream), time.monotonic()
         if viewer.process.poll():
             raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
         stream.disconnect()
+
+
+def _has_taken(stream: Any) -> bool:
+    """Return whether the viewer has taken all that was sent, or takes it soon."""
+    try:
+        stream.flush(timeout_sec=_STATUS_PERIOD)
+    except Exception:  # of the library's own kinds: it has not taken it in time, or is gone
+        return False
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,61 +126,6 @@ class _Viewer:
         self.output.seek(0)
         lines = self.output.read().decode(errors="replace").strip().splitlines()
         return next((line for line in reversed(lines) if line.startswith("Error")), f"status {self.process.poll()}")
-
-
-@dataclass(slots=True)
-class _Teller:
-    """Keeps the viewer's status true, and what waits for the viewer short: a library's queue would grow without end."""
-
-    library: Any
-    stream: Any
-    keeps_up: bool = True
-    """True once the viewer has taken all that was sent."""
-
-    def tell(self, text: str) -> None:
-        """Send the status, if the viewer has taken what was sent before."""
-        if self.keeps_up:
-            document = self.library.TextDocument(text, media_type=self.library.MediaType.MARKDOWN)
-            self.stream.log("status", document, static=True)
-        try:
-            self.stream.flush(timeout_sec=_TOLD_EVERY)
-            self.keeps_up = True
-        except Exception:  # of the library's own kinds: it has not taken it in time, or is gone
-            self.keeps_up = False
-
-
-def _watch(
-    attachment: Attachment,
-    viewer: _Viewer,
-    log: RerunLog,
-    teller: _Teller,
-    refresh: Callable[[], None] | None,
-    ended: Callable[[], bool],
-) -> None:
-    """Until the session or the viewer ends. Of ticks that come while the viewer is stopped, only the newest counts."""
-    feed = attachment.feed
-    newest: Sample | None = feed.latest()
-    record: TickRecord | None = None
-    told = 0.0
-    for samples in attachment.looks(attachment.before_present(), _PAUSE):
-        if viewer.process.poll() is not None or ended():
-            return
-        if refresh is not None:
-            refresh()
-        for sample in samples:
-            newest, record = sample, attachment.record(sample)
-            if teller.keeps_up:
-                log.tick(record)
-        if time.monotonic() - told > _TOLD_EVERY:
-            late = "" if newest is None else behind(newest.age(), feed.control_period)
-            teller.tell(status_text(record, late, time.strftime("%H:%M:%S")))
-            told = time.monotonic()
-
-
-def _action_names(attachment: Attachment) -> tuple[str, ...]:
-    """Return the joints that the policy drives."""
-    contract = attachment.contract
-    return () if contract is None else contract.action_joint_names
 
 
 def _blueprint(*, has_keys: bool) -> Any:

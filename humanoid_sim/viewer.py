@@ -11,9 +11,8 @@ from typing import Any
 import mujoco
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.client import Sample
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
+from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.rendering.camera import update_pose
 from humanoid_sim.rendering.caption import Caption
@@ -21,9 +20,7 @@ from humanoid_sim.rendering.native_viewer import check_window, open_window
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
-_REFRESH_PERIOD = 1 / 60
-_LOOK_PERIOD = 0.5
-"""s without a new tick between two looks whether the session is still there."""
+_REFRESH_PERIOD = 1 / 60  # s
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple
     """Return the texts over a picture, as `set_texts` of MuJoCo's window takes them.
 
     Args:
-        late: what `behind` says of it.
+        late: that it is not the present; empty if it is.
         clock: the time of day, by which a picture that stands still gives itself away.
     """
     small, big = int(mujoco.mjtFontScale.mjFONTSCALE_150), int(mujoco.mjtFontScale.mjFONTSCALE_300)
@@ -76,26 +73,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _watch(attachment: Attachment, model: mujoco.MjModel) -> None:
-    feed, data = attachment.feed, mujoco.MjData(model)
+    data = mujoco.MjData(model)
     update_pose(model, data, data.qpos.copy())
     with open_window(model, data) as window:
-        ready(f"window of {attachment.session}")
-        shown: Sample | None = None
-        record: TickRecord | None = None
-        looked = time.monotonic()
-        while window.is_running():
-            sample, now = feed.latest(), time.monotonic()
-            if sample is not None and (shown is None or sample.number != shown.number):
-                shown, record, looked = sample, attachment.record(sample), now
-                if record.qpos is not None:
+        ready(f"window of {attachment}")
+        while window.is_running() and attachment.is_running():
+            if attachment.ticks():
+                record = attachment.latest_record
+                if record is not None and record.qpos is not None:
                     with window.lock():
                         update_pose(model, data, record.qpos)
-            elif now - looked > _LOOK_PERIOD:
-                looked = now
-                if not feed.is_running():
-                    break
-            late = "" if shown is None else behind(shown.age(), feed.control_period)
-            window.set_texts(window_texts(record, late, time.strftime("%H:%M:%S")))
+            window.set_texts(window_texts(attachment.latest_record, attachment.lateness(), time.strftime("%H:%M:%S")))
             window.sync()
             time.sleep(_REFRESH_PERIOD)
 

@@ -1,4 +1,4 @@
-"""Programs beside the loop: each reads a session's feed and writes to its intake, and may die at any time.
+"""Programs beside the loop: each reads a session's ticks, sends intents and data, and may die at any time.
 
 A front end is a row of `humanoid_sim.cli.FRONT_ENDS` and a module `humanoid_sim/<name>.py`; its parts are a package
 here. `play` starts it as a child process; anybody else starts it later with `python -m humanoid_sim.<name>`.

@@ -1,61 +1,85 @@
-"""Attachment of a front end to a session: the feed as the package's own types, and the intake."""
+"""What a front end reads and writes: the ticks of a session on this machine, or of a robot elsewhere."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import mujoco
 
-from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
+from humanoid_sim.client import Feed, Intake, SessionError, SessionInfo, find_session, monotonic_ns
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.recording.codec import decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
-from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.session.realtime import punctual_threads
-from humanoid_sim.simulation.floating_base import BaseObserver
-from humanoid_sim.stack import no_policy, recorded_contract, recorded_contracts, recorded_policy
+from humanoid_sim.stack import recorded_contract, recorded_contracts
 
-_LATE = 0.2
-"""s after which a tick is the past; at least `_LATE_TICKS` control periods."""
-_LATE_TICKS = 3
-_BEHIND = 30
-"""Priorities behind the control loop, and behind all its threads."""
-_STATUS_WITHIN = 0.5
-"""s for which an attachment waits for the session's status."""
-_LOOK_PERIOD = 0.5
-"""s between two looks whether the session is still there."""
+_LATE = 0.2  # s after which a tick is the past, or three control periods
+_STATUS_WITHIN = 0.6  # s that the session's status is waited for, which it sends twice a second
+_BEHIND = 30  # priorities behind the control loop, and behind all its threads
+_CHECK_PERIOD = 0.5  # s between two checks that the session is still there
 
 
-@dataclass
-class Attachment:
-    """A running session, as a front end sees it."""
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """A tick, and when it came."""
 
-    session: SessionInfo
-    feed: Feed
-    intake: Intake
-    _start_time_ns: int = 0
-    """Header's, as of when the loop began; 0 while it is not known."""
+    record: TickRecord
+    stamp: int
+    """CLOCK_MONOTONIC ns"""
 
-    @cached_property
-    def header(self) -> SessionHeader:
-        """Return what the run is, as its recording says it. Raises `InputError` for a feed of another version."""
-        fields, documents = self.feed.header["session"], self.feed.header["documents"]
-        names = json.loads(fields["attachments"])
-        with blaming(self.session, HeaderError):
-            return parse_header(fields, documents, {name: self.feed.blob(name) for name in names})
+    @property
+    def age(self) -> float:
+        """Age in seconds."""
+        return 1e-9 * (monotonic_ns() - self.stamp)
+
+
+class Source:
+    """Ticks of a robot, and what it takes to understand them."""
+
+    header: SessionHeader
+    latest: Tick | None = None
+    """Newest tick that `ticks` has given."""
+    is_hardware = False
+    live_inputs: Mapping[str, int] = {}
+    """Names and widths of the live inputs that the session takes from other programs."""
+
+    def ticks(self, timeout: float = 0.0) -> list[Tick]:
+        """Return the ticks that are new since the last call; waits up to `timeout` s for one."""
+        raise NotImplementedError
+
+    def model(self) -> mujoco.MjModel:
+        """Return a new copy of the robot's compiled model."""
+        raise NotImplementedError
+
+    def is_running(self) -> bool:
+        """Return whether more ticks may come."""
+        raise NotImplementedError
+
+    def status(self) -> Mapping[str, Any]:
+        """Return what a session says beside its ticks, twice a second."""
+        return {}
+
+    def events(self) -> list[Event]:
+        """Return the events that are new since the last call."""
+        return []
+
+    @property
+    def latest_record(self) -> TickRecord | None:
+        """Newest tick's record."""
+        return None if self.latest is None else self.latest.record
 
     @cached_property
     def description(self) -> RobotDescription:
@@ -72,81 +96,72 @@ class Attachment:
         """Contract of the first policy that takes a velocity command; None if none does."""
         return next((one for one in recorded_contracts(self.header) if one.takes_velocity_command), None)
 
-    @cached_property
-    def base(self) -> BaseObserver | None:
-        """Observer of a simulated floating base; None for a fixed one, and on hardware, which measures no position."""
-        is_seen = self.description.is_floating and not self.session.hardware
-        return BaseObserver(self.model(), self.description) if is_seen else None
+    def lateness(self) -> str:
+        """Return what a viewer must say if the newest tick is not the present; empty if it is."""
+        age = 0.0 if self.latest is None else self.latest.age
+        return f"BEHIND: this was {age:.1f} s ago" if age > max(_LATE, 3 * self.header.control_period) else ""
 
-    def reference_ghost(self) -> ReferenceGhost | None:
-        """Return the motion that the policy follows, as poses of the robot; None where there is none that holds poses.
 
-        Raises `InputError` if the header is damaged.
-        """
-        loaded = recorded_policy(self.header, no_policy)
-        return None if loaded is None else ReferenceGhost.of(self.description, loaded.contract, loaded.reference)
+class Attachment(Source):
+    """A session of this machine."""
+
+    def __init__(self, session: SessionInfo, feed: Feed, intake: Intake) -> None:
+        """Begin with the newest tick. Raises `InputError` for a session of another version."""
+        self.session, self.feed, self.intake = session, feed, intake
+        self.is_hardware, self.live_inputs = bool(session.hardware), feed.live_inputs
+        fields, documents = feed.header["session"], feed.header["documents"]
+        with blaming(session, HeaderError):
+            blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
+            self.header = parse_header(fields, documents, blobs)
+        self._number = self._event = 0
+        self._checked, self._runs = time.monotonic(), True
+
+    def __str__(self) -> str:
+        return str(self.session)
+
+    def ticks(self, timeout: float = 0.0) -> list[Tick]:
+        """Return new ticks."""
+        if timeout > 0.0:
+            self.feed.wait(self._number, timeout)
+        samples = self.feed.since(self._number)
+        with blaming(f"{self.session}: a tick of another version", CdrError):
+            ticks = [Tick(decode_tick(sample.data), sample.stamp) for sample in samples]
+        if samples:
+            self._number, self.latest = samples[-1].number, ticks[-1]
+        return ticks
 
     def model(self) -> mujoco.MjModel:
-        """Give the robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.
-
-        Raises `InputError` if it was compiled by another version of MuJoCo.
-        """
+        """Return the model. Raises `InputError` if another version of MuJoCo compiled it."""
         with blaming(f"{self.session}: its model cannot be loaded", (ValueError, mujoco.FatalError)):
             return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
 
-    def before_present(self) -> int:
-        """Return the number of the tick before the newest: a front end that comes late begins with the present."""
-        sample = self.feed.latest()
-        return 0 if sample is None else sample.number - 1
+    def is_running(self) -> bool:
+        """Return whether the session goes on; asks the system twice a second."""
+        if time.monotonic() - self._checked > _CHECK_PERIOD:
+            self._checked, self._runs = time.monotonic(), self.feed.is_running()
+        return self._runs
 
-    def looks(self, number: int, pause: float) -> Iterator[list[Sample]]:
-        """Look at the feed until the session ends, every `pause` s; yields the ticks after that number that are new."""
-        looked = time.monotonic()
-        while True:
-            new = self.feed.since(number)
-            number = new[-1].number if new else number
-            yield new
-            if time.monotonic() - looked > _LOOK_PERIOD:
-                looked = time.monotonic()
-                if not self.feed.is_running():
-                    return
-            time.sleep(pause)
+    def status(self) -> Mapping[str, Any]:
+        """Return the newest status."""
+        return self.feed.status()
 
-    def latest(self) -> tuple[Sample, TickRecord] | None:
-        """Return the newest tick; None while there is none."""
-        sample = self.feed.latest()
-        return None if sample is None else (sample, self.record(sample))
+    def events(self) -> list[Event]:
+        """Return new events."""
+        events = [event for event in self.feed.status().get("events", ()) if event[0] > self._event]
+        self._event = events[-1][0] if events else self._event
+        return [Event(time, text, EventKind(kind)) for _, time, text, kind in events]
 
     def send(self, command: MITCommand, stamp: int) -> bool:
-        """Send a command for REMOTE, as old as what it is made of, ns; whether it left."""
+        """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if it was sent."""
         fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
-        return self.intake.remote(self.description.joint_names, *fields, stamp=stamp)
-
-    def record(self, sample: Sample) -> TickRecord:
-        """Return a sample of the ring `tick`."""
-        with blaming(f"{self.session}: a tick of another version", CdrError):
-            return decode_tick(sample.data)
-
-    def time_ns(self, time: float) -> int:
-        """Return ns since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""
-        self._start_time_ns = self._start_time_ns or int(self.feed.status().get("start_time_ns", 0))
-        start = self._start_time_ns or self.header.start_time_ns
-        return max(0, start + round(1e9 * time)) if math.isfinite(time) and abs(time) < 1e9 else start
-
-    def events(self, number: int) -> Iterator[tuple[int, Event]]:
-        """Yield numbers and events after that number, oldest first; 0 for all that the status still holds."""
-        for count, when, text, kind in self.feed.status().get("events", ()):
-            if count > number:
-                yield count, Event(when, text, EventKind(kind))
+        return self.intake.remote(self.header.joint_names, *fields, stamp=stamp)
 
 
 @contextmanager
 def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterator[Attachment]:
-    """Attach to a running session. Raises `InputError` if there is no such session.
+    """Attach to a running session, as a process that goes behind the control loop's other ones.
 
-    Args:
-        producer: the front end's name, for operators to read.
-        niceness: by how much the control loop's other threads and processes go before this one.
+    Raises `InputError` if there is no such session.
     """
     try:
         info = find_session(session)
@@ -161,12 +176,12 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
 
 
 def steps(attachment: Attachment, step: Callable[[], list[str]]) -> Iterator[list[str]]:
-    """Take steps until the session ends, and print their lines for an operator; yields the lines of each step.
+    """Step until the session ends, print the lines of each step and yield them.
 
-    On hardware no other program keeps them waiting: the device would look lost, and a DAMP come late.
+    On hardware no other program keeps the device waiting: it would look lost, and a DAMP come late.
     """
-    with punctual_threads(behind=_BEHIND) if attachment.session.hardware else nullcontext():
-        while attachment.feed.is_running():
+    with punctual_threads(behind=_BEHIND) if attachment.is_hardware else nullcontext():
+        while attachment.is_running():
             try:
                 lines = step()
             except SessionError:  # it has ended
@@ -177,14 +192,5 @@ def steps(attachment: Attachment, step: Callable[[], list[str]]) -> Iterator[lis
 
 
 def ready(serves: str) -> None:
-    """Say that the front end works, and what it serves, such as an address: one line, which `play` shows too."""
+    """Print that the front end works and what it serves, such as an address: one line, which `play` shows too."""
     print(serves, flush=True)
-
-
-def behind(age: float, control_period: float) -> str:
-    """Return what a viewer must say of a tick that is not the present; empty for one that is.
-
-    `age` is in s since the session wrote the tick, `control_period` in s between two ticks.
-    """
-    is_late = age > max(_LATE, _LATE_TICKS * control_period)
-    return f"BEHIND: this was {age:.1f} s ago" if is_late else ""

@@ -1,11 +1,9 @@
-"""A MIDI keyboard at the level of its bytes, on a FIFO or on a pseudo-terminal."""
+"""A MIDI keyboard at the level of its bytes, on a FIFO."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-__all__ = ["EmulatedKeyboard", "on_fifo", "on_terminal"]
 
 
 class EmulatedKeyboard:
@@ -40,17 +38,6 @@ def on_fifo(path: Path) -> Iterator[EmulatedKeyboard]:
     if not path.exists():
         os.mkfifo(path)
     keyboard = EmulatedKeyboard(str(path), os.open(path, os.O_RDWR | os.O_NONBLOCK))
-    try:
-        yield keyboard
-    finally:
-        keyboard.unplug()
-
-
-@contextmanager
-def on_terminal() -> Iterator[EmulatedKeyboard]:
-    """Plug one in, as a serial line with all the habits of a terminal."""
-    ours, theirs = os.openpty()
-    keyboard = EmulatedKeyboard(os.ttyname(theirs), ours, theirs)
     try:
         yield keyboard
     finally:

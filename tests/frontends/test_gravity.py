@@ -1,5 +1,3 @@
-import os
-import signal
 import time
 from dataclasses import replace
 
@@ -7,8 +5,6 @@ import numpy as np
 import pytest
 from dds_bridge import program
 
-from humanoid_sim.client import Feed
-from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.gravity import GravityProducer, gravity_command
 from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState, mit_torque
@@ -29,14 +25,14 @@ def pose(lite):
 
 
 @pytest.fixture
-def attachment(local, lite):
-    """To a session of the Lite, whose description names an MJCF that is not there: the feed must do."""
+def session(local, lite):
+    """A session of the Lite, whose description names an MJCF that is not there: its own model must do."""
     document = lite.to_json().replace("../mjcf/lite.xml", "nowhere.xml")
     assert "nowhere" in document
     header = SessionHeader("lite", lite.joint_names, 0.005, 0, {"robot": document})
     local.publish(header, {MODEL_BLOB: model_bytes(build_model(lite))}, robot="lite")
-    with Feed(local.info) as feed:
-        yield Attachment(local.info, feed, local.intake("gravity"))
+    local.inbox._joints = lite.joint_names
+    return local
 
 
 def record(position, *, remote, time=0.0):
@@ -59,16 +55,16 @@ def test_both_forms_hold_the_pose_at_rest(lite, pose, form):
     assert (command.damping > 0.0).all()
 
 
-def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(attachment, lite, pose):
-    producer, gravity = GravityProducer(attachment, "effort"), GravityTorque(lite)
+def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(lite, pose):
+    producer, gravity = GravityProducer(lite, build_model(lite), "effort"), GravityTorque(lite)
     for position in (pose, 0.5 * pose):
         command = producer.command(record(position, remote=True))
         assert command.position.tolist() == position.tolist()
         np.testing.assert_allclose(command.effort, gravity(position), atol=1e-12)
 
 
-def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(attachment, lite, pose):
-    producer, gravity = GravityProducer(attachment, "pd"), GravityTorque(lite)
+def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(lite, pose):
+    producer, gravity = GravityProducer(lite, build_model(lite), "pd"), GravityTorque(lite)
     for tick, held in (
         (record(0.9 * pose, remote=False), 0.9 * pose),
         (record(pose, remote=True), pose),
@@ -80,47 +76,26 @@ def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(attachment, lit
         np.testing.assert_allclose(command.position, held + gravity(held) / lite.stiffness, atol=1e-12)
 
 
-def test_a_state_that_is_not_known_sends_nothing(attachment, pose):
+def test_a_state_that_is_not_known_sends_nothing(lite, pose):
     unknown = pose.copy()
     unknown[3] = np.nan
-    assert GravityProducer(attachment, "effort").command(record(unknown, remote=True)) is None
+    assert GravityProducer(lite, build_model(lite), "effort").command(record(unknown, remote=True)) is None
 
 
-def front_end(*arguments):
-    """`python -m humanoid_sim.gravity`, once it says that it works."""
-    return program("gravity", *arguments, says="gravity compensation (effort) for session ")
-
-
-def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(attachment, local, pose):
-    local.inbox._joints = attachment.feed.joint_names
-    with front_end("--session", str(os.getpid())) as (process, _):
-        deadline = time.monotonic() + 10.0
+@pytest.mark.soak
+def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(session, pose):
+    with program("gravity", says="gravity compensation (effort) for session ") as (process, _):
+        deadline = time.monotonic() + 30.0
         index = 0
-        while local.inbox.accepted < 3:
+        while session.inbox.accepted < 3:
             assert time.monotonic() < deadline
             index += 1
-            local.feed.tick(replace(record(pose, remote=True), index=index))
+            session.feed.tick(replace(record(pose, remote=True), index=index))
             time.sleep(0.005)
-            local.data.latest()
-        latest = local.inbox.latest()
+            session.data.latest()
+        latest = session.inbox.latest()
         assert latest.command.position.tolist() == pose.tolist()
         assert np.abs(latest.command.effort).max() > 1.0
-        local.feed.close()
+        session.feed.close()
+        session.registration.close()
         assert process.wait(60.0) == 0
-
-
-@pytest.mark.soak
-def test_it_ends_when_the_session_is_killed(attachment, local, pose):
-    with front_end() as (process, _):
-        local.registration.close()  # the lock is all that tells
-        assert process.wait(60.0) == 0
-
-
-@pytest.mark.soak
-def test_stopped_and_killed_ones_leave_the_loop_alone(attachment, local, pose):
-    with front_end() as (process, _):
-        os.kill(process.pid, signal.SIGSTOP)
-        for index in range(500):
-            local.feed.tick(replace(record(pose, remote=True), index=index))
-            local.data.latest()
-        assert local.feed.left_out == 0

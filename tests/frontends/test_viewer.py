@@ -1,14 +1,7 @@
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from fates import display
-from PIL import ImageGrab
-from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
@@ -58,28 +51,3 @@ def test_without_a_display_it_says_so(monkeypatch):
 def test_the_window_is_a_process_of_its_own(config, wanted, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     assert wanted_front_ends(config) == wanted
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed (xvfb)")
-def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(runtime):
-    """In a process of its own: a window leaves GLFW, and its display, behind."""
-    with display() as (server, screen):
-        command = [sys.executable, "-m", "humanoid_sim.viewer", "--robot", "lite"]
-        environment = {**os.environ, "DISPLAY": screen}
-        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as viewer:
-            try:
-                said = viewer.stdout.readline()
-                assert said == "window of lite: its joints are in the panel on the right, under Joint\n"
-                until(lambda: len(colours(screen)) > 100)  # a robot, a floor and a panel; an empty screen has one
-                assert viewer.poll() is None
-                server.kill()
-                assert viewer.wait(60.0) != 0
-            finally:
-                viewer.kill()
-
-
-def colours(screen):
-    """Those that a display shows."""
-    picture = ImageGrab.grab(xdisplay=screen).convert("RGB")
-    return {colour for _, colour in picture.getcolors(picture.width * picture.height) or ()}

@@ -18,17 +18,20 @@ from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdo
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import onnx
 import yaml
+from fake_pads import JOYSTICK, XBOX, FakePads
 from onnx import helper, numpy_helper
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Feed, Intake, SessionError, find_session, monotonic_ns
+from humanoid_sim.gamepad import Driver, GamepadConfig
 from humanoid_sim.messages import (
     Event,
     Intent,
@@ -437,13 +440,7 @@ class PadDesk:
     """A loop on a fake robot whose operator has a gamepad, looked at once a tick."""
 
     def __init__(self, stack: ExitStack, robot: Any, *, is_hardware: bool) -> None:
-        from virtual_pads import VirtualPad  # noqa: PLC0415 - SDL, for those tests alone
-
-        from humanoid_sim.frontends.gamepad.device import Pads  # noqa: PLC0415
-        from humanoid_sim.gamepad import Driver, GamepadConfig  # noqa: PLC0415
-
-        self._make_pad = VirtualPad
-        self._pads = Pads()
+        self._pads = FakePads(Path(stack.enter_context(TemporaryDirectory())))
         stack.callback(self._pads.close)
         registration = Registration.create()
         stack.callback(registration.close)
@@ -478,10 +475,8 @@ class PadDesk:
 
     def plug(self, *, held: Sequence[str] = (), is_known: bool = True) -> None:
         """Plug a gamepad in, with these buttons down; an unknown one has six buttons that nobody knows."""
-        self._pad = self._make_pad() if is_known else self._make_pad("Odd Pad", known=False, buttons=6, axes=2)
+        self._pad = self._pads.plug(XBOX if is_known else JOYSTICK, held=held)
         self._stack.callback(self.unplug)
-        if held:
-            self._pad.press(*held)
 
     def unplug(self) -> None:
         self._pad.unplug()
@@ -498,7 +493,7 @@ class PadDesk:
         """Let the gamepad's program look, unless it hangs, and the loop take a tick; the mode after the last."""
         for _ in range(count):
             if program_runs:
-                self._driver.step(self._pads.look())
+                self._driver.step(self._pads.poll())
             self._session.tick()
         return self._session.mode
 

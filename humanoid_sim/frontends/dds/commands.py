@@ -1,25 +1,17 @@
-"""From DDS to the intake: commands for REMOTE, safety statuses and live inputs, on a thread of their own.
-
-What lay in a socket while this process stood still is old when it goes on, although nobody saw it come: see
-`ArrivalClock`.
-"""
+"""From DDS to a session: commands for REMOTE, safety statuses and live inputs."""
 
 from __future__ import annotations
 
 import math
-import threading
 import time
-from collections import Counter, OrderedDict
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections import OrderedDict
+from collections.abc import Sequence
 
-from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
+from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.contract import live_topic
-from humanoid_sim.errors import FieldError, blaming
-from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.attach import Attachment, ready
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
@@ -30,279 +22,169 @@ from humanoid_sim.ros2.messages import (
     decode_mit_command,
     decode_safety_status,
 )
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC, TOPICS
 from humanoid_sim.session.sources import remote_problem
 
-
-class Wanted(NamedTuple):
-    """A live input that the session takes from outside."""
-
-    topic: str
-    width: int
-    latched: bool
-    """True where a value counts until the next one, so that one from before the bridge does too."""
-
-
-def wanted_inputs(attachment: Attachment) -> dict[str, Wanted]:
-    """Return the live inputs that a session takes from outside, by name."""
-    topics = {name: live_topic(attachment.contract, name) for name in attachment.feed.live_inputs}
-    return {
-        name: Wanted(topic.name, attachment.feed.live_inputs[name], topic.timeout == math.inf)
-        for name, topic in topics.items()
-        if topic is not None
-    }
-
-
-class LiveForwarder:
-    """Hands values on as they arrive. For one thread."""
-
-    def __init__(
-        self,
-        participant: Participant,
-        intake: Intake,
-        refuse: Callable[[str, str], None],
-        wanted: Mapping[str, Wanted],
-    ) -> None:
-        """Subscribe to what the session takes; `refuse` counts a message that is not accepted, by topic and reason."""
-        self._participant, self._intake, self._refuse = participant, intake, refuse
-        self._readers = {name: (one, self._subscribed(one)) for name, one in wanted.items()}
-
-    def take(self, stamp: Callable[[Received], int]) -> None:
-        """Hand on the newest value of each; `stamp` gives a sample's arrival, ns."""
-        for name, (wanted, readers) in self._readers.items():
-            for sample in [one for reader in readers for one in reader.take()[-1:]]:
-                try:
-                    values = decode_float32_array(sample.data)
-                except CdrError as error:
-                    self._refuse(wanted.topic, str(error))
-                    continue
-                if len(values) != wanted.width:
-                    problem = f"has {len(values)} values, expected {wanted.width} for the live input '{name}'"
-                    self._refuse(wanted.topic, problem)
-                    continue
-                self._intake.live(name, values.tolist(), stamp=stamp(sample))
-
-    def _subscribed(self, wanted: Wanted) -> Sequence[Reader]:
-        """Subscribe reliably, and to writers of any other quality of service as well."""
-        kind = LIVE_INPUT._replace(latched=wanted.latched)
-        return [Reader(self._participant, wanted.topic, kind, any_writer=any_writer) for any_writer in (True, False)]
-
-
-_REPEAT = 0.05
-"""s between two reports of a source, unless it has just ceased to be OK: a flood costs the session no more."""
-_MOST_SOURCES = 64
-"""Sources that are told apart; of more the one that reported longest ago is forgotten, and its status stands."""
-
-
-@dataclass(slots=True)
-class _Source:
-    pending: ForeignStatus | None = None
-    """Latest status that the session does not have yet."""
-    stamp: int = 0
-    """ns of CLOCK_MONOTONIC, its arrival."""
-    is_ok: bool = True
-    """True where the session has it as OK, or not at all."""
-    reported: float = float("-inf")
-    """s, when the session got the latest one."""
-
-
-class StatusForwarder:
-    """Hands statuses on: a fault at once, everything else at most twenty times a second."""
-
-    def __init__(self, intake: Intake, refuse: Callable[[str], None]) -> None:
-        """Know of no source yet; `refuse` counts a message that is not a status."""
-        self._intake, self._refuse = intake, refuse
-        self._sources: OrderedDict[str, _Source] = OrderedDict()
-
-    def take(self, samples: Sequence[Received], stamp: Callable[[Received], int], now: float) -> None:
-        """Take in what has come; `stamp` gives a sample's arrival, ns, and `now` is in s."""
-        for sample in samples:
-            try:
-                status = decode_safety_status(sample.data)
-            except CdrError as error:
-                self._refuse(str(error))
-                continue
-            if status.frame == SESSION_FRAME:  # published by a session, this one or another robot's
-                continue
-            source = self._source(status.source)
-            if source.pending is not None and source.pending.level > 0 and source.is_ok:
-                self._report(source, now)  # a fault that ends within one look still damps
-                if source.pending is not None and status.level == 0:
-                    continue  # the session took nothing: the fault stays to be reported
-            source.pending, source.stamp = status, stamp(sample)
-        for source in self._sources.values():
-            if source.pending is None:
-                continue
-            is_news = source.pending.level != 0 and source.is_ok
-            if is_news or now - source.reported >= _REPEAT:
-                self._report(source, now)
-
-    def _source(self, name: str) -> _Source:
-        source = self._sources.get(name)
-        if source is None:
-            source = self._sources[name] = _Source()
-            if len(self._sources) > _MOST_SOURCES:
-                self._sources.popitem(last=False)
-        self._sources.move_to_end(name)
-        return source
-
-    def _report(self, source: _Source, now: float) -> None:
-        status = source.pending
-        assert status is not None
-        try:
-            self._intake.post_safety(
-                status.source or "unnamed", status.level, status.message, flags=status.flags, stamp=source.stamp
-            )
-        except SessionError:  # it takes nothing at present: again with the next look
-            return
-        source.pending, source.is_ok, source.reported = None, status.level == 0, now
-
-
-_WAIT = 0.005
-"""s between two looks at most: by so much a sample may be younger than it is said to be."""
-_STOOD_STILL = 0.05
-"""s between two looks beyond which the process was suspended."""
-_SETTLE = 0.1
-"""s for which old samples may come in after that: sockets are emptied, and what got lost is sent again."""
-_REPORT_PERIOD = 1.0
-"""s between two reports of what was refused."""
-_MOST_WRITERS = 16
-"""Writers that are told apart; of more the one that was silent longest is forgotten."""
-DEPTH = 1024
-"""Samples that may come between two looks, of all writers together: a flood pushes nobody else's command out."""
-_MOST_READ = 64
-"""Samples of one writer that a look reads, the newest ones."""
+_SUSPENDED = 0.05  # s between two polls beyond which the process was suspended
+_SETTLE = 0.1  # s for which old samples may come in after that: sockets are emptied, and what got lost is sent again
+_REPEAT = 0.05  # s between two reports of a source, unless it has just ceased to be OK: a flood costs no more
+_MOST_WRITERS = 16  # that are told apart; of more the one that was silent longest is forgotten
+_DEPTH = 1024  # samples that may come between two polls: a flood pushes nobody else's command out
 
 
 class ArrivalClock:
-    """Arrival times of samples, ns of CLOCK_MONOTONIC: that of the poll before the one that found them."""
+    """Arrival time of what a poll finds, ns of CLOCK_MONOTONIC: that of the poll before, the earliest possible one.
+
+    What lay in a socket while this process was suspended is old when it goes on: until the sockets are empty, the last
+    poll before the suspension stands.
+    """
 
     def __init__(self, now: int) -> None:
-        """Start; `now` in ns, as all here."""
-        self._newest = self._before = now
+        self.stamp = self._newest = self._settled = now
 
-    def look(self, now: int) -> None:
+    def poll(self, now: int) -> None:
         """Begin a poll."""
-        self._before, self._newest = self._newest, now
-
-    def stamp(self) -> int:
-        """Return when a sample that this poll has found arrived, the latest that is certain."""
-        return self._before
+        before, self._newest = self._newest, now
+        if now - before > 1e9 * _SUSPENDED:
+            if before >= self._settled:
+                self.stamp = before
+            self._settled = now + round(1e9 * _SETTLE)
+        elif now >= self._settled:
+            self.stamp = before
 
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
-    """Return the command in a message, shape (n,), one value per joint in each field.
-
-    Raises `FieldError` if it is none, or not one for this robot; one line.
-    """
-    with blaming("remote command", CdrError, FieldError):
-        names, command = decode_mit_command(message)
+    """Return the command in a message, shape (n,). Raises `FieldError` or `CdrError` if it is none for this robot."""
+    names, command = decode_mit_command(message)
     problem = remote_problem(names, command, joints)
     if problem:
         raise FieldError(problem)
     return command
 
 
-class CommandReader:
-    """Reads until it is closed, or the session has ended."""
+class StatusForwarder:
+    """Hands safety statuses on: a fault at once, everything else at most twenty times a second."""
 
-    def __init__(
-        self,
-        session: SessionInfo,
-        joints: tuple[str, ...],
-        participant: Participant,
-        commands: Reader,
-        statuses: Sequence[Reader],
-        wanted: Mapping[str, Wanted],
-    ) -> None:
-        """Prepare to read `/remote_policy_controller/command`, and the `statuses` by which other programs may damp.
+    def __init__(self, intake: Intake) -> None:
+        self._intake = intake
+        self._pending: dict[str, tuple[ForeignStatus, int]] = {}
+        self._reported: dict[str, tuple[int, float]] = {}
+        """By source: the level that the session has, and when it was reported, s."""
 
-        Those are latched, and of any quality of service. `wanted` are the live inputs to take.
-        """
-        self._wanted = wanted
-        self._session, self._joints = session, joints
-        self._participant, self._commands, self._statuses = participant, commands, statuses
-        self._stack = ExitStack()
-        self._intakes: OrderedDict[int, Intake] = OrderedDict()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="DDS commands", daemon=True)
-        self._refused = self._reported = 0
-        self._reported_at, self._reason = -math.inf, ""
-        self.error: Exception | None = None
-        """Error that ended reading; None while all is well."""
-
-    def start(self) -> None:
-        """Begin to read."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop. May be called twice."""
-        self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        for intake in self._intakes.values():
-            intake.close()
-        self._stack.close()
-
-    def _run(self) -> None:
-        clock = ArrivalClock(monotonic_ns())
-
-        def stamp(one: Received) -> int:
-            return clock.stamp(one.writer, one.source_ns)
-
-        try:
-            own = self._stack.enter_context(Intake(self._session, "dds"))
-            safety = StatusForwarder(own, lambda problem: self._refuse(SAFETY_TOPIC, problem))
-            live = LiveForwarder(self._participant, own, self._refuse, self._wanted)
-            while not self._stop.is_set():
-                self._commands.wait(_WAIT)
-                clock.look(monotonic_ns())
-                taken = [sample for statuses in self._statuses for sample in statuses.take()]
-                safety.take(taken, stamp, time.monotonic())
-                self._take_commands(clock)
-                live.take(stamp)
-                self._report(own)
-        except SessionError:  # it has ended, as the feed says too
+    def take(self, status: ForeignStatus, stamp: int, now: float) -> None:
+        """Take a status that arrived at `stamp`, ns; `now` is in s."""
+        if status.frame == SESSION_FRAME:  # published by a session, this one or another robot's
             return
-        except Exception as error:  # told by the main thread
-            self.error = error
+        name = status.source or "unnamed"
+        held = self._pending.get(name)
+        if held is not None and held[0].level > 0 and status.level == 0:
+            self.flush(now)  # a fault that ends within one poll still damps
+            if name in self._pending:
+                return  # the session took nothing: the fault stays to be reported
+        self._pending[name] = status, stamp
 
-    def _take_commands(self, clock: ArrivalClock) -> None:
-        """Hand on the newest command of each writer; the session checks it again, and who may command."""
-        newest: dict[int, tuple[MITCommand, int]] = {}
-        read: Counter[int] = Counter()
-        for sample in reversed(self._commands.take()):
-            read[sample.writer] += 1
-            if read[sample.writer] > _MOST_READ:
+    def flush(self, now: float) -> None:
+        """Report what is due."""
+        for name, (status, stamp) in list(self._pending.items()):
+            level, since = self._reported.get(name, (0, -math.inf))
+            if not (status.level and not level) and now - since < _REPEAT:
                 continue
             try:
-                command = read_command(sample.data, self._joints)
-            except FieldError as error:
-                self._refuse(COMMAND_TOPIC, str(error))
+                self._intake.post_safety(name, status.level, status.message, flags=status.flags, stamp=stamp)
+            except SessionError:  # it takes nothing at present: again with the next poll
                 continue
-            if sample.writer not in newest:
-                newest[sample.writer] = command, clock.stamp()
-        for writer, (command, stamp) in reversed(newest.items()):
-            fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
-            self._intake(writer).remote(self._joints, *map(list, fields), stamp=stamp)
+            del self._pending[name]
+            self._reported[name] = status.level, now
 
-    def _refuse(self, topic: str, problem: str) -> None:
-        self._refused += 1
-        self._reason = f"{topic}: {problem}"
 
-    def _report(self, own: Intake) -> None:
-        """Record what was refused here: at once, and then once a second."""
+class CommandReader:
+    """Hands on what programs on a network send. For one thread."""
+
+    def __init__(self, attachment: Attachment, participant: Participant, *, is_local: bool, safety: bool) -> None:
+        """Subscribe.
+
+        Args:
+            is_local: live inputs are taken too.
+            safety: safety statuses are taken: latched ones, and those of writers that do not latch.
+        """
+        self._session, self._intake = attachment.session, attachment.intake
+        self._joints = attachment.header.joint_names
+        self._commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=_DEPTH)
+        self._statuses = [
+            Reader(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC], depth=_DEPTH, any_writer=any_writer)
+            for any_writer in (False, True)
+            if safety
+        ]
+        self._live: list[tuple[str, int, Reader]] = []
+        self.topics: set[str] = set()
+        """Topics of live inputs."""
+        for name, width in attachment.live_inputs.items() if is_local else ():
+            topic = live_topic(attachment.contract, name)
+            if topic is not None:
+                self.topics.add(topic.name)
+                kind = LIVE_INPUT._replace(latched=topic.timeout == math.inf)  # one from before the bridge counts too
+                for any_writer in (True, False):
+                    self._live.append((name, width, Reader(participant, topic.name, kind, any_writer=any_writer)))
+        self._safety = StatusForwarder(self._intake)
+        self._intakes: OrderedDict[int, Intake] = OrderedDict()
+        self._clock = ArrivalClock(monotonic_ns())
+        self._refused, self._told = 0, 0.0
+
+    def close(self) -> None:
+        """Close what was opened for the writers."""
+        for intake in self._intakes.values():
+            intake.close()
+
+    def poll(self, timeout: float) -> None:
+        """Hand on what has come; waits up to `timeout` s for a command. Raises `SessionError` if the session ended."""
+        self._commands.wait(timeout)
+        self._clock.poll(monotonic_ns())
         now = time.monotonic()
-        if self._refused > self._reported and now - self._reported_at >= _REPORT_PERIOD:
-            own.post(f"mark {self._refused - self._reported} samples refused, the last: {self._reason}"[:200])
-            self._reported, self._reported_at = self._refused, now
+        for sample in [sample for reader in self._statuses for sample in reader.take()]:
+            try:
+                self._safety.take(decode_safety_status(sample.data), self._clock.stamp, now)
+            except CdrError as error:
+                self._refuse(SAFETY_TOPIC, error)
+        self._safety.flush(now)
+        self._take_commands(self._commands.take())
+        for name, width, reader in self._live:
+            for sample in reader.take()[-1:]:
+                self._take_live(name, width, sample)
 
-    def _intake(self, writer: int) -> Intake:
-        """Return a writer's intake: whoever commands REMOTE is one of them, whichever bridge its commands come by."""
-        if writer in self._intakes:
-            self._intakes.move_to_end(writer)
-        else:
+    def _take_commands(self, samples: Sequence[Received]) -> None:
+        """Hand on the newest command of each writer; the session checks it again, and who may command."""
+        newest = {sample.writer: sample for sample in samples}
+        for writer, sample in newest.items():
+            try:
+                command = read_command(sample.data, self._joints)
+            except (CdrError, FieldError) as error:
+                self._refuse(COMMAND_TOPIC, error)
+                continue
+            fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
+            self._intake_of(writer).remote(self._joints, *fields, stamp=self._clock.stamp)
+
+    def _take_live(self, name: str, width: int, sample: Received) -> None:
+        try:
+            values = decode_float32_array(sample.data)
+            if len(values) != width:
+                raise FieldError(f"has {len(values)} values, expected {width}")
+        except (CdrError, FieldError) as error:
+            self._refuse(f"live input '{name}'", error)
+            return
+        self._intake.live(name, values.tolist(), stamp=self._clock.stamp)
+
+    def _intake_of(self, writer: int) -> Intake:
+        """Return a writer's intake: REMOTE belongs to one writer, whichever bridge its commands come by."""
+        if writer not in self._intakes:
             if len(self._intakes) >= _MOST_WRITERS:
                 self._intakes.popitem(last=False)[1].close()
             self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}", process=0)
+        self._intakes.move_to_end(writer)
         return self._intakes[writer]
+
+    def _refuse(self, topic: str, problem: Exception) -> None:
+        """Count a sample that is not accepted, and say so once a second."""
+        self._refused += 1
+        if time.monotonic() - self._told > 1.0:
+            ready(f"refused: {topic}: {problem}; {self._refused} samples so far")
+            self._told = time.monotonic()

@@ -1,17 +1,12 @@
-"""A robot on another machine, as its DDS topics show it: a feed of this process's own, for what reads feeds.
-
-No program finds it as a session, and whatever is asked of it stays here: modes are changed on the robot's machine.
-"""
+"""A robot on another machine, as its DDS topics show it, for watching only."""
 
 from __future__ import annotations
 
-import os
-import signal
-import socket
+import copy
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,11 +14,11 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from humanoid_sim.client import Feed, Intake, SessionInfo
+from humanoid_sim.client import monotonic_ns
 from humanoid_sim.dds_client import JOINT_ARRAYS, Imu, stamp_ns
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.attach import Source, Tick, attached, ready
 from humanoid_sim.messages import (
     QPOS_DOCUMENT,
     URDF_DOCUMENT,
@@ -44,85 +39,84 @@ from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Subscription
 from humanoid_sim.ros2.definitions import JOINT_STATE
-from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
-from humanoid_sim.session.registration import Registration
 
-_PERIOD = 0.02
-"""s between two messages of a robot's topics on hardware."""
-_LOOK = 0.05
-"""s between two looks for a robot."""
+_PERIOD = 0.02  # s between two messages of a robot's topics on hardware
+_POLL = 0.05  # s between two checks for a robot
 _SAFETY = SafetyStatus(SafetyLevel.WARNING, source="network", message="not known here: it stays on the robot's machine")
-"""In the place of what never crosses a network."""
 _KEEP_SHAPES = '<mujoco><compiler discardvisual="false"/></mujoco>'
 """MuJoCo drops what a URDF only shows."""
 
 
-class Mirror:
+class Mirror(Source):
     """Ticks from topics. For one thread."""
 
+    is_hardware = True
+
     def __init__(self, participant: Participant, prefix: str) -> None:
-        """Subscribe; `prefix` is what the joint states are under."""
-        self._states = Subscription(participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
+        """Wait for a robot whose joint states are under `prefix`.
+
+        Raises `InputError` if its description is not a URDF of a robot with these joints.
+        """
+        states = ros.joint_states_topic(prefix)
+        self._states = Subscription(participant, states, ros.Topic(JOINT_STATE))
         names = (ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.IMU_TOPIC, ros.TF_TOPIC)
         self._mode, self._described, self._imu, self._frames = (
             Subscription(participant, name, ros.TOPICS[name]) for name in names
         )
-        self._writer: FeedWriter | None = None
-        self._shown = Mode.ZERO_TORQUE
-        self._count = 0
-
-    def is_there(self) -> bool:
-        """Return whether a robot has said what it is, in which mode, and where its joints are."""
-        latest = [topic.look() for topic in (self._states, self._mode, self._described)]
-        return None not in latest
-
-    def begin(self, folder: Path) -> tuple[FeedWriter, RobotDescription]:
-        """Make a feed for the robot that is there, in a session's folder.
-
-        Raises `InputError` if its description is not a URDF of a robot with these joints.
-        """
+        ready(f"waiting for a robot with {states} on {participant.interface}, domain {participant.domain}")
+        while None in [topic.look() for topic in (self._states, self._mode, self._described)]:
+            time.sleep(_POLL)
         assert self._described.latest is not None
         assert self._states.latest is not None
-        description, self._model = _described(self._described.latest["data"])
-        names = tuple(self._states.latest["name"])
+        urdf, self._newest = self._described.latest["data"], self._states.latest
+        description, self._model = _described(urdf)
+        names = tuple(self._newest["name"])
         if set(names) != set(description.joint_names):
             raise InputError(
                 f"{ros.DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
                 f"joint states: {', '.join(names)}"
             )
-        self._names = description.joint_names
-        self._start = stamp_ns(self._states.latest)
+        self._names, self._start = description.joint_names, stamp_ns(self._newest)
         documents = {
             "robot": description.to_json(),
             "settings": "{}",
-            URDF_DOCUMENT: self._described.latest["data"],
+            URDF_DOCUMENT: urdf,
             QPOS_DOCUMENT: qpos_addresses(self._model),
         }
         self.header = SessionHeader(description.name, self._names, _PERIOD, self._start, documents)
-        buffer = np.zeros(mujoco.mj_sizeModel(self._model), dtype=np.uint8)
-        mujoco.mj_saveModel(self._model, None, buffer)
-        self._writer = FeedWriter(folder, self.header, {MODEL_BLOB: buffer.tobytes()})
-        self._publish()
-        return self._writer, description
+        self._shown, self._count = Mode.ZERO_TORQUE, 0
+        self._where = f"{description.name} on {participant.interface}, domain {participant.domain}"
 
-    def look(self) -> None:
-        """Make a tick of what is new, if anything is."""
+    def __str__(self) -> str:
+        return self._where
+
+    def is_running(self) -> bool:
+        """Return True: nobody says that it ends."""
+        return True
+
+    def model(self) -> mujoco.MjModel:
+        """Return a copy of the model."""
+        return copy.copy(self._model)
+
+    def ticks(self, timeout: float = 0.0) -> list[Tick]:
+        """Return a tick where joint states have come."""
+        self._states.reader.wait(timeout)
         for topic in (self._mode, self._imu, self._frames):
             topic.look()
-        before = self._states.latest
-        if self._states.look() is not before:
-            self._publish()
-
-    def _publish(self) -> None:
+        told = self._states.look()
+        if told is self._newest or told is None:
+            return []
+        self._newest = told
         record = self._record()
-        if record is not None and self._writer is not None:
-            self._writer.tick(record)
-            self._count += 1
+        if record is None:
+            return []
+        self._count += 1
+        self.latest = Tick(record, monotonic_ns())
+        return [self.latest]
 
     def _record(self) -> TickRecord | None:
         """Return the robot as it is; None for joint states that are not this robot's."""
-        told, mode = self._states.latest, self._mode.latest
-        assert told is not None
+        told, mode = self._newest, self._mode.latest
         assert mode is not None
         places = {name: place for place, name in enumerate(told["name"])}
         if set(places) != set(self._names) or any(len(told[name]) != len(places) for name in JOINT_ARRAYS):
@@ -130,25 +124,23 @@ class Mirror:
         order = [places[name] for name in self._names]
         position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in JOINT_ARRAYS)
         unknown = np.full(len(order), np.nan)  # commands are not on the network
-        is_known = mode["mode"] in list(Mode)
-        if is_known:
+        words = [mode["status_message"]]
+        if mode["mode"] in list(Mode):
             self._shown = Mode(mode["mode"])
-        warning = f"mode {mode['mode']} is not known here, the last known one is shown; update this program"
-        words = [word for word in ("" if is_known else warning, mode["status_message"]) if word]
-        shown = ControlMode(self._shown, mode["controller_name"], "; ".join(words))
+        else:
+            words.insert(0, f"mode {mode['mode']} is not known here, the last known one is shown; update this program")
+        shown = ControlMode(self._shown, mode["controller_name"], "; ".join(filter(None, words)))
         imu = (np.full(4, np.nan), np.full(3, np.nan), np.full(3, np.nan))
         if self._imu.latest is not None:
             sample = Imu.of(self._imu.latest)
             imu = (sample.quaternion, sample.angular_velocity, sample.linear_acceleration)
-        time = 1e-9 * (stamp_ns(told) - self._start)
-        state = MITState(time, position, velocity, effort, np.zeros(len(order)), *imu)
+        state = MITState(1e-9 * (stamp_ns(told) - self._start), position, velocity, effort, np.zeros(len(order)), *imu)
         command = MITCommand(unknown, unknown, unknown, unknown, unknown)
-        return TickRecord(
-            self._count, TickInput(state, (_SAFETY,)), TickOutput(command, shown), 0.0, False, self._qpos(position)
-        )
+        tick_input, output = TickInput(state, (_SAFETY,)), TickOutput(command, shown)
+        return TickRecord(self._count, tick_input, output, 0.0, False, self._qpos(position))
 
     def _qpos(self, position: FloatArray) -> FloatArray:
-        """MuJoCo's: the joints (n,), and a base that moves where `/tf` has it."""
+        """Return MuJoCo's `qpos`: the joints (n,), and a base that moves where `/tf` has it."""
         qpos: FloatArray = self._model.qpos0.copy()
         for name, value in zip(self._names, position, strict=True):
             if np.isfinite(value):
@@ -164,14 +156,11 @@ class Mirror:
 
 
 def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
-    """Give the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
+    """Return the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if not."""
     with blaming(f"{ros.DESCRIPTION_TOPIC}: is not a URDF", ElementTree.ParseError):
         root = ElementTree.fromstring(urdf)
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
-    for link in root.iter("link"):
-        for shape in link.findall("collision"):  # for planners; this image is only looked at
-            link.remove(shape)
     with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as name:
         folder = Path(name)
         source, target = folder / "robot.urdf", folder / "robot.xml"
@@ -182,93 +171,32 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
         return description, bare_model(description)
 
 
-@contextmanager
-def mirrored(
-    interface: str,
-    prefix: str,
-    *,
-    told: Callable[[str], None] = lambda _: None,
-    ended: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Attachment, Mirror] | None]:
-    """Wait for a robot on a network interface, and attach to its image; None if it `ended` before.
-
-    Raises:
-        InputError: the interface cannot be used, or the robot describes itself wrongly.
-        MissingPackageError: Cyclone DDS is not installed.
-    """
-    with ExitStack() as stack:
-        participant = stack.enter_context(Participant(interface=interface))
-        mirror = Mirror(participant, prefix)
-        states = ros.joint_states_topic(prefix)
-        told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
-        while not mirror.is_there():
-            if ended():
-                yield None
-                return
-            time.sleep(_LOOK)
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="humanoid_sim-")))
-        registration = Registration.create(folder)
-        stack.callback(registration.close)
-        writer, description = mirror.begin(registration.path)
-        stack.callback(writer.close)
-        where = f"{interface}, domain {participant.domain}"
-        session = _session(stack, registration, description.name, where)
-        feed = stack.enter_context(Feed(session))
-        intake = stack.enter_context(Intake(session, "mirror"))
-        yield Attachment(session, feed, intake), mirror
-
-
 @dataclass(frozen=True)
-class RobotElsewhere:
+class Watched:
     """Options of a front end that can also show a robot on another machine, for watching only."""
 
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
-    dds: bool = False
-    """Show a robot on another machine, from its DDS topics alone, for watching only."""
-    interface: str = ""
-    """With --dds: the network interface at which the robot is, such as eth1."""
+    dds: str = ""
+    """A network interface such as eth1: show the robot there, from its DDS topics alone, for watching only."""
     prefix: str = "lite"
     """With --dds: what the robot's joint states are under."""
 
     @contextmanager
-    def shown(
-        self, name: str, niceness: int = 5
-    ) -> Iterator[tuple[Attachment, Callable[[], None] | None, Callable[[], bool]] | None]:
-        """Attach the front end of that name to the session, or to the robot elsewhere, that the options name.
-
-        Yields the attachment; of a robot elsewhere what takes in its newest messages; and what says that a signal asks
-        this program to end. None if a signal came before that robot.
+    def source(self, name: str, niceness: int = 5) -> Iterator[Source]:
+        """Attach the front end of that name.
 
         Raises:
-            InputError: options exclude each other, or there is no such session, robot or network interface.
+            InputError: there is no such session or network interface, or a robot describes itself wrongly.
             MissingPackageError: the front end's packages are not installed, or Cyclone DDS is not.
         """
-        if self.interface and not self.dds:
-            raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
-        if self.session is not None and self.dds:
-            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
-        if self.dds and not self.interface:
-            raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
         require_packages(name)
         if not self.dds:
             with attached(self.session, name, niceness=niceness) as attachment:
-                yield attachment, None, lambda: False
+                yield attachment
             return
+        if self.session is not None:
+            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
         require_packages("dds")
-        signals: list[int] = []
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda number, _: signals.append(number))
-
-        def ended() -> bool:
-            return bool(signals)
-
-        with mirrored(self.interface, self.prefix, told=ready, ended=ended) as found:
-            yield None if found is None else (found[0], found[1].look, ended)
-
-
-def _session(stack: ExitStack, registration: Registration, robot: str, where: str) -> SessionInfo:
-    """Return a session that no program finds, and that receives nothing."""
-    for name in ("intents", "data"):
-        stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)).bind(str(registration.path / name))
-    return SessionInfo(os.getpid(), robot, "unknown", f"DDS on {where}", "", registration.path)
+        with Participant(interface=self.dds) as participant:
+            yield Mirror(participant, self.prefix)

@@ -1,126 +1,139 @@
-"""Gamepads as SDL2 knows them (`pygame-ce`): which are there, which of their buttons are down, where their sticks are.
-
-SDL's own table of controllers brings the usual ones, of whatever maker, to one layout: that of `sensor_msgs/Joy` for an
-Xbox pad. A pad that it does not know keeps the numbers of its driver.
-"""
+"""Gamepads as Linux's joystick driver has them, `/dev/input/js*`, in the order of `sensor_msgs/Joy` for an Xbox pad."""
 
 from __future__ import annotations
 
+import array
+import fcntl
 import os
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-_BUTTONS = ("A", "B", "X", "Y", "LEFTSHOULDER", "RIGHTSHOULDER", "BACK", "START")
-_AXES = ("LEFTX", "LEFTY", "RIGHTX", "RIGHTY", "TRIGGERLEFT", "TRIGGERRIGHT")
+_EVENT = struct.Struct("<IhBB")  # time, value, kind, number; <linux/joystick.h>, as all here
+_BUTTON, _AXIS, _INITIAL = 1, 2, 0x80
+_GET_NAME, _GET_AXES, _GET_BUTTONS = 0x80806A13, 0x80016A11, 0x80016A12  # JSIOCGNAME(128), JSIOCGAXES, JSIOCGBUTTONS
+_GET_AXIS_MAP, _GET_BUTTON_MAP = 0x80406A32, 0x84006A34  # JSIOCGAXMAP, JSIOCGBTNMAP
 _FULL = 32767.0
-_ENVIRONMENT = {
-    "PYGAME_HIDE_SUPPORT_PROMPT": "1",
-    "SDL_VIDEODRIVER": "dummy",  # a gamepad needs no window, and no window's focus
-    "SDL_AUDIODRIVER": "dummy",
-    "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
-    "SDL_NO_SIGNAL_HANDLERS": "1",
-}
+_SOUTH, _EAST, _C, _NORTH, _WEST, _TL, _TR, _TL2, _SELECT, _START = (
+    *(0x130, 0x131, 0x132, 0x133, 0x134),
+    *(0x136, 0x137, 0x138, 0x13A, 0x13B),
+)  # <linux/input-event-codes.h>
+_X, _Y, _Z, _RX, _RY, _RZ = range(6)
 
 
-def missing_reason(folder: Path = Path("/dev/input")) -> str:
-    """Return why no gamepad is found: device nodes that are not there, or not readable and whose they are."""
-    nodes = sorted(folder.glob("event*"))
-    if not nodes:
-        return f"no gamepad is plugged in: {folder} has no event nodes"
-    closed = [node for node in nodes if not os.access(node, os.R_OK)]
-    if not closed:
-        return "no gamepad is plugged in"
-    try:
-        group = closed[0].group()
-    except KeyError:  # a group without a name
-        group = str(closed[0].stat().st_gid)
-    return (
-        f"no gamepad is plugged in that can be read: {len(closed)} of {len(nodes)} event nodes, such as {closed[0]}, "
-        f"are for group '{group}'; join it (sudo usermod -aG {group} $USER) and log in again"
-    )
+class Described(NamedTuple):
+    """Facts that a driver tells of its device."""
 
-
-@dataclass(frozen=True, slots=True)
-class Pad:
-    """One gamepad, as it is now."""
-
-    identity: int
-    """SDL's instance id: another one after each time it is plugged in."""
     name: str
-    is_known: bool
-    """To SDL's table of controllers: its buttons are in the usual order."""
-    buttons: tuple[bool, ...]
-    axes: tuple[float, ...]
-    """-1 to 1."""
+    buttons: tuple[int, ...]
+    """Key code of each button."""
+    axes: tuple[int, ...]
+    """Code of each axis."""
+
+
+def describe(handle: int) -> Described:
+    """Return what the driver of an open device says."""
+    name, counts = bytearray(128), [bytearray(1), bytearray(1)]
+    fcntl.ioctl(handle, _GET_NAME, name)
+    fcntl.ioctl(handle, _GET_BUTTONS, counts[0])
+    fcntl.ioctl(handle, _GET_AXES, counts[1])
+    buttons, axes = array.array("H", bytes(1024)), bytearray(64)
+    fcntl.ioctl(handle, _GET_BUTTON_MAP, buttons)
+    fcntl.ioctl(handle, _GET_AXIS_MAP, axes)
+    text = name.partition(b"\0")[0].decode(errors="replace")
+    return Described(text, tuple(buttons[: counts[0][0]]), tuple(axes[: counts[1][0]]))
+
+
+class Pad:
+    """One gamepad that is plugged in."""
+
+    def __init__(self, path: Path, describe: Callable[[int], Described]) -> None:
+        """Open it. Raises `OSError` if it is gone, or not readable."""
+        self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self.name, codes, axes = describe(self._handle)
+        except OSError:
+            self.close()
+            raise
+        # Drivers that report the place of a button have TL2 and no C; others name X and Y as Xbox pads are labelled.
+        x, y = (_WEST, _NORTH) if _TL2 in codes and _C not in codes else (_NORTH, _WEST)
+        wanted = (_SOUTH, _EAST, x, y, _TL, _TR, _SELECT, _START)
+        self.is_known = set(wanted) <= set(codes)
+        self._buttons = {codes.index(code): place for place, code in enumerate(wanted)} if self.is_known else {}
+        right = (_RX, _RY) if _RX in axes else (_Z, _RZ)
+        self._axes = {axes.index(code): place for place, code in enumerate((_X, _Y, *right)) if code in axes}
+        self.buttons = (False,) * len(wanted)
+        """A, B, X, Y, L1, R1, BACK, START: True while it is down."""
+        self.changes: list[tuple[tuple[bool, ...], tuple[bool, ...]]] = []
+        """Buttons before and after each press or release since the poll before."""
+        self.axes = [0.0] * 4
+        """Left stick x and y, right stick x and y, -1 to 1; left and up are -1."""
 
     def __str__(self) -> str:
-        return f"{self.name} ({len(self.buttons)} buttons, {'known' if self.is_known else 'unknown'} layout)"
+        return self.name if self.is_known else f"{self.name} (its layout is not known)"
+
+    def close(self) -> None:
+        """Close it."""
+        os.close(self._handle)
+
+    def poll(self) -> bool:
+        """Take what has come; False if it is gone."""
+        self.changes = []
+        try:
+            data = os.read(self._handle, 64 * _EVENT.size)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        for _, value, kind, number in _EVENT.iter_unpack(data):
+            if kind & ~_INITIAL == _AXIS and number in self._axes:
+                self.axes[self._axes[number]] = max(value / _FULL, -1.0)
+            if kind & ~_INITIAL == _BUTTON and number in self._buttons:
+                before, place = self.buttons, self._buttons[number]
+                self.buttons = (*before[:place], bool(value), *before[place + 1 :])
+                if not kind & _INITIAL:  # a button that is down when the gamepad comes was not pressed
+                    self.changes.append((before, self.buttons))
+        return bool(data)
 
 
 class Pads:
-    """The gamepads of this machine. One object a process, used on one thread."""
+    """The gamepads of this machine."""
 
-    def __init__(self, *, raw: bool = False) -> None:
-        """Start SDL; `raw` keeps the numbers of the driver for pads of a known layout too."""
-        os.environ.update(_ENVIRONMENT)
-        import pygame  # noqa: PLC0415 - reads the environment above
-        from pygame._sdl2 import controller  # noqa: PLC0415
+    def __init__(self, folder: Path = Path("/dev/input"), describe: Callable[[int], Described] = describe) -> None:
+        """Open none yet; a test brings a `folder` of FIFOs, and how to `describe` them."""
+        self._folder, self._describe = folder, describe
+        self._open: dict[str, Pad] = {}
 
-        self._pygame, self._controller = pygame, controller
-        self._raw = raw
-        pygame.display.init()  # its queue is the one that events go through
-        pygame.joystick.init()
-        controller.init()
-        self._buttons = [getattr(pygame, f"CONTROLLER_BUTTON_{name}") for name in _BUTTONS]
-        self._axes = [getattr(pygame, f"CONTROLLER_AXIS_{name}") for name in _AXES]
-        self._open: dict[int, tuple[Any, Any]] = {}
-        """By instance id: the joystick, and the controller of a known one."""
-
-    def look(self) -> tuple[Pad, ...]:
-        """Those that are there now, in the order in which they came."""
-        for event in self._pygame.event.get():
-            if event.type == self._pygame.JOYDEVICEREMOVED:
-                self._forget(event.instance_id)
-        for index in range(self._pygame.joystick.get_count()):
-            try:
-                joystick = self._pygame.joystick.Joystick(index)
-                if joystick.get_instance_id() not in self._open:
-                    known = not self._raw and self._controller.is_controller(index)
-                    self._open[joystick.get_instance_id()] = (
-                        joystick,
-                        self._controller.Controller(index) if known else None,
-                    )
-            except self._pygame.error:  # unplugged just now
-                continue
-        pads = []
-        for identity, (joystick, controller) in list(self._open.items()):
-            try:
-                pads.append(self._read(identity, joystick, controller))
-            except self._pygame.error:
-                self._forget(identity)
-        return tuple(pads)
+    def poll(self) -> tuple[Pad, ...]:
+        """Return those that are there, by the number of their device, with what has come."""
+        for path in sorted(self._folder.glob("js*")):
+            if path.name not in self._open:
+                try:
+                    self._open[path.name] = Pad(path, self._describe)
+                except OSError:  # unplugged just now, or not readable
+                    continue
+        for name, pad in list(self._open.items()):
+            if not pad.poll():
+                pad.close()
+                del self._open[name]
+        return tuple(self._open.values())
 
     def close(self) -> None:
-        """Let go of all."""
-        for identity in list(self._open):
-            self._forget(identity)
-        self._controller.quit()
-        self._pygame.joystick.quit()
-        self._pygame.display.quit()
+        """Close all."""
+        while self._open:
+            self._open.popitem()[1].close()
 
-    def _forget(self, identity: int) -> None:
-        for handle in self._open.pop(identity, ()):
-            if handle is not None:
-                handle.quit()
-
-    def _read(self, identity: int, joystick: Any, controller: Any) -> Pad:
-        if controller is not None:
-            if not controller.attached():
-                raise self._pygame.error("gone")
-            buttons = tuple(bool(controller.get_button(button)) for button in self._buttons)
-            axes = tuple(max(controller.get_axis(axis) / _FULL, -1.0) for axis in self._axes)
-        else:
-            buttons = tuple(bool(joystick.get_button(index)) for index in range(joystick.get_numbuttons()))
-            axes = tuple(float(joystick.get_axis(index)) for index in range(joystick.get_numaxes()))
-        return Pad(identity, joystick.get_name(), controller is not None, buttons, axes)
+    def missing_reason(self) -> str:
+        """Return why no gamepad is found: device nodes that are not there, or not readable and whose they are."""
+        closed = [node for node in sorted(self._folder.glob("js*")) if not os.access(node, os.R_OK)]
+        if not closed:
+            return f"no gamepad is plugged in: {self._folder} has no js*"
+        try:
+            group = closed[0].group()
+        except KeyError:  # a group without a name
+            group = str(closed[0].stat().st_gid)
+        return (
+            f"no gamepad is plugged in that can be read: {closed[0]} is for group '{group}'; join it "
+            f"(sudo usermod -aG {group} $USER) and log in again"
+        )

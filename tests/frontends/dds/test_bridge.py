@@ -166,22 +166,14 @@ HOSTILE = (
 )
 
 
-def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suffers(robot):
+def test_hostile_samples_are_refused_and_no_honest_command_suffers(robot):
     honest, hostile = robot.writer(), robot.writer()
-    control_mode = robot.client.reader("rt/control_mode", depth=1000)
-    told = set()
     with streaming(honest, 0.2):
         until(lambda: robot.position() == 0.2, "the honest command")
         start = len(robot.records)
         for make in HOSTILE:
             hostile.write(make())
-        until(lambda: robot.local.data.refusals.counts.get(f"dds ({robot.bridge})") == len(HOSTILE), "every refusal")
-
-        def is_told():
-            told.update(sample.status_message for sample in control_mode.take(1000))
-            return any(" samples refused, the last of dds (" in text for text in told)
-
-        until(is_told, "the refusals in /control_mode")
+        until(lambda: len(robot.records) > start + 20, "time to act on them")
         positions = {float(record.output.command.position[0]) for record in robot.records[start:]}
         assert positions <= {0.2, 0.4}, "the honest one's, or where the joints are damped"
     robot.wait_until_passive()

@@ -115,15 +115,3 @@ def test_what_the_session_publishes_does_not_come_back(robot):
     until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 0)], "its end")
     time.sleep(0.1)
     assert {name: level for name, level in robot.levels().items() if name.startswith("can0")} == {"can0": 0}
-
-
-def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot):
-    writer = robot.writer(QUALITIES["rclpy's default"])
-    for number in range(4000):
-        writer.write(status(number % 2, f"source {number % 40}"))
-        if number % 1000 == 0:
-            assert robot.ask("damp").granted
-    for number in range(40):
-        writer.write(status(0, f"source {number}"))
-    until(lambda: not any(level for name, level in robot.levels().items() if name != "further sources"), "all OK")
-    assert len(robot.levels()) <= 40

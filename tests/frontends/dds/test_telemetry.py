@@ -87,6 +87,5 @@ def test_keys_from_outside_reach_the_session_where_it_takes_them(domain, runtime
 
         until(lambda: play() == [1.0, 0.0, 1.0], "the keys")
         keys.data = [1.0] * 88
-        told = "/piano/key_state: has 88 values, expected 3 for the live input 'key_pressed'"
-        until(lambda: play() and told in local.data.refusals.latest, "a refusal")
+        writer.write(keys)
         until(lambda: pressed() == [0.0] * 3, "the timeout of what was not repeated")

@@ -1,130 +1,119 @@
-"""Bytes of a keyboard become keys that are down; active sensing and unplugging, by a clock of the test's own."""
+"""Bytes of a keyboard become keys that are down, until it is unplugged."""
 
-from collections import deque
+import sys
+import types
 
+import mido
 import pytest
+from emulated_keyboard import on_fifo
+from hypothesis import given
+from hypothesis import strategies as st
 
-from humanoid_sim.frontends.midi.device import Source
-from humanoid_sim.frontends.midi.keyboard import Keyboard, MidiStream, PressedKeys
-
-
-class Scripted(Source):
-    """A keyboard in a time of its own: bytes by the second in which they come; None for being unplugged."""
-
-    def __init__(self, *script, name="Keystation"):
-        self.name, self.now, self.is_open = name, 0.0, True
-        self._script = deque(script)
-
-    def read(self, seconds):
-        assert self.is_open
-        end = self.now + seconds
-        if self._script and self._script[0][0] <= end:
-            time, data = self._script.popleft()
-            self.now = max(time, self.now)
-            return data
-        self.now = end
-        return b""
-
-    def close(self):
-        self.is_open = False
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends.midi import keyboard as module
+from humanoid_sim.frontends.midi.keyboard import ByteDevice, Keyboard, Port, PressedKeys, WireParser, port_names
 
 
-def down(keyboard):
-    return [int(key) for key in keyboard.pressed.nonzero()[0]]
-
-
-PRESS, OTHER, SENSING = bytes((0x90, 60, 64)), bytes((0x90, 64, 64)), b"\xfe"
-
-
-def test_a_keyboard_that_sends_it_and_falls_silent_is_lost():
-    source = Scripted((0.0, PRESS + SENSING), (0.205, b"\xf8"), (1.005, OTHER + SENSING), (1.205, SENSING))
-    keyboard = Keyboard(source, clock=lambda: source.now)
-    found = {}
-    while source.now < 1.7:
-        for line in keyboard.look(0.01):
-            found[round(source.now, 2)] = (line, down(keyboard), keyboard.is_known)
-    lost = "Keystation sends active sensing, and nothing for 300 ms: all keys released"
-    assert found == {0.51: (lost, [], False), 1.01: ("Keystation is heard again", [43], True), 1.51: (lost, [], False)}
-
-
-def test_one_that_is_unplugged_releases_its_keys_and_may_come_back():
-    first, second = Scripted((0.0, PRESS), (0.02, None)), Scripted((9.0, OTHER), name="Keystation 2")
-    second.now = 9.0
-    answers = deque([None, second])
-    now = [0.0]
-    keyboard = Keyboard(first, answers.popleft, clock=lambda: max(first.now, now[0]))
-    assert keyboard.look(0.01) == []
-    assert down(keyboard) == [39]
-    assert keyboard.look(0.02) == ["Keystation is gone: all keys released"]
-    assert (down(keyboard), keyboard.is_known, first.is_open) == ([], False, False)
-    now[0] = 1.0
-    assert keyboard.look(0.001) == []
-    assert len(answers) == 1, "looked for once"
-    now[0] = 1.3
-    assert keyboard.look(0.001) == []
-    assert len(answers) == 1, "half a second between two attempts"
-    now[0] = 1.6
-    assert keyboard.look(0.001) == ["Keystation 2 is there again"]
-    now[0] = 9.0
-    keyboard.look(0.0)
-    assert (down(keyboard), keyboard.is_known) == ([43], True)
-    keyboard.close()
-    assert not second.is_open
-
-
-def test_a_flood_is_never_the_present():
-    """What waits behind it may have released every key."""
-
-    class Flood(Scripted):
-        def read(self, seconds):
-            self.now += 0.0001
-            return PRESS * 80
-
-    source = Flood()
-    keyboard = Keyboard(source, clock=lambda: source.now)
-    begun = keyboard.stamp
-    for _ in range(5):
-        keyboard.look(0.002)
-    assert down(keyboard) == [39]
-    assert keyboard.stamp == begun
-
-
-def heard(data, transpose=0):
-    """Keys that are down after these bytes, and what was told."""
-    keys, stream = PressedKeys(transpose), MidiStream()
-    told = [line for message in stream.feed(bytes.fromhex(data)) if (line := keys.hear(message))]
+def pressed(data, pieces=1000, transpose=0):
+    """Keys that are down after these bytes, which come in pieces."""
+    keys, parser = PressedKeys(transpose), WireParser()
+    for first in range(0, len(data), pieces):
+        for message in parser.feed(data[first : first + pieces]):
+            keys.take(message)
     assert keys.values.shape == (88,)
-    return [int(key) for key in keys.values.nonzero()[0]], told
+    return [int(key) for key in keys.values.nonzero()[0]]
 
 
+@pytest.mark.parametrize("pieces", [1, 2, 1000])
 @pytest.mark.parametrize(
     ("data", "down"),
     [
         ("90 15 01 90 6c 7f", [0, 87]),  # A0 and C8
         ("90 3c 40 80 3c 40", []),
         ("90 3c 40 90 3c 00", []),  # velocity 0 is off
-        ("90 3c 40 3c 00 40 40", [43]),  # with running status
+        ("90 3c 40 3c 00 40 40", [43]),  # without a status byte
+        ("90 3c f8 40 fe 40 f8 40", [39, 43]),  # real time within messages
+        ("90 3c 40 f0 7e 09 3c 01 f7 40 40 90 3c 00", []),  # exclusive ends the running status
+        ("90 3c 40 f2 10 20 40 40", [39]),  # common messages end it too
+        ("3c 40 90 3c 40", [39]),  # from the middle of a message on
+        ("90 3c 91 3c 40", [39]),  # cut off by the next
+        ("c3 07 90 3c 40", [39]),  # one data byte
         ("90 3c 40 90 3c 40 80 3c 00", []),  # struck twice, released once: there is one key
-        ("80 3c 40", []),
         ("90 3c 40 91 3c 40 80 3c 00", [39]),  # another channel holds it
-        ("90 3c 40 91 3c 40 80 3c 00 81 3c 00", []),
         ("90 3c 40 b0 40 7f 80 3c 00", []),  # the pedal holds the string, not the key
-        ("90 3c 40 b0 40 00", [39]),
         ("90 3c 40 91 40 40 b0 7b 00", [43]),  # all notes off, of one channel
-        ("90 3c 40 91 40 40 b0 78 00", [43]),  # all sound off
         ("90 3c 40 b0 7c 00", []),  # a change of mode is all notes off, too
         ("90 3c 40 b0 79 00", [39]),  # reset all controllers is not
-        ("90 3c 40 b0 7a 00", [39]),
         ("90 3c 40 91 40 40 ff", []),  # system reset
-        ("90 3c 40 fe f8", [39]),
-        ("90 3c 40 a0 3c 7f d0 00 e0 00 00 c0 05", [39]),  # pressure, bend, program
+        ("99 3c 40 90 14 40 90 6d 40", []),  # drums, and beyond the piano
     ],
 )
-def test_the_keys_that_are_down(data, down):
-    assert heard(data) == (down, [])
+def test_the_keys_that_are_down(data, down, pieces):
+    assert pressed(bytes.fromhex(data), pieces) == down
 
 
-def test_notes_beyond_the_piano_are_told_once():
-    keys, told = heard("90 14 40 80 14 40 90 14 40 90 6d 40 90 15 40")
-    assert keys == [0]
-    assert told == ["note 20 is beyond the piano's keys, 21 to 108", "note 109 is beyond the piano's keys, 21 to 108"]
+def test_notes_are_transposed():
+    assert pressed(bytes((0x90, 48, 64)), transpose=12) == [39]
+
+
+@given(st.binary(max_size=60), st.integers(1, 60))
+def test_any_bytes_make_the_same_keys_in_any_pieces(data, pieces):
+    assert pressed(data, pieces) == pressed(data)
+
+
+def test_one_that_is_unplugged_releases_its_keys_and_may_come_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.0)
+    with on_fifo(tmp_path / "keys") as plugged:
+        keyboard = Keyboard(ByteDevice(plugged.path), lambda: ByteDevice(plugged.path))
+        plugged.press(60)
+        assert keyboard.poll() == []
+        assert keyboard.pressed.nonzero()[0].tolist() == [39]
+        plugged.unplug()
+        assert keyboard.poll() == [f"{plugged.path} is gone: all keys released"]
+        assert not keyboard.pressed.any()
+        assert not keyboard.is_known
+        assert keyboard.poll() == []
+    with on_fifo(tmp_path / "keys") as plugged:
+        assert keyboard.poll() == [f"{plugged.path} is there again"]
+        plugged.press(64)
+        keyboard.poll()
+        assert keyboard.pressed.nonzero()[0].tolist() == [43]
+        keyboard.close()
+
+
+def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path):
+    (tmp_path / "notes.bin").write_bytes(b"\x90\x3c\x40")
+    for path in (tmp_path / "notes.bin", tmp_path):
+        with pytest.raises(
+            InputError, match="is a file or folder, expected a MIDI device or"
+        ):
+            ByteDevice(str(path))
+    with pytest.raises(InputError, match=r"^--device: /nowhere cannot be opened: No such file or directory$"):
+        ByteDevice("/nowhere")
+
+
+def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypatch):
+    names = ["Midi Through:0 14:0", "Pads:0 20:0", "Keystation 88:0 24:0"]
+    waiting = [mido.Message("note_on", note=60)]
+    opened = types.SimpleNamespace(iter_pending=lambda: list(waiting), close=lambda: None)
+    monkeypatch.setattr(module.mido, "get_input_names", lambda: names)
+    monkeypatch.setattr(module.mido, "open_input", lambda _: opened)
+    monkeypatch.setattr(module, "_CHECK_PERIOD", -1.0)
+    assert port_names() == ["Pads:0 20:0", "Keystation 88:0 24:0"]
+    assert Port("").name == "Pads:0 20:0"
+    port = Port("keystation")
+    assert port.read() == waiting
+    names.pop()
+    assert port.read() is None
+    with pytest.raises(ConnectionError):
+        Port("keystation")
+
+
+def test_without_a_sequencer_it_says_so(monkeypatch):
+    def missing():
+        print("ALSA lib seq_hw.c: nothing", file=sys.stderr)
+        raise RuntimeError("error creating ALSA sequencer client object")
+
+    monkeypatch.setattr(module.mido, "get_input_names", missing)
+    with pytest.raises(InputError, match=r"no MIDI sequencer: .*; --device takes the bytes"):
+        port_names()
