@@ -72,12 +72,10 @@ class Gate:
         """By page: when it was heard, and the newest tick that it showed then, ns."""
         self._hand = ""
         """The page at which something was pressed or moved last."""
-        self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         started: Future[int] = Future()
-        target = self._loop.run_until_complete
         serving = self._serve(host, port, started)
-        self._thread = threading.Thread(target=target, args=(serving,), name="gate", daemon=True)
+        self._thread = threading.Thread(target=asyncio.run, args=(serving,), name="gate", daemon=True)
         self._thread.start()
         port = started.result()
         name = f"[{host}]" if ":" in host else host
@@ -89,7 +87,6 @@ class Gate:
         """End all connections and the thread."""
         self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join()
-        self._loop.close()
 
     def seen(self) -> int:
         """Return the stamp of the newest tick that the operator's page showed, ns; 0 for a page that is gone."""
@@ -108,6 +105,7 @@ class Gate:
         return ""
 
     async def _serve(self, host: str, port: int, started: Future[int]) -> None:
+        self._loop = asyncio.get_running_loop()
         quiet = logging.Logger("gate", logging.CRITICAL)  # strangers' requests are no news for an operator
         try:
             server = await serve(

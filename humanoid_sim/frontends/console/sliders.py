@@ -78,9 +78,9 @@ class JointSliders:
         wanted[:, j] = np.clip(self.goals, self.limits[:, 0], self.limits[:, 1])
         most = self._rates * min(max(elapsed, 0.0), _LONGEST_STEP)
         rows = self._rows + np.clip(wanted - self._rows, -most, most)
-        away = _FURTHEST
-        if rows[_STIFFNESS, j] > 0.0:
-            away = min(away, _SPRING_SHARE * self._robot.joints[j].effort_limit / rows[_STIFFNESS, j])
+        away, most_effort = _FURTHEST, _SPRING_SHARE * self._robot.joints[j].effort_limit
+        if rows[_STIFFNESS, j] * away > most_effort:
+            away = most_effort / rows[_STIFFNESS, j]
         rows[_POSITION, j] = np.clip(rows[_POSITION, j], position[j] - away, position[j] + away)
         self._rows, zeros = rows, np.zeros_like(position)
         return MITCommand(rows[_POSITION], zeros, zeros, rows[_STIFFNESS], rows[_DAMPING])

@@ -80,7 +80,7 @@ class WireParser:
                     self._missing = self._length
                 self._missing -= 1
             self._parser.feed_byte(byte)
-        yield from self._parser
+            yield from self._parser
 
     @property
     def _length(self) -> int:

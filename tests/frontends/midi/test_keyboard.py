@@ -84,9 +84,7 @@ def test_one_that_is_unplugged_releases_its_keys_and_may_come_back(tmp_path, mon
 def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path):
     (tmp_path / "notes.bin").write_bytes(b"\x90\x3c\x40")
     for path in (tmp_path / "notes.bin", tmp_path):
-        with pytest.raises(
-            InputError, match="is a file or folder, expected a MIDI device or"
-        ):
+        with pytest.raises(InputError, match="is a file or folder, expected a MIDI device or"):
             ByteDevice(str(path))
     with pytest.raises(InputError, match=r"^--device: /nowhere cannot be opened: No such file or directory$"):
         ByteDevice("/nowhere")

@@ -1,0 +1,228 @@
+"""What an operator's page commands of a session, and when that ends."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from humanoid_sim.client import Answer, SessionError, monotonic_ns
+from humanoid_sim.frontends.attach import Tick
+from humanoid_sim.frontends.console import operator as module
+from humanoid_sim.frontends.console.operator import Operator
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.testing import healthy_state
+
+LITE = load_robot("lite")
+POSE = np.array(LITE.standby_controller_a.pose_segments[-1])
+CONTROLLERS = {Mode.REMOTE: "remote_policy_controller", Mode.STANDBY: "standby_controller_b"}
+SPEEDS = np.array([[-0.5, 0.8], [-0.4, 0.4], [-1.0, 1.0]])
+
+
+class FakeIntake:
+    """Keeps what is sent to a session."""
+
+    def __init__(self):
+        self.posted, self.velocities, self.answers = [], [], {}
+
+    def post(self, word, *, seen=None):
+        self.posted.append(word)
+        return str(len(self.posted))
+
+    def answer(self, token, timeout):
+        if token not in self.answers:
+            raise SessionError("did not answer")
+        return self.answers[token]
+
+    def velocity(self, *values, deliberate, stamp=None):
+        self.velocities.append((*values, deliberate))
+
+    def close(self): ...
+
+
+class Desk:
+    """An operator at a session that is in some mode; time passes with `step`."""
+
+    def __init__(self, monkeypatch):
+        self.now = monotonic_ns()
+        monkeypatch.setattr(module, "monotonic_ns", lambda: self.now)
+        monkeypatch.setattr("humanoid_sim.frontends.attach.monotonic_ns", lambda: self.now)
+        monkeypatch.setattr(module, "Intake", lambda *_: self.damping)
+        monkeypatch.setattr(module, "policy_speeds", lambda _: SPEEDS)
+        self.intake, self.damping, self.commands = FakeIntake(), FakeIntake(), []
+        self.owners, self.silence, self.position = {}, "", POSE
+        self.session = SimpleNamespace(
+            intake=self.intake,
+            session=None,
+            header=SimpleNamespace(joint_names=LITE.joint_names),
+            description=LITE,
+            walking_contract=None,
+            latest=None,
+            status=lambda: {"owners": self.owners},
+            send=self.send,
+        )
+        self.operator = Operator(self.session)
+        self.operator.gate = SimpleNamespace(
+            silence=lambda: self.silence, heard=lambda: self.now, seen=lambda: self.now
+        )
+
+    def send(self, command, stamp):
+        self.commands.append(command)
+        return True
+
+    def tick(self, mode, age=0.0):
+        control = ControlMode(mode, CONTROLLERS.get(mode, "x"))
+        output = TickOutput(MITCommand.zeros(LITE.joint_count), control)
+        record = TickRecord(0, TickInput(healthy_state(self.position, 1.0)), output, 0.0, False)
+        self.session.latest = Tick(record, self.now - round(1e9 * age))
+
+    def step(self, mode, seconds=0.02, age=0.0):
+        self.now += round(1e9 * seconds)
+        self.tick(mode, age)
+        self.operator.step()
+
+    def run(self, mode, seconds):
+        for _ in range(round(seconds / 0.02)):
+            self.step(mode)
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    desk = Desk(monkeypatch)
+    desk.step(Mode.STANDBY)
+    return desk
+
+
+def moving(desk, name="left_elbow_pitch"):
+    desk.operator.do(desk.operator.take, name)
+    desk.step(Mode.REMOTE)
+    return desk
+
+
+def test_damp_is_sent_at_once_and_again_until_damping_is_seen(desk):
+    desk.operator.damp()
+    assert desk.damping.posted == ["damp"]
+    desk.run(Mode.LOCOMOTION, 0.5)
+    assert len(desk.damping.posted) == 4 or len(desk.damping.posted) == 5
+    count = len(desk.damping.posted)
+    desk.run(Mode.DAMPING, 0.5)
+    assert len(desk.damping.posted) == count
+
+
+def test_an_intent_is_asked_for_with_what_the_page_has_seen_and_its_answer_is_shown(desk):
+    desk.operator.do(desk.operator.ask, "start_remote", desk.now)
+    desk.step(Mode.STANDBY)
+    assert desk.intake.posted == ["start_remote"]
+    assert desk.operator.answer == "start_remote …"
+    desk.intake.answers["1"] = Answer(False, "START_REMOTE refused: requires STANDBY")
+    desk.step(Mode.STANDBY)
+    assert desk.operator.answer == "START_REMOTE refused: requires STANDBY"
+    desk.operator.do(desk.operator.ask, "load_a", 0)
+    desk.step(Mode.STANDBY)
+    assert len(desk.intake.posted) == 1, "nobody knows what that page had seen"
+
+
+def test_a_slider_steers_in_locomotion_alone(desk):
+    desk.operator.do(desk.operator.steer, 0, 9.0)
+    desk.step(Mode.STANDBY)
+    assert desk.intake.velocities == []
+    assert desk.operator.answer == "velocity refused: requires LOCOMOTION, mode is STANDBY"
+    desk.step(Mode.LOCOMOTION)
+    desk.operator.do(desk.operator.steer, 0, 9.0)
+    desk.operator.do(desk.operator.steer, 2, -0.25)
+    desk.step(Mode.LOCOMOTION)
+    assert desk.intake.velocities == [(0.8, 0.0, -0.25, True)]
+    desk.run(Mode.LOCOMOTION, 0.2)
+    assert desk.intake.velocities[-1] == (0.8, 0.0, -0.25, False)
+    desk.operator.do(desk.operator.stop)
+    desk.run(Mode.LOCOMOTION, 0.5)
+    assert desk.intake.velocities[-1][:3] == (0.0, 0.0, 0.0)
+    count = len(desk.intake.velocities)
+    desk.run(Mode.LOCOMOTION, 0.5)
+    assert len(desk.intake.velocities) == count, "a slider at rest claims nothing"
+
+
+@pytest.mark.parametrize("why", ["silence", "owner", "mode"])
+def test_a_velocity_ends_with_its_page_with_another_owner_and_with_the_mode(desk, why):
+    desk.owners = {"velocity": desk.operator._name}
+    desk.step(Mode.LOCOMOTION)
+    desk.operator.do(desk.operator.steer, 0, 0.5)
+    desk.run(Mode.LOCOMOTION, 3.0)
+    assert desk.intake.velocities[-1] == (0.5, 0.0, 0.0, False)
+    if why == "silence":
+        desk.silence = "its page was not heard"
+    if why == "owner":
+        desk.owners = {"velocity": "gamepad (7)"}
+    desk.step(Mode.DAMPING if why == "mode" else Mode.LOCOMOTION)
+    assert desk.intake.velocities[-1] == (0.0, 0.0, 0.0, False)
+    assert desk.operator.let_go.startswith("velocity let go: ")
+    assert desk.intake.posted[-1].startswith("mark velocity let go")
+    count = len(desk.intake.velocities)
+    desk.run(Mode.LOCOMOTION, 0.5)
+    assert len(desk.intake.velocities) == count
+
+
+def test_a_joint_is_moved_in_remote_with_the_gains_of_the_pose_before(desk):
+    desk.operator.do(desk.operator.take, "left_elbow_pitch")
+    desk.step(Mode.STANDBY)
+    assert desk.operator.answer == "sliders refused: requires REMOTE, mode is STANDBY"
+    assert desk.operator._pose == "b"
+    moving(desk)
+    desk.operator.do(desk.operator.set_goal, 1, 30.0)
+    desk.run(Mode.REMOTE, 1.0)
+    joint = LITE.joint_names.index("left_elbow_pitch")
+    assert desk.commands[-1].stiffness[joint] == pytest.approx(30.0)
+    assert "mark the page moves left_elbow_pitch by sliders" in desk.intake.posted
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda desk: setattr(desk, "silence", "its page was not heard"), "not heard"),
+        (lambda desk: setattr(desk, "owners", {"REMOTE": "gravity (7)"}), "gravity"),
+        (lambda desk: setattr(desk, "position", np.full(LITE.joint_count, np.nan)), "is not known"),
+    ],
+)
+def test_a_joint_that_is_let_go_is_passive_at_once(desk, change, reason):
+    desk.owners = {"REMOTE": desk.operator._name}
+    moving(desk)
+    desk.run(Mode.REMOTE, 3.0)
+    assert desk.commands[-1].stiffness.any()
+    change(desk)
+    desk.step(Mode.REMOTE)
+    assert not desk.commands[-1].stiffness.any()
+    assert desk.commands[-1].damping.all()
+    assert reason in desk.operator.let_go
+    count = len(desk.commands)
+    desk.run(Mode.REMOTE, 0.1)
+    assert len(desk.commands) == count
+
+
+def test_a_joint_is_let_go_where_the_mode_ends_or_the_session_stands_still(desk):
+    moving(desk)
+    count = len(desk.commands)
+    desk.step(Mode.DAMPING)
+    assert len(desk.commands) == count, "no command of its own in another mode"
+    assert "mode is DAMPING" in desk.operator.let_go
+    moving(desk)
+    desk.step(Mode.REMOTE, age=0.6)
+    assert desk.operator.sliders is None
+
+
+def test_after_missing_commands_the_gains_come_in_anew_and_after_a_long_gap_the_joint_is_let_go(desk):
+    desk.owners = {"REMOTE": desk.operator._name}
+    moving(desk)
+    desk.run(Mode.REMOTE, 2.0)
+    assert desk.commands[-1].stiffness.max() > 20.0
+    desk.step(Mode.REMOTE, seconds=0.3)
+    assert desk.commands[-1].stiffness.max() < 5.0
+    desk.step(Mode.REMOTE, seconds=0.6)
+    assert "held up" in desk.operator.let_go
+
+
+def test_remote_of_another_producer_is_not_taken(desk):
+    desk.owners = {"REMOTE": "gravity (7)"}
+    moving(desk)
+    assert desk.operator.answer == "sliders refused: REMOTE belongs to gravity (7)"
+    assert desk.commands == []
