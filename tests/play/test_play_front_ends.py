@@ -49,9 +49,9 @@ def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(monkeypat
     given = parse(PlayConfig, "play", ["--gamepad", *options])
     assert wanted_front_ends(given) == (Wanted("gamepad", options),)
     file = tmp_path / "pad.yaml"
-    file.write_text("joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}\nsticks: {turn_axis: 3}\n")
+    file.write_text("joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}\n")
     from_file = parse(PlayConfig, "play", ["--gamepad", str(file)])
-    assert wanted_front_ends(from_file) == (Wanted("gamepad", (*options, "--sticks.turn-axis", "3")),)
+    assert wanted_front_ends(from_file) == (Wanted("gamepad", options),)
     with pytest.raises(InputError, match=r"^--gamepad and --joy.damp-button: both say where the buttons are"):
         wanted_front_ends(parse(PlayConfig, "play", ["--gamepad", str(file), "--joy.damp-button", "3"]))
     with pytest.raises(InputError, match=r"^--joy.damp-button: means nothing without --gamepad$"):
@@ -62,8 +62,8 @@ def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(monkeypat
 
 def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(MissingPackageError, match="pygame"):
-        wanted_front_ends(PlayConfig(gamepad=()))
+    with pytest.raises(MissingPackageError, match="rtmidi"):
+        wanted_front_ends(PlayConfig(midi=()))
 
 
 def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
