@@ -35,7 +35,7 @@ def test_a_window_says_what_it_shows():
 def test_without_a_display_it_says_so(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(InputError, match=r"^viewer native: no display "):
+    with pytest.raises(InputError, match=r"^viewer native: no display"):
         main(["--robot", "lite"])
 
 

@@ -66,7 +66,7 @@ def robot():
             local.enter_remote()
             with ticking(local, rig.PERIOD) as records:
                 yield Robot(local, records, joined, process.pid)
-            local.feed.close()
+            local.registration.close()
             assert process.wait(10.0) == 0, "it ends with the session"
 
 
@@ -114,8 +114,8 @@ def test_commands_are_obeyed_and_end(robot):
 
 def test_remote_belongs_to_one_client(robot):
     with streaming(robot.writer(), 0.1), streaming(robot.writer(), 0.9):
-        refusal = re.compile(r"(dds \S+): REMOTE: belongs to (dds \S+)")
-        found = until(lambda: refusal.fullmatch(robot.local.data.refusals.latest), "the refusal of one of them")
+        refusal = re.compile(r"refused of (dds \S+): REMOTE: belongs to (dds \S+)")
+        found = until(lambda: refusal.search("\n".join(robot.local.told)), "the refusal of one of them")
     assert found[1] != found[2]
     robot.wait_until_passive()
 
@@ -145,11 +145,9 @@ def test_a_bridge_that_stood_still_brings_no_old_command(robot):
     assert robot.position() is None
     start = len(robot.records)
     os.kill(robot.bridge, signal.SIGCONT)
-    before = robot.local.data.refusals.count
-    until(lambda: robot.local.data.refusals.count > before, "the old commands")
+    until(lambda: "already stale" in "\n".join(robot.local.told), "the refusal of the old commands")
     time.sleep(0.3)
     assert [record for record in robot.records[start:] if record.output.command.stiffness.any()] == []
-    assert "already stale" in robot.local.data.refusals.latest
     with streaming(writer, 0.5):
         until(lambda: robot.position() == 0.5, "a command of now")
     robot.wait_until_passive()

@@ -40,7 +40,7 @@ def test_a_command_is_read():
         (message(("shoulder", "wrist", "elbow")), "joint_names are shoulder, wrist, elbow, expected shoulder, elbow, "),
         (message(("shoulder", "elbow")), "joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this"),
         (message(()), "joint_names are missing, expected shoulder"),
-        (message(("x" * 100_000,)), f"joint_names are {'x' * 400} …, expected shoulder"),
+        (message(("x" * 100_000,)), f"joint_names are {'x' * 400}, expected shoulder"),
         (message(velocity=[0.0] * 4), r"velocity: shape is (4,), expected (3,)"),
         (message(damping=[]), "damping: shape is (0,), expected (3,)"),
         (message(**{name: [0.0] * 2 for name in COMMAND_FIELDS}), "command has shape (2,), expected (3,)"),

@@ -34,12 +34,7 @@ def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local, cyclone):
     local.publish(run_header(neck, 0.02, None, settings={}), blobs, robot="lite_neck", hardware="can0")
     state = healthy_state([0.0] * 17, 3.5)
     output = TickOutput(MITCommand.zeros(17), ControlMode(Mode.DAMPING, "damping_controller", "Grüße"))
-    local.feed.tick(TickRecord(0, TickInput(state), output, 0.0, False))
     with bridge():
-        urdf = newest(cyclone.reader("rt/robot_description")).data
-        assert urdf.startswith('<robot name="lite_neck"')
-        fixed = newest(cyclone.reader("rt/tf_static")).transforms
-        assert ("world", "chest") in [(one.header.frame_id, one.child_frame_id) for one in fixed]
         joint_states = cyclone.reader("rt/lite/joint_states")
         until(joint_states.get_matched_publications, "the joint states of all Lites")
         moving, clock = cyclone.reader("rt/tf"), cyclone.reader("rt/clock")
@@ -60,6 +55,9 @@ def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local, cyclone):
 
             return until(tick, f"a sample of {reader.topic.name}")[0]
 
+        assert brought(cyclone.reader("rt/robot_description")).data.startswith('<robot name="lite_neck"')
+        fixed = brought(cyclone.reader("rt/tf_static")).transforms
+        assert ("world", "chest") in [(one.header.frame_id, one.child_frame_id) for one in fixed]
         assert brought(joint_states).name == list(neck.joint_names)
         assert brought(mode).status_message == "Grüße"
         assert brought(heard).orientation.w == 1.0
