@@ -28,8 +28,7 @@ _HEADING = """\
 """
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationEntry:
+class CalibrationEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One joint's."""
 
     id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
@@ -38,7 +37,7 @@ class CalibrationEntry:
     direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
 
 
-_FIELDS = tuple(CalibrationEntry.__dataclass_fields__)
+_FIELDS = ", ".join(CalibrationEntry.__struct_fields__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
     """
     document = read_yaml(Path(path), str(path), "a calibration (YAML)")
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
-        raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
+        raise InputError(f"{path}: expected a mapping from joint names to {_FIELDS}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}
     warnings = []
     motors = {joint.name: joint.motor for joint in description.joints}
@@ -93,17 +92,14 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
 
 def _entry(where: str, value: Any) -> CalibrationEntry:
     where = f"{where}: is {str(value)[:120]}"
-    if isinstance(value, dict) and not value.keys() <= set(_FIELDS):
-        raise InputError(f"{where}, expected the fields {', '.join(_FIELDS)}")
     try:
         entry = msgspec.convert(value, CalibrationEntry)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {error}") from None
-    if entry.direction not in (-1, 1):
-        raise InputError(f"{where}, expected a direction of 1 or -1")
-    is_finite = entry.homing_offset is not None and math.isfinite(entry.homing_offset)
-    if not is_finite and not (entry.homing_offset is None and entry.direction_confirmed):
-        raise InputError(f"{where}, expected a finite homing_offset")
+        raise InputError(f"{where}: {error}; expected {_FIELDS}") from None
+    offset = entry.homing_offset
+    is_complete = entry.direction_confirmed if offset is None else math.isfinite(offset)
+    if entry.direction not in (-1, 1) or not is_complete:
+        raise InputError(f"{where}, expected a direction of 1 or -1, and a finite homing_offset")
     return entry
 
 
@@ -117,14 +113,11 @@ def save_calibration(
 ) -> None:
     """Write a calibration, the `first` joints first: whole, or not at all; an `InputError` where it cannot be."""
     path = Path(path)
-    document: dict[str, dict[str, Any]] = {}
-    for name in dict.fromkeys([*(name for name in first if name in entries), *entries]):
-        entry = entries[name]
-        document[name] = {"id": entry.id, "direction": entry.direction}
-        if entry.homing_offset is not None:
-            document[name]["homing_offset"] = round(entry.homing_offset, 6)
-        if entry.direction_confirmed:
-            document[name]["direction_confirmed"] = True
+    order = dict.fromkeys([*(name for name in first if name in entries), *entries])
+    document = {name: msgspec.to_builtins(entries[name]) for name in order}
+    for fields in document.values():
+        if "homing_offset" in fields:
+            fields["homing_offset"] = round(fields["homing_offset"], 6)
     with whole_file(path) as file:
         if path.exists():
             os.fchmod(file.fileno(), path.stat().st_mode & 0o777)

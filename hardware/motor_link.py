@@ -112,9 +112,7 @@ class MotorLink(Protocol):
     def command(self, values: FloatArray) -> None:
         """Queue one command to every motor, superseding what has not left.
 
-        Args:
-            values: shape (5, motors), motor frame, within the ranges of the motors' models: position rad, velocity
-                rad/s, effort N·m, stiffness N·m/rad, damping N·m·s/rad.
+        Shape (5, motors), within the models' ranges: position rad, velocity rad/s, effort N·m, stiffness, damping.
         """
 
     def stop(self, motors: Iterable[int]) -> dict[int, str]:

@@ -49,7 +49,6 @@ LINKS: Mapping[str, Callable[[OpenChannels, MotorGroup, LinkTerms], MotorLink]] 
 _LEAD = 2.0  # control periods: the age of a state and the time that a command is held, see `bounded_position`
 _LONGEST = 3.0  # s that closing may damp, as at the end of a session
 _PERIOD = 0.01  # s between damping commands then
-_SLOW = 0.05  # rad/s below which a joint that is damped already needs no more of it
 _BAD_COMMAND = SafetyStatus(
     SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
 )
@@ -406,11 +405,8 @@ class HardwareRobot:
                     self._may_run &= left.keys()
         if self._may_run:
             names = ", ".join(f"{self.joints[i]} ({left.get(i, 'no status')})" for i in sorted(self._may_run))
-            end = f"Without commands their CAN timeout stops them after {1000.0 * self._can_timeout:g} ms"
-            if self._may_run & set(self._wiring.endless):
-                end = "Not all of them stop by themselves without commands"
             raise RobotError(
-                f"{self._name}: not confirmed to be disabled: {names}. {end}; switch the power off before touching it"
+                f"{self._name}: not confirmed to be disabled: {names}; switch the power off before touching it"
             )
 
     def _ended(self) -> None:
@@ -428,30 +424,17 @@ class HardwareRobot:
         return left
 
     def _damp(self) -> None:
-        """Damp the joints until they are known to rest, for 3 s at most, and for all of that where one is silent.
-
-        Nothing is needed where there was no torque, or they rest in DAMPING already.
-        """
+        """Damp the joints until they are known to rest, for 3 s at most; unless there was no torque."""
         last = self._last_command
         if last is None or self._watch is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
-            return
-        state, _ = self.read()
-        is_passive = not (last.stiffness.any() or last.effort.any())
-        is_slow = bool((np.abs(state.joint_velocity) < _SLOW).all())
-        if is_passive and is_slow and bool((state.joint_age <= self._rx_timeout).all()):
             return
         rest = RestDetector(_PERIOD)
         deadline = system_time.monotonic() + _LONGEST
         while system_time.monotonic() < deadline:
             self._write(self._damped)
-            state, _ = self.read()
-            if (state.joint_age > self._rx_timeout).any():
-                rest = RestDetector(_PERIOD)
-            elif rest.update(state):
+            if rest.update(self.read()[0]):
                 return
             system_time.sleep(_PERIOD)
-
-    # --- figures
 
     def figures(self) -> dict[str, Any]:
         """Return figures of the buses since the latest activation, as JSON values, and in words as `lines`."""

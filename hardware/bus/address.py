@@ -10,7 +10,6 @@ import re
 import socket
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import can
@@ -59,7 +58,6 @@ _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketca
 _IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
 _IPV6_MULTICAST_ALL = 29  # linux/in6.h
 _MOST_WAITING = 1000  # frames that a socket's buffer can hold, and more
-_SHORT_QUEUE = 64  # frames; a control period sends up to 20 at once, and the default of a CAN interface is 10
 
 # python-can logs what it then raises; without a handler of its own that would be printed beside our one line.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -95,19 +93,6 @@ def _receive_own_group_only(bus: can.BusABC) -> None:
         for _ in range(_MOST_WAITING):
             if bus.recv(0.0) is None:
                 break
-
-
-def queue_warning(address: BusAddress) -> str:
-    """Return what to do where the kernel's outgoing queue is too short for a control period; empty: nothing."""
-    if address.interface != "socketcan":
-        return ""
-    try:
-        length = int(Path("/sys/class/net", address.channel, "tx_queue_len").read_text(encoding="ascii"))
-    except (OSError, ValueError):
-        return ""
-    if length >= _SHORT_QUEUE:
-        return ""
-    return f"its outgoing queue takes {length} frames: sudo ip link set {address.channel} txqueuelen 128"
 
 
 def error_number(error: BaseException) -> int | None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Self
 
 from humanoid_sim.errors import RobotError, blaming
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus, queue_warning
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note, OpenBus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
@@ -138,8 +138,6 @@ class OpenChannels:
             with checks.collecting(address):
                 channel = Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period)
                 self.channels = (*self.channels, channel)
-            if warning := queue_warning(address):
-                checks.warn(str(address), warning)
         self.forget_notes()
         if checks.problems:
             self.close()

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
@@ -189,14 +190,14 @@ def _store(
         return True
     is_confirmed = answers_yes(f"Did {name} go the way of a rising angle in the robot's model?")
     if old is not None and (old.id, old.direction) == (new.id, new.direction):
-        new = replace(new, homing_offset=old.homing_offset)
+        new = msgspec.structs.replace(new, homing_offset=old.homing_offset)
     if is_confirmed:
         entries[name] = new
     else:
         complain(f"warning: {name}: not confirmed: if it went the other way, its direction in the robot file is wrong")
         if old is None or not old.direction_confirmed:
             return False
-        entries[name] = replace(old, direction_confirmed=False)
+        entries[name] = msgspec.structs.replace(old, direction_confirmed=False)
         if old.homing_offset is None:
             del entries[name]
     save_calibration(config.output, entries, names)
