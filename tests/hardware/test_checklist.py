@@ -40,7 +40,7 @@ def test_a_command_is_understood(monkeypatch, verb, words):
 
     monkeypatch.setattr(tyro, "cli", then_stop(tyro.cli))
     if verb == "mode":  # which starts without tyro
-        monkeypatch.setattr(mode, "_read_usual", lambda _: None)
+        monkeypatch.setattr(mode, "WORDS", ())
     with pytest.raises(_ParsedError):
         load_program(verb)(shlex.split(words))
 
