@@ -184,8 +184,9 @@ def bind_torque(
     For many physics steps under one command: nothing is allocated, and where the command asks for no velocity or no
     effort these are left out, which changes no bit.
     """
-    goal, speed, effort, stiffness, damping = (getattr(command, name) for name in COMMAND_FIELDS)
-    moves, pushes = bool(speed.any()), bool(effort.any())
+    goal, speed, effort = command.position, command.velocity, command.effort
+    stiffness, damping = command.stiffness, command.damping
+    moves, pushes = np.count_nonzero(speed) > 0, np.count_nonzero(effort) > 0
     lowest, term = -effort_limit, np.empty_like(out)
     subtract, multiply, add, minimum, maximum = np.subtract, np.multiply, np.add, np.minimum, np.maximum
 

@@ -17,6 +17,7 @@ from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState
 
+_STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
 _NONE = np.zeros(0)
 
 
@@ -70,6 +71,8 @@ class StepContext:
         self.description, self.contract, self.reference = description, contract, reference
         self.standing_height = standing_height
         self.lower, self.upper = np.array(description.lower), np.array(description.upper)
+        self.lowest, self.highest = self.lower + _STOP_MARGIN, self.upper - _STOP_MARGIN
+        """Shape (n,), rad: beyond these a joint is at its stop."""
         self.inverse_effort = 1.0 / np.array(description.effort_limit)
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
         self.default_pose = np.clip(contract.default_joint_pos[order], self.lower, self.upper)

@@ -26,8 +26,6 @@ from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
-_STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
-
 Values = Callable[[StepContext, StepSample], FloatArray]
 Needs = Literal["", "motion", "motion with joints", "motion with an anchor", "floating base", "song"]
 
@@ -201,7 +199,7 @@ def action_change(c: StepContext, s: StepSample) -> FloatArray:
 @metric("rad", "sum of how far joints are beyond their limits less 0.05 rad")
 def joint_stops(c: StepContext, s: StepSample) -> FloatArray:
     q = s.state.joint_position
-    return total(np.maximum(np.maximum(c.lower + _STOP_MARGIN - q, q - c.upper + _STOP_MARGIN), 0.0))
+    return total(np.maximum(np.maximum(c.lowest - q, q - c.highest), 0.0))
 
 
 @metric("rad²/s²", "sum of squared joint velocities")
