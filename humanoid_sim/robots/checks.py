@@ -65,6 +65,8 @@ def _motor_problems(robot: RobotDescription) -> Iterator[str]:
             yield f"joints[{i}].motor.model: {known_names('motor model', motor.model, MOTORS)}"
             continue
         family = FAMILIES[MOTORS[motor.model].family]
+        if motor.family not in ("", family.name):
+            yield f"joints[{i}].motor.family: is {motor.family}, but a {motor.model} is of {family.name}"
         if problem := id_problem(family, motor.can_id, families):
             yield f"joints[{i}].motor.can_id: {problem}"
         for name, value in (("torque_limit", motor.torque_limit), ("current_limit", motor.current_limit)):

@@ -35,6 +35,7 @@ class MotorDescription(_Part, frozen=True, kw_only=True, omit_defaults=True):
     can_id: int  # 1 to 127; a Sito's up to 255 where all motors are Sitos
     model: Text  # key of `humanoid_sim.robots.motors.MOTORS`, such as `rs-02`
     direction: Literal[-1, 1]  # sign between motor and joint frame: of the design, not of one physical robot
+    family: str = ""  # the model's, or empty
     torque_limit: NotNegative | None = None
     """N·m, written to the firmware; 0 leaves the firmware's own. Required where the family has such a limit."""
     current_limit: NotNegative | None = None  # A, likewise

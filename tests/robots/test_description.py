@@ -68,6 +68,7 @@ BAD_VALUES = [
     ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: Expected `float` > 0.0"),
     ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
+    ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
     ("joints[6].motor.model", "rs-20", "joints[6].motor.model: unknown motor model 'rs-20'"),
     ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
     ("joints[6].motor", SITO | {"torque_limit": 4.0}, "joints[6].motor.torque_limit: is 4, but no such limit of sito"),
