@@ -91,7 +91,7 @@ def load_checkpoint(
         verify: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
-    reading = read_model(model, contract_file, robot_joints)
+    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints)
     contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
     with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
@@ -115,15 +115,6 @@ def load_checkpoint(
     from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
     return replace(checkpoint, golden=verify_golden(checkpoint))
-
-
-def read_model(
-    model: OnnxModel, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
-) -> Reading:
-    """Return what the sources of a model state; arguments as of `load_checkpoint`."""
-    return read_checkpoint(
-        model.path, model.metadata, [tensor.name for tensor in model.outputs], contract_file, robot_joints
-    )
 
 
 def read_contract(

@@ -28,7 +28,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body. Raises `InputError` if
     they do not fit the contract, or never end.
     """
-    available = {tensor.name for tensor in policy.model.outputs}
+    available = set(policy.model.output_names)
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
     bodies, anchor, (place, turn) = contract.body_names, contract.anchor_body, _BODIES

@@ -147,25 +147,21 @@ def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion
             raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
         if message.log_time < messages[max(i - 1, 0)].log_time:
             raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
+    policy_dt = number_in(metadata.get("policy_dt", ""))
+    if "policy_dt" not in metadata:
+        steps = np.diff([message.log_time for message in messages])
+        if not len(steps) or steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
+            raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced")
+        policy_dt = float(round(steps.mean())) / 1e9
     return Motion(
         frames=np.stack(rows),
         body_names=tuple(csv(metadata.get("body_names", ""))),
-        policy_dt=_policy_dt(metadata, [message.log_time for message in messages]),
+        policy_dt=policy_dt,
         task_type=metadata.get("task_type", ""),
         robot=metadata.get("robot", ""),
         layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
         joint_names=tuple(csv(metadata.get("joint_names", ""))),
     )
-
-
-def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
-    """Return the frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
-    if "policy_dt" in metadata:
-        return number_in(metadata["policy_dt"])
-    steps = np.diff(times)
-    if len(steps) == 0 or steps.min() <= 0 or steps.max() - steps.min() > 0.01 * steps.mean():
-        raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced in time")
-    return float(round(steps.mean())) / 1e9
 
 
 def motion_bytes(motion: Motion) -> bytes:

@@ -64,6 +64,7 @@ class OnnxModel:
         self.path = path
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
         self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+        self.output_names = tuple(tensor.name for tensor in self.outputs)
         self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
         self.time_limit = ONNX_SECONDS  # s after which an inference is ended, where the graph can loop
         self._session = session
@@ -99,13 +100,13 @@ class OnnxModel:
         """Refuse graphs that would need more than one observation."""
         if len(self.inputs) < 2:
             return
-        names, outputs = [tensor.name for tensor in self.inputs], [tensor.name for tensor in self.outputs]
+        names = [tensor.name for tensor in self.inputs]
         bundle = self.path.with_suffix(".yaml")
         text = bundle.read_text(encoding="utf-8", errors="replace") if is_file(bundle) else ""
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
-        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
+        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in self.output_names]
         state = fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]
         if state:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")

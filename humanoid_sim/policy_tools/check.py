@@ -15,7 +15,7 @@ from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.policy.checkpoint import Checkpoint, read_model
+from humanoid_sim.policy.checkpoint import Checkpoint, read_checkpoint
 from humanoid_sim.policy.checks import contract_findings
 from humanoid_sim.policy.findings import SEVERITIES, Finding
 from humanoid_sim.policy.golden import verify_golden
@@ -65,7 +65,8 @@ def check_checkpoint(
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
     try:
-        reading = read_model(model, contract_file, description.joint_names)
+        joints = description.joint_names
+        reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, joints)
         names = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:

@@ -15,7 +15,7 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import finite, regular_file
-from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint, read_model
+from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint, read_checkpoint
 from humanoid_sim.policy.describe import contract_rows, replaced_values
 from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.layers import Reading, is_assumed
@@ -34,7 +34,7 @@ def show(options: Show) -> int:
     if options.contract is not None:
         regular_file(options.contract, "a contract.yaml")
     model = OnnxModel(options.checkpoint)
-    reading = read_model(model, options.contract, joints)
+    reading = read_checkpoint(model.path, model.metadata, model.output_names, options.contract, joints)
     refusal = reading.refusal(own_contract(options.checkpoint).name)
     golden = ""
     if not refusal:
