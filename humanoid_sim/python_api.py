@@ -27,7 +27,7 @@ from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError, needing, require_known
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy_tools.show import checkpoint_document, print_checkpoint
+from humanoid_sim.policy_tools.show import print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.regress import RegressConfig, checked
 from humanoid_sim.robots.description import load_robot
@@ -96,10 +96,6 @@ class Policy(_Shown):
     def contract(self) -> PolicyContract:
         """Joints, observation, action, rates."""
         return self.checkpoint.contract
-
-    def document(self) -> dict[str, Any]:
-        """Return everything as plain values, as `policy show --json` prints it."""
-        return checkpoint_document(self.checkpoint)
 
     def _print(self, console: Console) -> None:
         print_checkpoint(console, self.checkpoint)

@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.policy.findings import list_joints, shown
-from humanoid_sim.policy.layers import Reading, is_assumed
+from humanoid_sim.policy.layers import is_assumed
 from humanoid_sim.policy.readers.own import flattened, plain
 
 
@@ -52,14 +52,6 @@ def value_text(name: str, value: Any) -> str:
     if isinstance(value, tuple):
         return list_joints([str(item) for item in value]) or "none"
     return shown(value) or "none"
-
-
-def replaced_values(reading: Reading) -> dict[str, str]:
-    """Return by field what other sources said of it."""
-    return {
-        name: "; ".join(f"{value_text(name, value)} {source}" for value, source in statements)
-        for name, statements in reading.replaced.items()
-    }
 
 
 def assumptions(contract: PolicyContract) -> dict[str, str]:

@@ -33,8 +33,6 @@ class Show:
     robot: str | None = None
     """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
-    json: bool = False
-    """Print everything as JSON."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +45,6 @@ class Check:
     contract: _Contract = None
     hardware: bool = False
     """For the real robot: what only a simulation knows is an error."""
-    json: bool = False
-    """Print the findings as JSON."""
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -40,10 +38,6 @@ def check(options: Check) -> int:
     description = load_robot(options.robot)
     findings = check_checkpoint(options.checkpoint, description, options.contract, hardware=options.hardware)
     counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
-    if options.json:
-        what = {"checkpoint": str(options.checkpoint), "robot": description.name, "counts": counts}
-        print(json.dumps({**what, "findings": [asdict(finding) for finding in findings]}, indent=2))
-        return ExitStatus.of(counts["error"] == 0)
     console = make_console()
     for finding in findings:
         style = _SHOWN[finding.severity][0]

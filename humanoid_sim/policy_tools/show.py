@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-from typing import Any
+from contextlib import suppress
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.terms import BoundTerm
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.files import finite, regular_file
-from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint, read_checkpoint
-from humanoid_sim.policy.describe import contract_rows, replaced_values
+from humanoid_sim.files import regular_file
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, read_checkpoint
+from humanoid_sim.policy.describe import contract_rows, value_text
 from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.layers import Reading, is_assumed
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
-from humanoid_sim.policy.readers.own import own_contract, plain
+from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 
@@ -39,13 +38,10 @@ def show(options: Show) -> int:
     golden = ""
     if not refusal:
         golden, refusal = _golden_verdict(load_checkpoint(options.checkpoint, options.contract, joints, verify=False))
-    if options.json:
-        print(json.dumps(_document(model, reading) | {"golden": golden, "refusal": refusal}, indent=2, allow_nan=False))
-    else:
-        console = make_console()
-        _print(console, model, reading, golden)
-        if refusal:
-            console.print(f"[red]{escape(refusal)}[/red]", soft_wrap=True)
+    console = make_console()
+    _print(console, model, reading, golden)
+    if refusal:
+        console.print(f"[red]{escape(refusal)}[/red]", soft_wrap=True)
     return ExitStatus.of(not refusal)
 
 
@@ -53,39 +49,6 @@ def print_checkpoint(console: Console, checkpoint: Checkpoint) -> None:
     """Print what is known of a checkpoint that is complete."""
     if checkpoint.model is not None and checkpoint.reading is not None:
         _print(console, checkpoint.model, checkpoint.reading, _golden_verdict(checkpoint)[0])
-
-
-def checkpoint_document(checkpoint: Checkpoint) -> dict[str, Any]:
-    """Return what is known of a checkpoint that is complete, for JSON."""
-    if checkpoint.model is None or checkpoint.reading is None:
-        return {}
-    golden, refusal = _golden_verdict(checkpoint)
-    return _document(checkpoint.model, checkpoint.reading) | {"golden": golden, "refusal": refusal}
-
-
-def _document(model: OnnxModel, reading: Reading) -> dict[str, Any]:
-    """Return a reading as plain JSON values; null stands for infinity."""
-    contract, layout = reading.contract, _layout(reading, model)
-    return {
-        "checkpoint": str(model.path),
-        "sha256": file_digest(model.path),
-        "inputs": [tensor._asdict() for tensor in model.inputs],
-        "outputs": [tensor._asdict() for tensor in model.outputs],
-        "contract": None if contract is None else finite(plain(contract)),
-        "source": dict(reading.source),
-        "replaced": replaced_values(reading),
-        "missing": list(reading.missing),
-        "differences": list(reading.differences),
-        "unused": list(reading.unused),
-        "terms": [{"name": term.name, "width": term.width} for term in (() if layout is None else layout.terms)],
-    }
-
-
-def _layout(reading: Reading, model: OnnxModel) -> ObservationLayout | None:
-    try:
-        return None if reading.outline is None else contract_layout(reading.outline, model.width)
-    except FieldError:
-        return None
 
 
 def _golden_verdict(checkpoint: Checkpoint) -> tuple[str, str]:
@@ -100,11 +63,14 @@ def _print(console: Console, model: OnnxModel, reading: Reading, golden: str) ->
     tensors = (f"{tensor.name} {list(tensor.shape)}" for tensor in (*model.inputs, *model.outputs))
     console.print(escape(f"{model.path}: {', '.join(tensors)}"), soft_wrap=True)
     table = Table("field", "value", "source", box=None, pad_edge=False)
-    replaced, layout = replaced_values(reading), _layout(reading, model)
+    widths: tuple[BoundTerm, ...] = ()
+    with suppress(FieldError):  # `check` names the term
+        widths = () if reading.outline is None else contract_layout(reading.outline, model.width).terms
     for field, text, source in contract_rows(reading.values, reading.source):
-        widths = layout.terms if layout is not None and field == "observation" else ()
-        value = " + ".join(f"{term.name} {term.width}" for term in widths) or text
-        origin = f"{source} (replaces {replaced[field]})" if field in replaced else source
+        terms = " + ".join(f"{term.name} {term.width}" for term in widths)
+        value = terms if field == "observation" and terms else text
+        replaced = "; ".join(f"{value_text(field, old)} {origin}" for old, origin in reading.replaced.get(field, ()))
+        origin = f"{source} (replaces {replaced})" if replaced else source
         table.add_row(escape(field), escape(value), escape(origin), style="yellow" if is_assumed(source) else "")
     if golden:
         table.add_row("golden vectors", escape(golden), "metadata")

@@ -8,7 +8,6 @@ from models import contract_of
 from trainer import JOINTS, contract, terms
 
 from humanoid_sim.controllers.contract import Term
-from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.checks import contract_findings, suspicious_findings
 from humanoid_sim.policy.findings import list_joints
 from humanoid_sim.robots.description import load_robot
@@ -214,10 +213,3 @@ def test_many_joints_are_counted():
     assert list_joints(names, 29) == "all 29 joints"
     assert list_joints(names[:15], 29) == "joint_0, joint_1, joint_2 and 12 more"
     assert list_joints({"knee": "2.5"}) == "knee (2.5)"
-
-
-@pytest.mark.parametrize(
-    "pair", [("left_knee", "right_knee"), ("LL_HR", "LR_HR"), ("l_hip_roll", "r_hip_roll"), ("hip_l", "hip_r")]
-)
-def test_left_and_right_are_told_by_the_names(pair):
-    assert mirrored_pairs([*pair, "roll", "waist"]) == [pair]

@@ -48,12 +48,6 @@ def test_wrong_wiring_is_refused_at_load(stamped, mistake):
     assert load_checkpoint(stamped, verify=False).golden == ""
 
 
-def test_a_contract_beside_the_checkpoint_that_contradicts_them_is_refused_too(stamped):
-    stamped.with_name("contract.yaml").write_text("action_scale: 1.0\n", encoding="utf-8")
-    with pytest.raises(InputError, match="target of"):
-        load_checkpoint(stamped)
-
-
 @pytest.mark.parametrize("changes", [{"version": 7}, {"arrays": {}}, {"joint_names": ["a", "b", "c", "d"]}])
 def test_broken_samples_are_one_line(stamped, changes):
     text = json.dumps({**json.loads(read_header(stamped)[0][GOLDEN_KEY]), **changes})

@@ -1,7 +1,5 @@
 """`policy check`: the model's answers, widths, stability, exit status. The contract is in test_checks.py."""
 
-import json
-
 import numpy as np
 import onnx
 import pytest
@@ -12,16 +10,15 @@ from trainer import contract, network, save_checkpoint
 from humanoid_sim.policy_tools.check import check_checkpoint
 
 
-def test_exit_status_and_json(cli, walker, robot, tmp_path):
+def test_exit_status(cli, walker, robot, tmp_path):
     mjcf = robot.mjcf_path
     status, out, error = cli("check", walker, "--robot", mjcf)
     assert (status, error) == (0, "")
     assert out.splitlines()[-1].startswith(f"{walker} on 'walker': 0 error(s)")
     bad = save_checkpoint(tmp_path / "bad.onnx", contract(default_joint_pos=[-0.2, 0.1, 0.6, 2.5]))
-    status, out, _ = cli("check", bad, "--robot", mjcf, "--json")
-    assert status == 1
-    (finding,) = [finding for finding in json.loads(out)["findings"] if finding["severity"] == "error"]
-    assert (finding["field"], finding["joints"]) == ("default_joint_pos", ["right_knee"])
+    status, out, _ = cli("check", bad, "--robot", mjcf)
+    (line,) = [line for line in out.splitlines() if line.startswith("error")]
+    assert (status, "default_joint_pos" in line, "right_knee" in line) == (1, True, True)
     for arguments in (
         ("check", tmp_path / "missing.onnx", "--robot", mjcf),
         ("check", walker, "--robot", "nobody"),

@@ -1,7 +1,5 @@
 """A contract with a live input is checked, shown and stamped without samples."""
 
-import json
-
 import pytest
 from trainer import contract, save_checkpoint, terms
 
@@ -29,7 +27,6 @@ def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, tmp_p
     status, out, error = cli("check", path, "--robot", robot.mjcf_path)
     assert status == 0, error
     assert "observation term foot_contact: is a live input" in out
-    assert {"name": "foot_contact", "width": 2} in json.loads(cli("show", path, "--json")[1])["terms"]
     assert "topic /feet, timeout inf of foot_contact" in cli("show", path)[1]
     output = tmp_path / "stamped.onnx"
     assert "golden vectors: none" in cli("stamp", path, "-o", output)[1]
@@ -40,12 +37,3 @@ def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, tmp_p
 def test_a_topic_of_the_sessions_own_is_refused(live):
     with pytest.raises(InputError, match="live input 'foot_contact': its topic is /tf, which a session uses itself"):
         load_checkpoint(live(topic="/tf")).with_motion()
-
-
-def test_the_width_may_come_from_a_contract_file(cli, tmp_path, robot):
-    plain = save_checkpoint(tmp_path / "plain.onnx", contract(observation=[*terms()[:-2], "foot", "cos_phase"]))
-    status, out, _ = cli("check", plain, "--robot", robot.mjcf_path)
-    assert status == 1
-    assert "width: 2" in out
-    (tmp_path / "plain.contract.yaml").write_text("terms: {foot: {width: 2}}\n", encoding="utf-8")
-    assert cli("check", plain, "--robot", robot.mjcf_path)[0] == 0
