@@ -72,6 +72,7 @@ VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; i
 
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
 LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is zero, unless its producer says otherwise
+LONGEST_TIMEOUT = 5.0  # s that a live input may hold without being repeated
 _KEPT = 256  # ticks that a feed keeps
 _LONGEST_WORD = 200  # characters of a request
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2  # s that a full socket is waited for: for data, and for intents

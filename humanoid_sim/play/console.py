@@ -31,11 +31,11 @@ MODE_STYLES = {
 
 
 class StatusLine:
-    """Draws it in place, after whatever else was printed; on a terminal that takes nothing it is left out."""
+    """Draws it in place, below whatever else was printed; on a terminal that takes nothing it is left out."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._is_dumb = console.is_dumb_terminal
+        self._is_wanted = console.is_terminal and not console.is_dumb_terminal
         self._shown = ""
 
     @property
@@ -48,29 +48,24 @@ class StatusLine:
         return max((columns or self._console.width) - 1, 10)
 
     def draw(self, parts: Sequence[str], mode: Mode) -> None:
-        """Replace the line."""
-        if not self._console.is_terminal:
-            return
+        """Replace the line, whose first word is the mode."""
         line = "  ".join(parts)[: self.width]
-        if line == self._shown or not self._takes_more():
+        if not self._is_wanted or line == self._shown or not self._takes_more():
             return
-        if self._is_dumb:
-            self._write("\r" + line.ljust(len(self._shown)))
-        else:
-            color = Style.parse(MODE_STYLES[mode]).color
-            codes = ";".join(color.get_ansi_codes()) if color is not None and self._console.color_system else "1"
-            name, rest = line[: len(mode.name)], line[len(mode.name) :]
-            self._write(f"\r\x1b[2K\x1b[{codes}m{name}\x1b[0m{rest}")
+        color = Style.parse(MODE_STYLES[mode]).color
+        codes = ";".join(color.get_ansi_codes()) if color is not None and self._console.color_system else "1"
+        name, rest = line[: len(mode.name)], line[len(mode.name) :]
+        self._write(f"\r\x1b[2K\x1b[{codes}m{name}\x1b[0m{rest}")
         self._shown = line
 
     def clear(self) -> None:
         """Take the line away, so that something else can be printed where it was."""
         if self._shown:
-            self._write("\r" + " " * len(self._shown) + "\r" if self._is_dumb else "\r\x1b[2K")
+            self._write("\r\x1b[2K")
             self._shown = ""
 
     def _takes_more(self) -> bool:
-        """Return whether the terminal's output is not held (Ctrl-S) or far behind."""
+        """Return True if the terminal's output is not held (Ctrl-S) or far behind."""
         try:
             return bool(select.select([], [self._console.file.fileno()], [], 0.0)[1])
         except (OSError, ValueError):  # a file in memory
@@ -81,8 +76,7 @@ class StatusLine:
         self._console.file.flush()
 
 
-_REDRAW = 0.1
-"""s between two drawings of the line, if nothing is printed between them."""
+_REDRAW = 0.1  # s between two drawings of the line, if nothing is printed between them
 
 
 class PlayConsole(Console):

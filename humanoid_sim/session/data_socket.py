@@ -26,19 +26,7 @@ from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityComm
 
 _LONGEST = 1 << 14  # bytes; a longer datagram is not a message
 _MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of its producer and topic
-_LONGEST_TIMEOUT = 5.0  # s that a live input may hold without being repeated
-_REMEMBERED = 256  # newest stamps, and refusals, each of which is reported once
-
-
-@dataclass(frozen=True, slots=True)
-class Producer:
-    """A program that sends data; process 0 is one elsewhere, which its name alone identifies."""
-
-    name: str
-    process: int
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.process})" if self.process else self.name
+_REMEMBERED = 256  # refusals, each of which is reported once
 
 
 @dataclass(slots=True)
@@ -47,19 +35,19 @@ class Turn:
 
     timeout: float
     """s after its owner's last sample."""
-    owner: Producer | None = None
-    _heard: float = -math.inf
+    owner: str = ""
+    _arrival: float = -math.inf
 
     def expire(self, time: float) -> None:
         """Release an owner that is stale; `time` in s, robot's clock."""
-        if self.owner is not None and not time - self._heard <= self.timeout:
-            self.owner = None
+        if not time - self._arrival <= self.timeout:
+            self.owner = ""
 
-    def admit(self, producer: Producer, arrival_time: float) -> bool:
+    def admit(self, producer: str, arrival_time: float) -> bool:
         """Return True if a sample of that producer counts; an unowned turn becomes the producer's."""
-        if self.owner is not None and self.owner != producer:
+        if self.owner not in ("", producer):
             return False
-        self._heard = arrival_time if self.owner is None else max(arrival_time, self._heard)
+        self._arrival = max(arrival_time, self._arrival) if self.owner else arrival_time
         self.owner = producer
         return True
 
@@ -67,7 +55,8 @@ class Turn:
 @dataclass(frozen=True, slots=True)
 class _Sample:
     kind: int
-    producer: Producer
+    producer: str
+    """Name and process id."""
     topic: str
     values: FloatArray
     arrival_time: float
@@ -102,17 +91,13 @@ class DataSocket(ExternSource, Sink):
             timeouts: of those that state one, s, also infinite; a producer may only shorten it.
             tell: records a line: owners and refusals as they change.
         """
-        self._socket = listening(path)
-        self._most = queue_length() + 1
+        self._socket, self._most = listening(path), queue_length() + 1
         self._inbox, self._velocity, self._clock = inbox, velocity, clock
         self._widths, self._timeouts = dict(live or {}), dict(timeouts or {})
         self._tell = LimitedLog(tell, clock)
-        self._turn = Turn(stale_timeout)
-        self._live_turns = {name: Turn(wire.LIVE_TIMEOUT) for name in self._widths}
+        self._turns = {"REMOTE": Turn(stale_timeout), **{name: Turn(wire.LIVE_TIMEOUT) for name in self._widths}}
         self._live: dict[str, Extern] = {}
-        self._mode = Mode.ZERO_TORQUE
-        self._entered = 0.0
-        self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
+        self._mode, self._entered = Mode.ZERO_TORQUE, 0.0
         self._refusals: dict[str, None] = {}
         self.owners: dict[str, str] = {}
         """Name and process id of who commands `REMOTE`, `velocity`, and each live input at present; '' for nobody."""
@@ -122,17 +107,14 @@ class DataSocket(ExternSource, Sink):
     def latest(self) -> Mapping[str, Extern]:
         """Take in what has come since the last call; return the live inputs that ever came."""
         time = self._clock()
-        self._turn.expire(time)
-        for turn in self._live_turns.values():
+        for turn in self._turns.values():
             turn.expire(time)
         if self._velocity is not None:
             self._velocity.expire(time)
         refused: list[str] = []
         for datagram, received in self._drain():
             try:
-                sample = self._read(datagram, received, time)
-                if sample is not None:
-                    self._accept(sample)
+                self._accept(_read(datagram, received, time))
             except _RefusedError as refusal:
                 refused.append(str(refusal))
         self._show_owners()
@@ -146,7 +128,7 @@ class DataSocket(ExternSource, Sink):
         mode = record.output.control_mode.mode
         if mode is not self._mode:
             self._mode, self._entered = mode, float(record.input.state.time)
-            self._turn.owner = None
+            self._turns["REMOTE"].owner = ""
             self._show_owners()
 
     def close(self) -> None:
@@ -173,55 +155,30 @@ class DataSocket(ExternSource, Sink):
             newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, wire.monotonic_ns())
         return list(newest.values())[:_MOST_SAMPLES]
 
-    def _read(self, datagram: bytes, received: int, time: float) -> _Sample | None:
-        """Return the sample in a datagram; None for one that a newer one has overtaken."""
-        _, kind, _, name_size, topic_size, process, stamp = wire.DATA_HEAD.unpack_from(datagram)
-        start = wire.DATA_HEAD.size
-        name = datagram[start : start + name_size].decode(errors="replace")
-        start += name_size
-        topic = datagram[start : start + topic_size].decode(errors="replace")
-        body = datagram[start + topic_size :]
-        producer = Producer(" ".join(name.split())[:40] or "?", process)
-        if len(body) % 8:
-            raise _RefusedError(
-                f"refused of {producer}: {len(datagram)} bytes, expected whole float64 values at the end"
-            )
-        if stamp > received:
-            raise _RefusedError(
-                f"refused of {producer}: a stamp in the future, expected CLOCK_MONOTONIC's of this machine"
-            )
-        key = (kind, producer, topic)
-        if stamp < self._newest_stamp.get(key, 0):
-            return None
-        if len(self._newest_stamp) > _REMEMBERED:
-            self._newest_stamp.clear()
-        self._newest_stamp[key] = stamp
-        return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), time - 1e-9 * (received - stamp))
-
     def _accept(self, sample: _Sample) -> None:
-        if sample.kind == wire.REMOTE:
-            problem = self._accept_remote(sample)
-        elif sample.kind == wire.VELOCITY:
-            problem = self._accept_velocity(sample)
-        elif sample.kind == wire.LIVE:
-            problem = self._accept_live(sample)
-        elif sample.kind == wire.HEARTBEAT:
-            self.heartbeats[sample.producer.name] = sample.arrival_time
-            problem = ""
-        else:
-            problem = f"kind {sample.kind}, expected 0 to {wire.HEARTBEAT}"
+        accept = {
+            wire.REMOTE: self._accept_remote,
+            wire.VELOCITY: self._accept_velocity,
+            wire.LIVE: self._accept_live,
+            wire.HEARTBEAT: self._accept_heartbeat,
+        }.get(sample.kind)
+        problem = f"kind {sample.kind}, expected 0 to {wire.HEARTBEAT}" if accept is None else accept(sample)
         if problem:
             raise _RefusedError(f"refused of {sample.producer}: {problem[:1000]}")
 
+    def _accept_heartbeat(self, sample: _Sample) -> str:
+        self.heartbeats[sample.producer.partition(" (")[0]] = sample.arrival_time
+        return ""
+
     def _accept_remote(self, sample: _Sample) -> str:
-        if self._clock() - sample.arrival_time > self._turn.timeout:
-            return f"a remote command that is already stale, expected one younger than {self._turn.timeout:g} s"
-        is_remote = self._mode is Mode.REMOTE
+        turn, is_remote = self._turns["REMOTE"], self._mode is Mode.REMOTE
+        names = tuple(sample.topic.split("\n"))
+        if self._clock() - sample.arrival_time > turn.timeout:
+            return f"a remote command that is already stale, expected one younger than {turn.timeout:g} s"
         if is_remote and sample.arrival_time <= self._entered:
             return ""  # of before REMOTE was entered: it takes no turn
-        if is_remote and self._turn.owner not in (None, sample.producer):
-            return f"REMOTE: belongs to {self._turn.owner}"
-        names = tuple(sample.topic.split("\n"))
+        if is_remote and turn.owner not in ("", sample.producer):
+            return f"REMOTE: belongs to {turn.owner}"
         if len(sample.values) != 5 * len(names):
             return f"remote command: has {len(sample.values)} values, expected 5 for each of {len(names)} joints"
         try:
@@ -229,7 +186,7 @@ class DataSocket(ExternSource, Sink):
         except FieldError as error:
             return str(error)
         if is_remote:
-            self._turn.admit(sample.producer, sample.arrival_time)
+            turn.admit(sample.producer, sample.arrival_time)
         return ""
 
     def _accept_velocity(self, sample: _Sample) -> str:
@@ -241,10 +198,9 @@ class DataSocket(ExternSource, Sink):
         owner = self._velocity.offer(
             sample.producer, velocity, sample.arrival_time, timeout=wire.VELOCITY_TIMEOUT, deliberate=is_deliberate
         )
-        if owner != sample.producer and velocity.any():
-            whose = f"controlled by {owner}" if owner else "no longer controlled by anyone"
-            return f"velocity: {whose}; move a stick or a slider, or press a key, to take it over"
-        return ""
+        if owner == sample.producer or not velocity.any():
+            return ""
+        return f"velocity: controlled by {owner or 'nobody'}; move a stick or a slider, or press a key, to take it over"
 
     def _accept_live(self, sample: _Sample) -> str:
         name, width = sample.topic, self._widths.get(sample.topic)
@@ -254,11 +210,11 @@ class DataSocket(ExternSource, Sink):
         if len(values) != width or not np.isfinite(values).all():
             return f"live input '{name}': has {len(values)} values, expected {width}, all finite"
         timeout = self._timeouts.get(name, wire.LIVE_TIMEOUT)
-        if not np.isnan(given).all():  # its producer says
-            if not 0.0 < given <= _LONGEST_TIMEOUT:
-                return f"live input '{name}': timeout is {given[0]:g} s, expected 0 to {_LONGEST_TIMEOUT:g} s"
+        if not np.isnan(given).any():  # its producer says
+            if not 0.0 < given[0] <= wire.LONGEST_TIMEOUT:
+                return f"live input '{name}': timeout is {given[0]:g} s, expected 0 to {wire.LONGEST_TIMEOUT:g} s"
             timeout = min(float(given[0]), self._timeouts.get(name, math.inf))
-        turn = self._live_turns[name]
+        turn = self._turns[name]
         if not turn.admit(sample.producer, sample.arrival_time):
             return f"live input '{name}': belongs to {turn.owner}"
         # A value may count for ever; its producer owns the input only while it may still be there.
@@ -268,10 +224,9 @@ class DataSocket(ExternSource, Sink):
 
     def _show_owners(self) -> None:
         """Record owners as they change; what is refused from then on is recorded again."""
-        owners = {"REMOTE": str(self._turn.owner or "")}
+        owners = {name: turn.owner for name, turn in self._turns.items()}
         if self._velocity is not None:
-            owners["velocity"] = str(self._velocity.owner or "")
-        owners |= {name: str(turn.owner or "") for name, turn in self._live_turns.items()}
+            owners["velocity"] = self._velocity.owner
         if owners == self.owners:
             return
         for name, owner in owners.items():
@@ -280,3 +235,24 @@ class DataSocket(ExternSource, Sink):
                 self._tell(f"{name}: belongs to {owner}" if owner else f"{name}: no longer controlled by {before}")
         self.owners = owners
         self._refusals.clear()
+
+
+def _read(datagram: bytes, received: int, time: float) -> _Sample:
+    """Return the sample in a datagram that was received at a time in ns, and in s on the robot's clock."""
+    _, kind, _, name_size, topic_size, process, stamp = wire.DATA_HEAD.unpack_from(datagram)
+    name_at = wire.DATA_HEAD.size
+    topic_at = name_at + name_size
+    body = datagram[topic_at + topic_size :]
+    name = _plain(datagram[name_at:topic_at])[:40] or "?"
+    producer = f"{name} ({process})" if process else name
+    if len(body) % 8:
+        raise _RefusedError(f"refused of {producer}: {len(body)} bytes of values, expected whole float64 values")
+    if stamp > received:
+        raise _RefusedError(f"refused of {producer}: a stamp in the future, expected CLOCK_MONOTONIC of this host")
+    topic = "\n".join(map(_plain, datagram[topic_at : topic_at + topic_size].split(b"\n")))
+    return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), time - 1e-9 * (received - stamp))
+
+
+def _plain(text: bytes) -> str:
+    """Return a text that cannot steer a terminal."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.decode(errors="replace").split()))

@@ -8,10 +8,11 @@ Requests that are too old are refused here, before the supervisor sees them: see
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.client import Answer
@@ -50,7 +51,7 @@ class LimitedLog:
         self._second = second
         if self._count > _MOST_LINES:
             return False
-        self._tell("".join(c if c.isprintable() else "?" for c in text))
+        self._tell(text)
         return True
 
 
@@ -82,18 +83,19 @@ class _Request:
     """The request's own, which its answer repeats."""
     seen: str
     """ns, when what its sender had seen was so."""
-    sender: str
-
-    @classmethod
-    def read(cls, message: bytes, sender: object) -> _Request:
-        text, who, token, seen = (*message.decode(errors="replace").split("\n"), "", "", "")[:4]
-        word, _, rest = text.partition(" ")
-        name = who[:_LONGEST_NAME] or "somebody"
-        return cls(word, rest, name, token, seen, sender if isinstance(sender, str) else "")
+    sender: object
+    """Address for the answer."""
 
     @property
     def intent(self) -> Intent | None:
         return None if self.rest else _INTENTS.get(self.word)
+
+
+def _read(message: bytes, sender: object) -> _Request:
+    lines = "".join(c if c.isprintable() or c == "\n" else "?" for c in message.decode(errors="replace")).split("\n")
+    text, who, token, seen = (*lines, "", "", "")[:4]
+    word, _, rest = text.partition(" ")
+    return _Request(word, rest, who[:_LONGEST_NAME] or "somebody", token, seen, sender)
 
 
 class IntentSocket(IntentSource, Sink):
@@ -114,9 +116,8 @@ class IntentSocket(IntentSource, Sink):
             tell: records a line: who requested what, marks, and safety statuses.
             push: pushes a simulated robot by vx and vy, m/s, at a body, '' for the base; None for motors.
         """
-        self._socket = listening(path)
-        self._most = queue_length() + 1
-        self._reactivation, self._safety, self._push = reactivation, safety, push
+        self._socket, self._most = listening(path), queue_length() + 1
+        self._reactivation, self._safety, self._push = reactivation or Reactivation(), safety or OutsideSafety(), push
         self._selection = selection or PolicySelection()
         self._time = 0.0
         self._tell = LimitedLog(tell, lambda: self._time)
@@ -129,83 +130,76 @@ class IntentSocket(IntentSource, Sink):
         self._time = time
         self._freshness.follow(output)
         intents: list[Intent] = []
-        lines: list[str] = []
-        refused: list[tuple[_Request, Answer]] = []
+        lines: dict[str, None] = {}
+        answers: list[tuple[_Request, Answer]] = []
         for _ in range(self._most):
             try:
-                request = _Request.read(*self._socket.recvfrom(_LONGEST))
+                request = _read(*self._socket.recvfrom(_LONGEST))
             except OSError:  # nothing more
                 break
-            if problem := self._staleness(request):
-                refused.append((request, Answer(False, problem)))
-                lines.append(f"{problem}; requested by {request.who}")
+            answer = self._refusal(request)
+            if answer is not None:
+                lines[f"{answer.text}; requested by {request.who}"] = None
             elif request.intent is not None:
                 intents.append(request.intent)
                 self._waiting.append(request)
-                lines.append(f"{request.intent.name} requested by {request.who}")
+                lines[f"{request.intent.name} requested by {request.who}"] = None
             else:
                 answer = self._serve(request)
-                if answer is not None:
-                    refused.append((request, answer))
-        for line in dict.fromkeys(lines):
+            if answer is not None:
+                answers.append((request, answer))
+        for line in lines:
             self._tell(line)
-        _send(refused)
+        _send(answers)
         return intents
 
-    def _staleness(self, request: _Request) -> str:
-        """Return why a request that could move the robot was meant for one that is not like that any more; or ''."""
+    def _refusal(self, request: _Request) -> Answer | None:
+        """Refuse a request that could move the robot and was meant for one that is not like that any more."""
         if request.word not in _FRESH:
-            return ""
-        if not (request.seen.isascii() and request.seen.isdecimal()):
-            return f"{request.word.upper()} refused: its sender does not say what it had seen; update its client.py"
-        problem = self._freshness.problem(int(request.seen))
-        return f"{request.word.upper()} refused: {problem}" if problem else ""
+            return None
+        problem = "its sender does not say what it had seen; update its client.py"
+        if request.seen.isascii() and request.seen.isdecimal():
+            problem = self._freshness.problem(int(request.seen))
+        return Answer(False, f"{request.word.upper()} refused: {problem}") if problem else None
 
     def _serve(self, request: _Request) -> Answer | None:
         """Do what is no intent; None if the answer comes later."""
         word, rest, who = request.word, request.rest, request.who
-        is_reset = word == RESET and self._push is not None
-        if self._reactivation is not None and (word == REACTIVATE or is_reset):
-            self._reactivation.request(is_reset=is_reset)
+        is_simulated = self._push is not None
+        if word == REACTIVATE or (word == RESET and is_simulated):
+            self._reactivation.request(is_reset=word == RESET)
             self._reactivating.append(request)
             return None
         if word == POLICY and rest:
-            self._selection.request(rest[:_LONGEST_NAME])
-            self._waiting.append(replace(request, rest=rest[:_LONGEST_NAME]))
+            self._selection.request(rest)
+            self._waiting.append(request)
             self._tell(f"policy {rest[:_LONGEST_NAME]} requested by {who}")
             return None
-        if word == _SAFETY and self._safety is not None:
-            return self._reported(self._safety, rest, who)
-        if word == PUSH:
-            return self._pushed(rest, who)
-        if word == MARK:
-            is_recorded = self._tell(f"mark of {who}: {rest}".rstrip(": "))
-            return Answer(is_recorded, "marked" if is_recorded else "not marked: too many lines in a second")
-        simulated = () if self._push is None else (PUSH, RESET)
-        known = ", ".join([*_INTENTS, REACTIVATE, f"{POLICY} NAME", _SAFETY, MARK, *simulated])
-        return Answer(False, f"'{word[:40]}' means nothing, expected one of {known}")
-
-    def _reported(self, safety: OutsideSafety, text: str, who: str) -> Answer:
         try:
-            return Answer(True, safety.report(text))
-        except FieldError as error:
-            self._tell(f"{who}: {error}")
-            return Answer(False, str(error))
+            if word == _SAFETY:
+                return Answer(True, self._safety.report(rest))
+            if word == PUSH and is_simulated:
+                return self._pushed(rest, who)
+            if word == MARK:
+                is_recorded = self._tell(f"mark of {who}: {rest}".rstrip(": "))
+                return Answer(is_recorded, "marked" if is_recorded else "not marked: too many lines in a second")
+            simulated = (PUSH, RESET) if is_simulated else ()
+            known = ", ".join([*_INTENTS, REACTIVATE, f"{POLICY} NAME", _SAFETY, MARK, *simulated])
+            raise InputError(f"means nothing, expected one of {known}")
+        except (FieldError, InputError) as error:
+            self._tell(f"{word.upper()} refused: {error}; requested by {who}")
+            return Answer(False, f"{word[:40].upper()} refused: {error}")
 
     def _pushed(self, rest: str, who: str) -> Answer:
+        assert self._push is not None
         first, _, body = rest.strip().partition(" ")
         numbers = [number_in(number) for number in first.split(",")]
-        try:
-            if self._push is None:
-                raise InputError("this session drives motors; expected a simulation")
-            if len(numbers) != 2 or any(map(math.isnan, numbers)):
-                raise InputError(f"is '{rest[:40]}', expected VX,VY in m/s, and a body")
-            self._push(numbers[0], numbers[1], body)
-            answer = Answer(True, f"pushed{body and f' at {body}'} by {first} m/s")
-        except InputError as error:
-            answer = Answer(False, f"PUSH refused: {error}")
-        self._tell(f"{answer.text}; requested by {who}")
-        return answer
+        if len(numbers) != 2 or any(map(math.isnan, numbers)):
+            raise InputError(f"is '{rest[:40]}', expected VX,VY in m/s, and a body")
+        self._push(numbers[0], numbers[1], body)
+        text = f"pushed{body and f' at {body}'} by {first} m/s"
+        self._tell(f"{text}; requested by {who}")
+        return Answer(True, text)
 
     def tick(self, record: TickRecord) -> None:
         """Answer the requests that this tick decided."""
@@ -216,8 +210,9 @@ class IntentSocket(IntentSource, Sink):
             waiting = sorted(self._waiting, key=lambda request: request.intent is not Intent.DAMP)
             _send([(request, Answer(_is_granted(request, record), text)) for request in waiting])
             self._waiting.clear()
-        if self._reactivating and self._reactivation is not None and self._reactivation.answer:
-            _send([(request, self._reactivation.answer) for request in self._reactivating])
+        if self._reactivation.answer is not None:
+            answer = self._reactivation.answer
+            _send([(request, answer) for request in self._reactivating])
             self._reactivating.clear()
 
     def close(self) -> None:
@@ -244,7 +239,6 @@ def _send(answers: Sequence[tuple[_Request, Answer]]) -> None:
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as end:
         for request, answer in answers[:_MOST_ANSWERS]:
-            try:
-                end.sendto(f"{answer.granted:d}{request.token}\n{answer.text}".encode(), request.sender)
-            except OSError:  # the sender did not wait, or has no name
-                continue
+            if isinstance(request.sender, str):
+                with contextlib.suppress(OSError):  # the sender did not wait, or has no name
+                    end.sendto(f"{answer.granted:d}{request.token}\n{answer.text}".encode(), request.sender)

@@ -20,7 +20,7 @@ class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
     def start(self, header: SessionHeader) -> SessionHeader | None:
-        """Start, once, before the first tick. Raises `InputError` if it cannot do its job.
+        """Start before the first tick. Raises `InputError` if it cannot do its job.
 
         A sink that waits for others returns the header of a run that begins after that, for the sinks behind it.
         """

@@ -123,21 +123,16 @@ def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tupl
 
 _STEP = 0.1  # m/s, and rad/s, that one key press adds
 
-VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {
-        "w": (_STEP, 0.0, 0.0),
-        "s": (-_STEP, 0.0, 0.0),
-        ",": (0.0, _STEP, 0.0),
-        ".": (0.0, -_STEP, 0.0),
-        "j": (0.0, 0.0, _STEP),
-        "k": (0.0, 0.0, -_STEP),
-        "0": (0.0, 0.0, 0.0),
-        "up": (_STEP, 0.0, 0.0),
-        "down": (-_STEP, 0.0, 0.0),
-        "left": (0.0, 0.0, _STEP),
-        "right": (0.0, 0.0, -_STEP),
-    }
-)
+_CHANGES = {
+    (_STEP, 0.0, 0.0): ("w", "up"),
+    (-_STEP, 0.0, 0.0): ("s", "down"),
+    (0.0, _STEP, 0.0): (",",),
+    (0.0, -_STEP, 0.0): (".",),
+    (0.0, 0.0, _STEP): ("j", "left"),
+    (0.0, 0.0, -_STEP): ("k", "right"),
+    (0.0, 0.0, 0.0): ("0",),
+}
+VELOCITY_KEYS = MappingProxyType({key: change for change, keys in _CHANGES.items() for key in keys})
 """Key to what it adds to vx, vy and the yaw rate; all zeros: stop."""
 
 
@@ -149,20 +144,8 @@ def velocity_key_help() -> str:
     )
 
 
-_VELOCITY_AXES = (
-    ("vx", "m/s", 10.0, "is it in cm/s or km/h?"),
-    ("vy", "m/s", 10.0, "is it in cm/s or km/h?"),
-    ("wz", "rad/s", 4.0 * math.pi, "is it in degrees per second?"),
-)
-"""Name, unit, largest magnitude where the policy states no range, and the likely wrong unit."""
-
-
-def velocity_numbers(text: str) -> list[float]:
-    """Return the three numbers of `vx,vy,wz`. Raises `InputError` if there are not three finite numbers."""
-    values = [number_in(part) for part in text.split(",")]
-    if len(values) != 3 or any(map(math.isnan, values)):
-        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
-    return values
+_WIDEST = np.array([[-10.0, 10.0], [-10.0, 10.0], [-4.0 * np.pi, 4.0 * np.pi]])
+"""m/s, m/s and rad/s, of a policy that states no ranges: beyond them the unit is wrong."""
 
 
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
@@ -170,13 +153,14 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
 
     Raises `InputError` if there are not three finite numbers, or one is outside of its range.
     """
-    values = velocity_numbers(text)
-    for i, (name, unit, largest, doubt) in enumerate(_VELOCITY_AXES):
-        low, high = (-largest, largest) if ranges is None else ranges[i]
-        if not low <= values[i] <= high:
-            why = doubt if ranges is None else "that is what the policy knows"
-            accepted = f"{low:.4g} to {high:.4g} {unit}; {why}"
-            raise InputError(f"--command: {name} is {values[i]:g} {unit}, expected {accepted}")
+    values = [number_in(part) for part in text.split(",")]
+    if len(values) != 3 or any(map(math.isnan, values)):
+        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
+    axes = (("vx", "m/s"), ("vy", "m/s"), ("wz", "rad/s"))
+    for (name, unit), value, (low, high) in zip(axes, values, _WIDEST if ranges is None else ranges, strict=True):
+        if not low <= value <= high:
+            why = "" if ranges is None else "; that is what the policy knows"
+            raise InputError(f"--command: {name} is {value:g} {unit}, expected {low:.4g} to {high:.4g} {unit}{why}")
     return np.array(values)
 
 
@@ -197,10 +181,9 @@ class VelocityCommand:
             ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
             is_observed: the policy takes a command; if not, no tick has one.
         """
-        self.owner: object = ""
-        """Owner that changed it last: a producer, or `KEYBOARD`; falsy if nobody did, or that producer fell silent."""
-        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
-        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
+        self.owner = ""
+        """Owner that changed it last: a producer, or `KEYBOARD`; '' if nobody did, or that producer fell silent."""
+        self._ranges = np.array(_WIDEST if ranges is None else ranges, dtype=np.float64)
         self._is_observed = is_observed
         self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
 
@@ -219,9 +202,7 @@ class VelocityCommand:
         self.owner = KEYBOARD
         self._set(self.command + change if any(change) else np.zeros(3), 0.0, math.inf)
 
-    def offer(
-        self, owner: object, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool
-    ) -> object:
+    def offer(self, owner: str, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool) -> str:
         """Take the command of a producer if it owns the velocity, or takes it over; return the owner.
 
         Args:
