@@ -35,7 +35,7 @@ from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource, PolicySelection, RemoteInbox
+from humanoid_sim.session.sources import IntentSource, PolicySelection
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.push import Push
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -65,7 +65,6 @@ class Run:
         bring_up = setup.bring_up
         reactivation = Reactivation((lambda: ()) if bring_up is None else bring_up.warnings)
         selection = PolicySelection()
-        inbox = RemoteInbox(description.joint_names)
         with ExitStack() as stack:
             registration = Registration.create()
             stack.callback(registration.close)
@@ -74,7 +73,7 @@ class Run:
                 registration.path / "intents", reactivation, self._note, self._outside_safety, push, selection
             )
             stack.callback(intents.close)
-            self.data = self._data_socket(registration, inbox)
+            self.data = self._data_socket(registration)
             stack.callback(self.data.close)
             blobs = {MODEL_BLOB: model_bytes(setup.model())}
             self.feed = FeedWriter(registration.path, self.header, blobs, plan.external)
@@ -124,7 +123,7 @@ class Run:
             ),
             header=self.header,
             intents=sources if self.script is None else (self.script,),
-            remote=inbox,
+            remote=lambda: self.data.remote,
             sinks=[*sinks, intents, self.data],
             safety_filter=self._with_other_safety,
             externs=(self.data, plan.velocity),
@@ -180,7 +179,7 @@ class Run:
         if self.keys is not None and live is not None:
             self.keys.update(frame, live.value)
 
-    def _data_socket(self, registration: Registration, inbox: RemoteInbox) -> DataSocket:
+    def _data_socket(self, registration: Registration) -> DataSocket:
         plan, timeouts = self.plan, dict[str, float]()
         for contract in plan.policy.contracts:
             for name, topic in contract.live_topics.items():
@@ -188,7 +187,7 @@ class Run:
                     timeouts[name] = topic.timeout
         return DataSocket(
             registration.path / "data",
-            inbox,
+            plan.description.joint_names,
             1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
             clock=plan.clock,
             velocity=plan.velocity if plan.policy.walks else None,

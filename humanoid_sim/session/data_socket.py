@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from humanoid_sim import client as wire
-from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode, RemoteCommand, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import LimitedLog, listening, queue_length
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
+from humanoid_sim.session.sources import ExternSource, VelocityCommand, remote_problem
 
 _LONGEST = 1 << 14  # bytes; a longer datagram is not a message
 _MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of its producer and topic
@@ -68,12 +67,12 @@ class _RefusedError(Exception):
 
 
 class DataSocket(ExternSource, Sink):
-    """A source of live inputs that feeds an inbox and a velocity command too, and a sink that follows the mode."""
+    """A source of live inputs of remote commands and a velocity too, and a sink that follows the mode."""
 
     def __init__(
         self,
         path: Path,
-        inbox: RemoteInbox,
+        joints: tuple[str, ...],
         stale_timeout: float,
         *,
         clock: Callable[[], float],
@@ -85,6 +84,7 @@ class DataSocket(ExternSource, Sink):
         """Open the socket. Raises `InputError` if it cannot be opened.
 
         Args:
+            joints: the robot's, which remote commands name in this order.
             stale_timeout: s after which a remote command is stale, and its producer's turn over.
             velocity: gets velocity commands; None: nothing observes one.
             live: name and width of the live inputs that are observed.
@@ -92,13 +92,15 @@ class DataSocket(ExternSource, Sink):
             tell: records a line: owners and refusals as they change.
         """
         self._socket, self._most = listening(path), queue_length() + 1
-        self._inbox, self._velocity, self._clock = inbox, velocity, clock
+        self._joints, self._velocity, self._clock = joints, velocity, clock
         self._widths, self._timeouts = dict(live or {}), dict(timeouts or {})
         self._tell = LimitedLog(tell, clock)
         self._turns = {"REMOTE": Turn(stale_timeout), **{name: Turn(wire.LIVE_TIMEOUT) for name in self._widths}}
         self._live: dict[str, Extern] = {}
         self._mode, self._entered = Mode.ZERO_TORQUE, 0.0
         self._refusals: dict[str, None] = {}
+        self.remote: RemoteCommand | None = None
+        """The latest accepted command."""
         self.owners: dict[str, str] = {}
         """Name and process id of who commands `REMOTE`, `velocity`, and each live input at present; '' for nobody."""
         self.heartbeats: dict[str, float] = {}
@@ -181,10 +183,10 @@ class DataSocket(ExternSource, Sink):
             return f"REMOTE: belongs to {turn.owner}"
         if len(sample.values) != 5 * len(names):
             return f"remote command: has {len(sample.values)} values, expected 5 for each of {len(names)} joints"
-        try:
-            self._inbox.put(names, MITCommand(*sample.values.reshape(5, -1)), sample.arrival_time)
-        except FieldError as error:
-            return str(error)
+        command = MITCommand(*sample.values.reshape(5, -1))
+        if problem := remote_problem(names, command, self._joints):
+            return problem
+        self.remote = RemoteCommand(command, sample.arrival_time)
         if is_remote:
             turn.admit(sample.producer, sample.arrival_time)
         return ""

@@ -6,18 +6,17 @@ source's. What one program says never takes anything away from what the robot it
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated
+
+import msgspec
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
-_MOST_SOURCES = 32  # that are told apart; the fault of a further one stands until the session ends
-_FURTHER = "further sources"
 _LONGEST_NAME = 80
 _LONGEST_MESSAGE = 300
 _SHORTEST, _LONGEST = 0.02, 3600.0  # s of a watchdog
@@ -37,6 +36,21 @@ def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
     return MappingProxyType(found)
 
 
+class _Report(msgspec.Struct):
+    """The JSON that a program sends; `stamp` in ns."""
+
+    level: Annotated[int, msgspec.Meta(ge=0)]
+    source: str
+    flags: int
+    message: str
+    stamp: int
+
+    def status(self) -> SafetyStatus:
+        level = SafetyLevel(min(self.level, SafetyLevel.CRITICAL))  # one of a later version is not OK either
+        source = _plain(self.source, _LONGEST_NAME) or "unnamed"
+        return SafetyStatus(level, SafetyFlag(self.flags & 0xFFFFFFFF), source, _plain(self.message, _LONGEST_MESSAGE))
+
+
 class OutsideSafety:
     """Collects statuses, and adds them to the robot's own in each tick. Used on the control thread alone."""
 
@@ -51,20 +65,18 @@ class OutsideSafety:
         """ns of the latest status of each watched source; 0: none yet."""
 
     def report(self, text: str) -> str:
-        """Take the status that a program sends, as JSON of `level`, `source`, `flags`, `message`, and `stamp` in ns.
+        """Take the status that a program sends; return what became of it, in one line.
 
-        Return what became of it, in one line. Raises `FieldError` if it is not a status; nothing has changed.
+        Raises `FieldError` if it is not a status; nothing has changed then.
         """
-        status, stamp = _status(text)
-        source, is_watched = status.source, status.source in self._timeouts
-        if is_watched:
-            self._reported[source] = max(self._reported[source], min(stamp, self._clock()))
-        if source not in self._statuses and not is_watched:
-            if status.is_ok:
-                return f"{source} is OK"
-            if len(self._statuses) >= _MOST_SOURCES:
-                self._statuses[_FURTHER] = replace(status, source=_FURTHER)
-                return f"{status.level.name}: one of more than {_MOST_SOURCES} sources, damped until the session ends"
+        with blaming("safety status", msgspec.MsgspecError, FieldError):
+            report = msgspec.json.decode(text, type=_Report)
+        status = report.status()
+        source = status.source
+        if source in self._timeouts:
+            self._reported[source] = max(self._reported[source], min(report.stamp, self._clock()))
+        elif source not in self._statuses and status.is_ok:
+            return f"{source} is OK"
         self._statuses[source] = status
         return f"{source} is {status.level.name}{'' if status.is_ok else ': the robot is damped'}"
 
@@ -85,23 +97,6 @@ class OutsideSafety:
             return latest
         silence = f"silent for more than {timeout:g} s" if reported else "not reported yet"
         return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, name, f"{silence} (--watchdog)")
-
-
-def _status(text: str) -> tuple[SafetyStatus, int]:
-    """Return the status in a message, and its stamp in ns."""
-    with blaming("safety status: not JSON", (ValueError, RecursionError), FieldError):
-        values: Any = json.loads(text)
-    if not isinstance(values, dict):
-        raise FieldError(f"safety status: is {text[:40]!r}, expected level, source, flags, message and stamp")
-    for name, kind in (("source", str), ("message", str), ("level", int), ("flags", int), ("stamp", int)):
-        if type(values.get(name)) is not kind:
-            raise FieldError(f"safety status: {name}: is {values.get(name)!r}, expected {kind.__name__}")
-    if values["level"] < 0:
-        raise FieldError(f"safety status: level: is {values['level']}, expected 0 to 3")
-    level = SafetyLevel(min(values["level"], SafetyLevel.CRITICAL))  # one of a later version is not OK either
-    source = _plain(values["source"], _LONGEST_NAME) or "unnamed"
-    flags = SafetyFlag(values["flags"] & 0xFFFFFFFF)
-    return SafetyStatus(level, flags, source, _plain(values["message"], _LONGEST_MESSAGE)), values["stamp"]
 
 
 def _plain(text: str, longest: int) -> str:

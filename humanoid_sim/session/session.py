@@ -19,6 +19,7 @@ from humanoid_sim.messages import (
     EventKind,
     Intent,
     Mode,
+    RemoteCommand,
     SafetyStatus,
     SessionHeader,
     TickInput,
@@ -33,7 +34,7 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sinks import Sink, SinkGroup
-from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection, RemoteInbox
+from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection
 
 _PATIENCE = 0.001  # s between two polls of a sink that lags
 
@@ -74,7 +75,7 @@ class Session:
         *,
         header: SessionHeader,
         intents: Sequence[IntentSource] = (),
-        remote: RemoteInbox | None = None,
+        remote: Callable[[], RemoteCommand | None] = lambda: None,
         externs: Sequence[ExternSource] = (),
         sinks: Sequence[Sink] = (),
         safety_filter: SafetyFilter = lambda statuses: statuses,
@@ -268,8 +269,7 @@ class Session:
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             self.state = state = replace(state, extern={**state.extern, **live})
-        remote = self._remote.latest() if self._remote else None
-        tick_input = TickInput(state, self._safety_filter(safety), chosen, remote, self._selection.take())
+        tick_input = TickInput(state, self._safety_filter(safety), chosen, self._remote(), self._selection.take())
         self.memory, self._output = self._supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 

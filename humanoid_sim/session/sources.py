@@ -11,8 +11,8 @@ import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.controllers.parameters import command_problem
-from humanoid_sim.errors import FieldError, InputError, number_in
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickOutput
+from humanoid_sim.errors import InputError, number_in
+from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
 
@@ -86,30 +86,6 @@ class PolicySelection:
         """Return what was requested since the last call; '' for nothing."""
         wanted, self._wanted = self._wanted, ""
         return wanted
-
-
-class RemoteInbox:
-    """Holds the latest accepted command for REMOTE."""
-
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        """Accept commands that name the robot's joints in this order."""
-        self._joints = joints
-        self._latest: RemoteCommand | None = None
-
-    def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float) -> None:
-        """Accept a command of shape (n,), which arrived at a time in s on the robot's clock.
-
-        Raises `FieldError` if the joint names or their order differ, or the command is not one finite value per joint
-        and field, its gains not negative.
-        """
-        problem = remote_problem(joint_names, command, self._joints)
-        if problem:
-            raise FieldError(problem)
-        self._latest = RemoteCommand(command, arrival_time)
-
-    def latest(self) -> RemoteCommand | None:
-        """Return the latest accepted command."""
-        return self._latest
 
 
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:

@@ -87,13 +87,13 @@ def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(session, po
     with program("gravity", says="gravity compensation (effort) for session ") as (process, _):
         deadline = time.monotonic() + 30.0
         index = 0
-        while session.inbox.latest() is None:
+        while session.data.remote is None:
             assert time.monotonic() < deadline
             index += 1
             session.feed.tick(replace(record(pose, remote=True), index=index))
             time.sleep(0.005)
             session.data.latest()
-        latest = session.inbox.latest()
+        latest = session.data.remote
         assert latest.command.position.tolist() == pose.tolist()
         assert np.abs(latest.command.effort).max() > 1.0
         session.registration.close()

@@ -1,15 +1,9 @@
 """What a run prints: lines as things happen, and a line of status below them in a terminal."""
 
-import contextlib
 import io
-import os
-import pty
-import termios
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import pyte
 import pytest
 from rich.console import Console
 
@@ -127,74 +121,3 @@ def test_a_narrow_terminal_gets_the_most_important_first(mode, width):
         assert "space" in found
     if mode is Mode.DAMPING and width == 62:
         assert found == "DAMPING  keys space a b q e ?  v 0.30 0.00 -0.10  2 late ticks"
-
-
-@dataclass
-class Screen:
-    """A terminal of 24 lines of 80: what a run prints into `console` can be looked at."""
-
-    console: Console
-    master: int
-    slave: int
-    screen: pyte.Screen
-
-    @property
-    def lines(self):
-        """What the screen shows, without empty lines at the end."""
-        return "\n".join(row.rstrip() for row in self.screen.display).rstrip().split("\n")
-
-
-@pytest.fixture
-def terminal(monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    for name in ("COLUMNS", "LINES"):
-        monkeypatch.delenv(name, raising=False)
-    master, slave = pty.openpty()
-    termios.tcsetwinsize(slave, (24, 80))
-    file = os.fdopen(slave, "w", encoding="utf-8")
-    yield Screen(Console(file=file, highlight=False), master, slave, pyte.Screen(80, 24))
-    os.close(master)  # first: whoever still waits to write is let go
-    with contextlib.suppress(OSError):
-        file.close()
-
-
-def shown(terminal, *, seconds=0.4):
-    """The screen after it has been read for a while."""
-    stream = pyte.ByteStream(terminal.screen)
-    os.set_blocking(terminal.master, False)
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        try:
-            stream.feed(os.read(terminal.master, 65536))
-        except BlockingIOError:
-            time.sleep(0.01)
-    return terminal.lines
-
-
-def started(terminal, told=OPERATOR):
-    sink = ConsoleSink(terminal.console, **told)
-    sink.start(SessionHeader("fake", ("a", "b"), 0.005, 0))
-    return sink
-
-
-@pytest.mark.soak
-def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal):
-    sink = started(terminal)
-    longest = 0.0
-    for index in range(4000):  # nobody reads the other end: it is full after the first few hundred lines
-        if index % 2:
-            sink.event(Event(0.0, "x" * 60))
-        begin = time.perf_counter()
-        sink.tick(tick(Mode.DAMPING, 0.01 * index))
-        longest = max(longest, time.perf_counter() - begin)
-        if index % 100 == 0:
-            time.sleep(0.005)
-    assert sink.backlog > 1000
-    assert longest < 0.05
-    sink.tick(tick(Mode.DAMPING, 77.0))
-    deadline = time.monotonic() + 30.0
-    while "77.0 s" not in shown(terminal, seconds=0.1)[-1]:  # somebody reads again: all that waits, then the present
-        assert time.monotonic() < deadline
-    assert sink.backlog == 0
-    sink.close()
-    assert sink.error is None

@@ -38,14 +38,3 @@ def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(ru
     assert "failed: recording: r.mcap: recording stopped: No space left on device" in played
     assert "ticks, bit for bit identical" in replayed
     assert "the recording is not complete" in replayed
-
-
-@pytest.mark.soak
-def test_a_session_that_cannot_be_found_by_others_does_not_begin(runtime):
-    filled = "head -c 1m /dev/zero > filler"
-    run = in_namespace(
-        SMALL.format(size="16k", folder=runtime),
-        f"{{ {filled} 2> nowhere; {PLAY} --record none; echo status $?; find run -type f | wc -l; }}",
-    )
-    assert run.stdout.endswith("status 2\n0\n"), run.stdout + run.stderr
-    assert run.stderr.splitlines()[-1].endswith("No space left on device")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from models import linear_model, saved
 
 from humanoid_sim import replay
@@ -44,16 +43,3 @@ def test_play_makes_it_records_it_and_replays_it(run, quick, folder):
     heights = np.array([tick.input.state.extern["height_scan"].value for tick in walking])
     assert 0.3 < heights.min() <= heights.max() < 1.0
     assert run_program(replay.main, ["r.mcap"]) == 0
-
-
-@pytest.mark.soak
-def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(run, quick, folder):
-    policy = seeing(folder / "seeing.onnx")
-    script = "damp; load_a; wait; start_locomotion; hold 0.2"
-    options = ("--script", script, "--hardware", "virtual:scan", "--yes", "--allow-script")
-    result = run("--robot", quick, "--policy", str(policy), *options)
-    told = "the policy observes height_scan (/height_scan), which a program has to send"
-    assert told in result.out + result.err
-    assert Mode.LOCOMOTION not in {tick.output.control_mode.mode for tick in result.ticks}
-    refusals = [refusal for tick in result.ticks for refusal in tick.output.refusals]
-    assert refusals == ["START_LOCOMOTION refused: the live input 'height_scan' (/height_scan) has not come yet"]

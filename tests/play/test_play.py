@@ -1,17 +1,12 @@
 """End to end: options in, exit status, tables and files out."""
 
 import json
-import os
-import signal
-import threading
-import time
 
 import numpy as np
 import pytest
 
 from humanoid_sim import play, replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import Feed, Intake, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
@@ -59,20 +54,6 @@ def test_without_options_the_sample_policy_is_walked_up_and_down_again(run):
     assert summary["modes"][-1]["end"] - summary["modes"][-1]["start"] >= 1.5
     assert [event.text for event in result.events] == ["ending: script finished"]
     assert sorted(path.name for path in result.folder.iterdir()) == ["r.mcap", "s.json"]
-
-
-def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run, quick):
-    first = run("--robot", quick, "--script", WALK).ticks
-    second = run("--robot", quick, "--script", WALK)
-    assert len(first) == len(second.ticks) > 200
-    for a, b in zip(first, second.ticks, strict=True):
-        for name in ("joint_position", "joint_velocity", "joint_effort", "imu_linear_acceleration"):
-            assert getattr(a.input.state, name).tobytes() == getattr(b.input.state, name).tobytes()
-        for name in ("position", "velocity", "effort", "stiffness", "damping"):
-            assert getattr(a.output.command, name).tobytes() == getattr(b.output.command, name).tobytes()
-        assert a.output.control_mode == b.output.control_mode
-    assert any(tick.output.policy_step for tick in first)
-    assert run_program(replay.main, ["r.mcap", "--policy", "lite_tracking"]) == 0
 
 
 def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_it_was(run, quick):
@@ -139,63 +120,6 @@ def test_a_script_drives_the_fsm_and_refusals_are_shown(run, quick):
     ]
     for item in result.summary["refusals"]:
         assert item["message"] in result.out
-
-
-@pytest.mark.soak
-def test_gravity_compensation_as_remote_until_its_process_is_killed(run, quick):
-    answers = []
-
-    def operator():
-        while not (sessions := running_sessions()):
-            time.sleep(0.01)
-        with Feed(sessions[0]) as feed, Intake(sessions[0], "operator") as intake:
-
-            def ask(word):
-                answers.append(intake.ask(word).granted)
-
-            def wait(condition):
-                while not (found := (sample := feed.latest()) and condition(feed.decode(sample))):
-                    time.sleep(0.01)
-                return found
-
-            wait(lambda tick: tick["remote"] and tick["index"] > 0)
-            ask("damp")
-            ask("load_a")
-            wait(lambda tick: tick["standby"] and tick["standby"][0]["is_finished"])
-            ask("start_remote")
-            time.sleep(0.6)
-            while not feed.status().get("owners", {}).get("REMOTE"):
-                time.sleep(0.01)
-            os.kill(feed.status()["front_ends"]["gravity"], signal.SIGKILL)
-            time.sleep(0.5)
-            ask("damp")
-            ask("quit")
-
-    thread = threading.Thread(target=operator)
-    thread.start()
-    result = run("--robot", quick, "--script", "hold 60", "--remote", "gravity", *PLACEHOLDER)
-    thread.join()
-    assert answers == [True] * 5
-    assert result.status == 0
-    assert result.summary["loop"]["realtime"]  # its process lives in real time
-    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "REMOTE", "DAMPING"]
-    remote = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.REMOTE]
-    effort = {True: 0, False: 0}
-    for tick in remote:
-        is_fresh = bool(tick.output.command.effort.any())
-        effort[is_fresh] += 1
-        age = float(tick.input.state.time) - (tick.input.remote.arrival_time if tick.input.remote else np.inf)
-        if age > 0.1:
-            assert not is_fresh
-            assert tick.output.command.damping.tolist() == [5.0] * 14
-            assert tick.output.command.position.tolist() == tick.input.state.joint_position.tolist()
-        assert not tick.output.command.stiffness.any()
-    assert min(effort.values()) > 20
-    events = [event.text.partition(" (")[0] for event in result.events]
-    assert "REMOTE: belongs to gravity" in events
-    assert "REMOTE: no longer controlled by gravity" in events
-    assert "front end gravity ended with status -9" in events
-    assert run_program(replay.main, ["r.mcap"]) == 0
 
 
 def test_files_that_exist_are_replaced_only_when_asked(run, quick, folder):

@@ -1,6 +1,3 @@
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import models
@@ -65,31 +62,6 @@ def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch):
     assert choice.motion is not None
     width = choice.loaded.layout.width
     assert np.asarray(choice.loaded.policy(np.ones(width, dtype=np.float32), 3)).tolist() == [0.0] * 14
-
-
-def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path, quick):
-    blocked = tmp_path / "blocked"
-    blocked.mkdir()
-    (blocked / "onnxruntime.py").write_text("raise ImportError('no shared library')\n", encoding="utf-8")
-    options = ("--viewer", "none", "--record", "none", "--robot", quick, "--motion", "reach", "--duration", "4")
-    run = subprocess.run(
-        [sys.executable, "-m", "humanoid_sim.play", *options],
-        env={**os.environ, "PYTHONPATH": f"{blocked}:{os.environ.get('PYTHONPATH', '')}"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (run.returncode, run.stderr) == (0, "")
-    assert "PLACEHOLDER POLICY: onnxruntime cannot be imported, so lite_tracking.onnx does NOT run" in run.stdout
-    assert "STANDBY → LOCOMOTION" in run.stdout
-    assert "Tracking" in run.stdout
-
-
-def test_the_walking_policy_is_the_default_of_simulated_legs():
-    assert choose_policy(PlayConfig(robot="lite_biped"), load_robot("lite_biped")).source.endswith(
-        "lite_biped_velocity.onnx"
-    )
 
 
 def test_on_hardware_no_policy_runs_that_nobody_named():

@@ -1,85 +1,20 @@
 """Signals to a real process in mid-motion."""
 
-import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import TickRecord
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.run import bring_up
-from humanoid_sim.recording.reader import open_recording
 
 PLACEHOLDER = ("--policy", "placeholder")  # which loads no network
 OPTIONS = (*PLACEHOLDER, "--pace", "realtime")
 
 
-def usual_signals():
-    """Undo what the test runner may have inherited: a job in the background ignores SIGINT, one under nohup SIGHUP."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
 PLAY = (sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap")
-
-
-@contextmanager
-def playing(folder, *options, stdin=None, stdout=subprocess.PIPE, stderr=subprocess.STDOUT):
-    """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
-    with subprocess.Popen(
-        [*PLAY, *options],
-        cwd=folder,
-        stdin=stdin,
-        stdout=stdout,
-        stderr=stderr,
-        text=True,
-        preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def wait_for(process, text):
-    """The output up to a line that holds `text`."""
-    seen = ""
-    for line in process.stdout:
-        seen += line
-        if text in line:
-            return seen
-    raise AssertionError(f"{text!r} never came:\n{seen}")
-
-
-def finished(process):
-    out, _ = process.communicate(timeout=120.0)
-    return out
-
-
-def recorded(folder):
-    recording = open_recording(folder / "r.mcap")
-    entries = list(recording.entries())
-    assert recording.is_complete
-    ticks = [entry for entry in entries if isinstance(entry, TickRecord)]
-    assert [tick.index for tick in ticks] == list(range(len(ticks)))
-    return ticks, [entry.text for entry in entries if not isinstance(entry, TickRecord)]
-
-
-@pytest.mark.soak
-def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
-    with playing(folder, "--robot", quick, "--script", "damp; hold 0.5", "--summary", "s.json", *OPTIONS) as process:
-        wait_for(process, "DAMPING")
-        process.stdout.close()
-        process.wait(timeout=30.0)
-    assert process.returncode == 0
-    ticks, events = recorded(folder)
-    assert events == ["ending: script finished"]
-    assert ticks[-1].output.quit
-    assert (folder / "s.json").is_file()
 
 
 def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):

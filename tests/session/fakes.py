@@ -12,10 +12,8 @@ from humanoid_sim.messages import (
     Event,
     EventKind,
     Intent,
-    RemoteCommand,
     SafetyStatus,
     SessionHeader,
-    TickInput,
     TickOutput,
     TickRecord,
 )
@@ -102,17 +100,6 @@ class FakeSource:
 
 
 @dataclass
-class FakeRemote:
-    """Never heard a command."""
-
-    log: list[str] = field(default_factory=list)
-
-    def latest(self) -> RemoteCommand | None:
-        self.log.append("remote")
-        return None
-
-
-@dataclass
 class FakeSink:
     """Keeps what it gets; `on_tick` is called with each record."""
 
@@ -151,26 +138,8 @@ class FakeSink:
         self.log.append(f"close {self.name}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoggingSupervisor(Supervisor):
-    """Logs each step, after asking `on_step` with the input."""
-
-    log: list[str] = field(default_factory=list)
-    on_step: Callable[[TickInput], None] = lambda _: None
-
-    def step(self, memory: Any, tick_input: TickInput) -> Any:
-        self.log.append("step")
-        self.on_step(tick_input)
-        return Supervisor.step(self, memory, tick_input)
-
-
 def session(robot: Any, *, supervisor: Supervisor | None = None, **options: Any) -> Session:
     """A session that does not keep real time, unless told to."""
     loop = {name: options.pop(name) for name in ("realtime", "duration", "damping_time", "punctual") if name in options}
     settings = LoopSettings(rig.PERIOD, **{"realtime": False, "damping_time": 2.0, **loop})
     return Session(robot, supervisor or rig.supervisor(), settings, header=HEADER, **options)
-
-
-def is_damping(command: MITCommand) -> bool:
-    """Whether it is `damping_controller`'s of the rig: told by its gains."""
-    return command.damping.tolist() == rig.DAMPING_KD and not command.stiffness.any()

@@ -21,7 +21,7 @@ from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
-from humanoid_sim.session.sources import PolicySelection, RemoteInbox, VelocityCommand
+from humanoid_sim.session.sources import PolicySelection, VelocityCommand
 
 HEADER = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": "{}"}, {"motion.mcap": b"motion"}, (("joint", 3),))
 
@@ -62,11 +62,10 @@ class LocalSession:
             selection=self.selection,
         )
         self.stack.callback(self.intents.close)
-        self.inbox = RemoteInbox(rig.JOINTS)
         self.velocity = VelocityCommand(np.zeros(3))
         self.data = DataSocket(
             self.registration.path / "data",
-            self.inbox,
+            rig.JOINTS,
             0.1,
             clock=lambda: self.time,
             velocity=self.velocity,
@@ -104,7 +103,7 @@ class LocalSession:
         live = {**self.makes, **self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
         tick_input = TickInput(
-            state, self.outside(self.safety), tuple(intents), self.inbox.latest(), self.selection.take()
+            state, self.outside(self.safety), tuple(intents), self.data.remote, self.selection.take()
         )
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
         self.output = output

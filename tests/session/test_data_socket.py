@@ -1,9 +1,13 @@
 import math
 import os
+import socket
 
+import numpy as np
 import pytest
 import rig
 from local_session import LocalSession
+
+from humanoid_sim.client import DATA_HEAD, DATA_MAGIC
 
 ME = f"({os.getpid()})"
 
@@ -162,3 +166,24 @@ def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_short
         assert timeouts(timeout=0.1) == [0.1, 0.1, 0.1]
         assert timeouts(timeout=2.0) == [0.2, 2.0, 2.0]
         assert timeouts() == [0.2, 0.5, math.inf]
+
+
+def test_random_datagrams_do_nothing_worse_than_being_refused(local):
+    generator = np.random.default_rng(7)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
+        client.setblocking(False)
+        for i in range(3000):
+            path = local.registration.path / ("data", "intents")[i % 2]
+            data = generator.bytes(int(generator.integers(0, 300)))
+            if i % 4 == 0:
+                kind, name, topic = (int(generator.integers(0, limit)) for limit in (6, 20, 60))
+                stamp = int(generator.integers(0, 2**63))
+                data = DATA_HEAD.pack(DATA_MAGIC, kind, 0, name, topic, 1, stamp) + data
+            try:
+                client.sendto(data, str(path))
+            except BlockingIOError:
+                local.tick()
+    record = local.tick()
+    assert record.output.control_mode.controller_name == "zero_torque_controller"
+    assert record.input.remote is None
+    assert set(record.input.state.extern) <= {"velocity_command", "keys"}

@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import rig
 from fakes import HEADER
 
@@ -61,26 +60,6 @@ def test_mode_spans():
         (Mode.STANDBY, 1.5, 1.5, "reason 3"),
         (Mode.DAMPING, 2.0, 2.0, "reason 4"),
     ]
-
-
-def test_counts_and_times():
-    figures = monitored(
-        record(0, duration=1e-4), record(1, duration=3e-4, overrun=True), record(2, duration=2e-4, overrun=True)
-    )
-    assert figures.inferences == 0
-    assert figures.tick_time.max == 3e-4
-    assert figures.tick_time.mean == pytest.approx(2e-4)
-
-
-def test_effort_and_saturation():
-    figures = monitored(
-        record(0, effort=[1.0, -9.5, 3.9]),
-        record(1, effort=[0.0, 0.0, -4.0]),
-        record(2, effort=[np.nan, 0.0, 0.0]),
-        record(3, effort=[np.nan] * 3),
-    )
-    assert figures.joints.effort()["largest"] == 9.5
-    assert figures.joints.saturated == 1
 
 
 def test_faults_refusals_and_safety_with_their_times():

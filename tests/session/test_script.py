@@ -93,12 +93,6 @@ def test_steps_are_played_in_order_one_intent_per_tick():
     assert len(damped) >= 0.2 / rig.PERIOD
 
 
-def test_hold_takes_its_time_on_the_robots_clock():
-    _, records = play("hold 0.3; damp")
-    # It begins in the second tick; the intent leaves in the tick after it is over.
-    assert starts(records)[1] == ("DAMPING", pytest.approx(0.02 + 0.3 + 0.02))
-
-
 @pytest.mark.parametrize(
     ("text", "mode"),
     [

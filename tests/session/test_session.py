@@ -1,17 +1,13 @@
 import pytest
-import rig
 from fakes import (
-    FakeRemote,
     FakeRobot,
     FakeSink,
-    FakeSource,
-    LoggingSupervisor,
     session,
 )
 
 import humanoid_sim.session.session as loop
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import Intent
 from humanoid_sim.session import pace
 
 TO_STANDBY = {0: (Intent.DAMP,), 1: (Intent.LOAD_A,)}
@@ -21,36 +17,7 @@ TO_LOCOMOTION = {**TO_STANDBY, 6: (Intent.START_LOCOMOTION,)}
 # Order.
 
 
-def test_one_tick_reads_collects_steps_writes_and_hands_out():
-    log = []
-    stack = LoggingSupervisor(rig.JOINTS, rig.supervisor().controllers, log)
-    robot, source, sink = FakeRobot(log), FakeSource(finish_at=2, log=log), FakeSink(log)
-    session(robot, supervisor=stack, intents=[source], remote=FakeRemote(log), sinks=[sink]).run()
-    tick = ["read", "poll", "remote", "step", "write", "hand out"]
-    last = ["read", "remote", "step", "write", "hand out"]  # the loop's own QUIT: the sources are not asked any more
-    assert log == ["start sink", "activate", *tick, *tick, *tick, *last, "close robot", "close sink"]
-
-
-def test_the_safety_filter_decides_what_the_supervisor_sees():
-    fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0")
-    sink = FakeSink()
-    run = session(
-        FakeRobot(), duration=0.1, intents=[FakeSource(TO_STANDBY)], sinks=[sink], safety_filter=lambda _: (fault,)
-    )
-    run.run()
-    assert sink.records[1].input.safety == (fault,)
-    assert run.mode is Mode.DAMPING
-    assert sink.records[1].output.refusals == ("LOAD_A refused: safety FAULT BUS_OFF from can0",)
-
-
 # Ends.
-
-
-def test_quit_is_refused_in_motion_and_the_run_goes_on():
-    sink, source = FakeSink(), FakeSource({**TO_STANDBY, 3: (Intent.QUIT,)})
-    result = session(FakeRobot(), duration=0.2, intents=[source], sinks=[sink]).run()
-    assert result.reason == "duration of 0.2 s reached"
-    assert sink.records[3].output.refusals == ("QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",)
 
 
 def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated():

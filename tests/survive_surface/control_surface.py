@@ -45,7 +45,7 @@ from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import RemoteInbox, VelocityCommand
+from humanoid_sim.session.sources import VelocityCommand
 
 __all__ = ["TICK_TOPIC", "TRAINER_SAMPLES"]
 
@@ -226,12 +226,11 @@ class Link:
         folder = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="hs-")))
         self._open.enter_context(mock.patch("time.clock_gettime_ns", side_effect=lambda _: self._stamp(0.0)))
         self._paths = paths = [folder / "intents", folder / "data"]
-        inbox = RemoteInbox(joints)
         velocity = VelocityCommand(np.zeros(3))
         tell = self.refusals.append
         intents = IntentSocket(paths[0], tell=tell)
         self._open.callback(intents.close)
-        data = DataSocket(paths[1], inbox, 0.1, clock=lambda: self._robot.time, velocity=velocity, tell=tell)
+        data = DataSocket(paths[1], joints, 0.1, clock=lambda: self._robot.time, velocity=velocity, tell=tell)
         self._open.callback(data.close)
         self._last = _Last()
         self._session = Session(
@@ -240,7 +239,7 @@ class Link:
             LoopSettings(period, realtime=False),
             header=SessionHeader("three", joints, period, 0),
             intents=(intents,),
-            remote=inbox,
+            remote=lambda: data.remote,
             externs=(data, velocity),
             sinks=(intents, data, self._last),
         )

@@ -55,7 +55,7 @@ from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource, RemoteInbox
+from humanoid_sim.session.sources import IntentSource
 from humanoid_sim.stack import build_supervisor
 
 _LITE = load_robot("lite")
@@ -447,7 +447,7 @@ class PadDesk:
         intents = IntentSocket(registration.path / "intents")
         stack.callback(intents.close)
         clock = lambda: self._session.time  # noqa: E731
-        data = DataSocket(registration.path / "data", RemoteInbox(JOINTS), 0.1, clock=clock)
+        data = DataSocket(registration.path / "data", JOINTS, 0.1, clock=clock)
         stack.callback(data.close)
         registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "")
         self._other = stack.enter_context(OtherProgram("operator"))
