@@ -31,7 +31,7 @@ def session(local, lite):
     assert "nowhere" in document
     header = SessionHeader("lite", lite.joint_names, 0.005, 0, {"robot": document})
     local.publish(header, {MODEL_BLOB: model_bytes(build_model(lite))}, robot="lite")
-    local.inbox._joints = lite.joint_names
+    local.data._joints = lite.joint_names
     return local
 
 
