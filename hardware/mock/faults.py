@@ -5,37 +5,26 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.robots.schema import RobotDescription
 
-
-class FaultValue(NamedTuple):
-    """Value that a kind of fault takes."""
-
-    default: float
-    lowest: float
-    highest: float
-
-
-FAULTS: dict[str, FaultValue | None] = {
-    "silent": FaultValue(1.0, 0.0, 1.0),  # probability with which a frame of the motor is lost
-    "late": FaultValue(0.3, 0.0, 10.0),  # s by which its frames are late
-    "garbage": FaultValue(7, 0, 8),  # bytes to which its frames are cut
-    "wrong_id": FaultValue(126, 1, 127),  # id that it has
+FAULTS: dict[str, tuple[float, float, float] | None] = {
+    "silent": (1.0, 0.0, 1.0),  # probability with which a frame of the motor is lost
+    "late": (0.3, 0.0, 10.0),  # s by which its frames are late
+    "garbage": (7, 0, 8),  # bytes to which its frames are cut
+    "wrong_id": (126, 1, 127),  # id that it has
     "reset": None,  # it leaves run mode without a fault bit
     "motor_fault": None,  # it reports a phase overcurrent and stops
-    "over_temperature": FaultValue(150.0, 0.0, 500.0),  # °C
-    "brown_out": FaultValue(11.0, 0.0, 100.0),  # V of the supply; below 6 V the motor is off and boots later
+    "over_temperature": (150.0, 0.0, 500.0),  # °C
+    "brown_out": (11.0, 0.0, 100.0),  # V of the supply; below 6 V the motor is off and boots later
     "stuck": None,  # the joint is jammed
-    "encoder_jump": FaultValue(1.0, -100.0, 100.0),  # rad by which the measured angle jumps, without a fault bit
-    "second_master": FaultValue(50.0, 0.1, 1e3),  # Hz at which another computer commands zero torque to every motor
+    "encoder_jump": (1.0, -100.0, 100.0),  # rad by which the measured angle jumps, without a fault bit
+    "second_master": (50.0, 0.1, 1e3),  # Hz at which another computer commands zero torque to every motor
     "bus_off": None,  # the CAN controller reports bus-off; no frame passes any more
     "tx_full": None,  # the driver refuses every frame for want of buffer space; in this process only
 }
-"""Value by kind of fault; None: it takes none."""
-BUS_FAULTS = frozenset({"second_master", "bus_off", "tx_full"})  # faults of a whole channel; the others are a motor's
+"""By kind of fault, its value: default, lowest and highest; None: it takes none."""
 _SYNTAX = re.compile(
     r"(?P<kind>\w+)(?:=(?P<value>[-+.\w]+?))?(?::(?P<joints>[^@]+))?(?:@(?P<start>[\d.]*)(?:\+(?P<duration>[\d.]+))?)?"
 )
@@ -55,8 +44,7 @@ class Fault:
     @property
     def amount(self) -> float:
         """The value, or the default of its kind."""
-        default = FAULTS[self.kind]
-        return self.value if self.value is not None else 0.0 if default is None else default.default
+        return (FAULTS[self.kind] or (0.0,))[0] if self.value is None else self.value
 
     def affects(self, joint: str) -> bool:
         """Return whether it is a fault of this joint's motor."""
@@ -75,11 +63,11 @@ def parse_fault(text: str, description: RobotDescription) -> Fault:
     except ValueError:
         raise InputError(f"{field}expected KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s") from None
     require_known("fault", (kind,), FAULTS, field)
-    accepted = FAULTS[kind]
-    if value is not None and accepted is None:
-        raise InputError(f"{field}takes no value")
-    if value is not None and accepted is not None and not accepted.lowest <= value <= accepted.highest:  # NaN too
-        raise InputError(f"{field}value is {value:g}, expected {accepted.lowest:g} to {accepted.highest:g}")
+    if value is not None:
+        _, lowest, highest = FAULTS[kind] or (0.0, math.inf, -math.inf)
+        if not lowest <= value <= highest:  # NaN too
+            accepted = f"{lowest:g} to {highest:g}" if FAULTS[kind] else "no value"
+            raise InputError(f"{field}value is {value:g}, expected {accepted}")
     joints = tuple(name.strip() for name in (found["joints"] or "").split(",") if name)
     require_known("joint", joints, description.joint_names, field)
     return Fault(kind, joints, start, duration, value)

@@ -20,7 +20,7 @@ import numpy as np
 
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.mock.faults import BUS_FAULTS, Fault
+from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, Drive
 from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
@@ -122,14 +122,14 @@ class MockMotors:
         """Schedule a fault; one whose start is past begins now."""
         require_known("joint", fault.joints, self.names, f"fault '{fault.kind}': ")
         start = max(fault.start, self.time)
-        self._at(start, partial(self._begin, fault))
+        self._at(start, partial(self._switch, fault, True))
         if math.isfinite(fault.duration):
-            self._at(start + fault.duration, partial(self._end, fault))
+            self._at(start + fault.duration, partial(self._switch, fault, False))
 
     def clear_faults(self) -> None:
         """End the faults in force. What motors have latched stays."""
         for fault in tuple(self._faults):
-            self._end(fault)
+            self._switch(fault, False)
 
     def host_fault(self, bus: int) -> str:
         """Return the fault of the computer's end of a bus: `bus_off`, `tx_full` or none (empty)."""
@@ -146,34 +146,30 @@ class MockMotors:
         if is_on:
             self._send(i, frames, self.time)
 
-    def _begin(self, fault: Fault) -> None:
-        self._faults.append(fault)
-        self._report(f"fault: {fault.kind} of {', '.join(fault.joints) or 'all'}")
-        self._switch(fault, True)
-
-    def _end(self, fault: Fault) -> None:
-        if fault in self._faults:
-            self._faults.remove(fault)
-            self._report(f"fault over: {fault.kind}")
-            self._switch(fault, False)
-
     def _buses(self, fault: Fault) -> set[int]:
         return {bus for bus, name in zip(self.bus_of, self.names, strict=True) if fault.affects(name)}
 
     def _switch(self, fault: Fault, begins: bool) -> None:
         """Begin or end a fault; those of a motor's frames act in `_send`, `tx_full` in `host_fault`."""
-        if fault.kind not in BUS_FAULTS:
-            for i, name in enumerate(self.names):
-                if fault.affects(name):
-                    self._switch_motor(fault, i, begins)
+        if begins:
+            self._faults.append(fault)
+        elif fault in self._faults:
+            self._faults.remove(fault)
+        else:
+            return
+        self._report(f"fault{'' if begins else ' over'}: {fault.kind} of {', '.join(fault.joints) or 'all'}")
+        for i, name in enumerate(self.names):
+            if fault.affects(name):
+                self._switch_motor(fault, i, begins)
         for bus in self._buses(fault):
-            if fault.kind == "second_master":
-                self._interfere(fault, bus)
-            elif fault.kind == "bus_off" and begins:
-                self._arrive(bus, _BUS_OFF)
-                self._off.add(bus)
-            elif fault.kind == "bus_off":
-                self._off.discard(bus)
+            match fault.kind:
+                case "second_master" if begins:
+                    self._interfere(fault, bus)
+                case "bus_off" if begins:
+                    self._arrive(bus, _BUS_OFF)
+                    self._off.add(bus)
+                case "bus_off":
+                    self._off.discard(bus)
 
     def _switch_motor(self, fault: Fault, i: int, begins: bool) -> None:
         motor, amount = self.motors[i], fault.amount

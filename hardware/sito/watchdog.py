@@ -19,7 +19,6 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import can
 import msgspec
@@ -27,18 +26,17 @@ import msgspec
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.frame import Frame, message_of
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.realtime import real_time
-
-if TYPE_CHECKING:
-    from humanoid_sim.messages import SafetyStatus
 
 SOURCE = "watchdog"
 TIMEOUT = 0.1  # s without a beat after which the child takes over
 DAMPING_TIME = 3.0  # s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile
 _PERIOD = 0.02  # s between two rounds of frames
 _RESETS = 5  # rounds in which the reset is sent
-_REMINDER = 0.2
-"""s between further resets, until a stopped loop has seen TAKEN: one last frame of its own may leave before."""
+_REMINDER = (
+    0.2  # s between further ones, until a stopped loop has seen TAKEN: one last frame of its own may leave before
+)
 _START = 10.0  # s that the child may take to start, on a busy computer
 _HUNG = 0.5  # s without an answer to a beat after which the child counts as hung
 _END = 1.0  # s that the child may take to end, beyond what it has to send
@@ -62,26 +60,20 @@ class Watchdog:
     def __init__(self, motors: Sequence[WatchedMotor], locks: Sequence[int] = ()) -> None:
         """Start the child, and wait until it watches. Raises `RobotError` if it does not.
 
-        Args:
-            motors: on channels that another process can reach.
-            locks: open files that lock the channels, which the child holds as well.
+        The channels are ones that another process can reach; the child holds the open files that lock them as well.
         """
         self._names = ", ".join(motor.name for motor in motors)
         self._socket, theirs = socket.socketpair()
         self._has_taken_over = self._has_died = False
         self._beaten = self._answered = time.monotonic()
         with theirs:
-            try:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", __name__, str(theirs.fileno())],
-                    stdin=subprocess.PIPE,
-                    pass_fds=(theirs.fileno(), *locks),
-                    start_new_session=True,  # a terminal's signals and its end are not for the child
-                    env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-                )
-            except OSError as error:
-                self._socket.close()
-                raise RobotError(f"the watchdog cannot be started: {error.strerror}") from None
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__, str(theirs.fileno())],
+                stdin=subprocess.PIPE,
+                pass_fds=(theirs.fileno(), *locks),
+                start_new_session=True,  # a terminal's signals and its end are not for the child
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            )
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as plan:
             plan.write(msgspec.json.encode((motors, DAMPING_TIME)))
@@ -122,16 +114,13 @@ class Watchdog:
 
     def status(self) -> SafetyStatus | None:
         """Return what is wrong: the child has taken over, has died or hangs."""
-        from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus  # noqa: PLC0415 - the child needs no NumPy
-
         if not self.poll():
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
             return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
-        if self._has_died or self._beaten - self._answered > _HUNG:
-            what = "has died" if self._has_died else "hangs"
-            text = f"the watchdog {what}: nothing would stop {self._names}; reactivate"
-            return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)
-        return None
+        if not self._has_died and self._beaten - self._answered <= _HUNG:
+            return None
+        text = f"the watchdog {'has died' if self._has_died else 'hangs'}: nothing would stop {self._names}; reactivate"
+        return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)
 
     def release(self, *, confirmed: bool) -> None:
         """End the child: at once if its motors are `confirmed` to be off, else after it has braked them."""
@@ -204,8 +193,7 @@ def _watch(loop: socket.socket) -> str:
     """Return why the motors have to be braked; empty: they need not."""
     is_armed, deadline = False, math.inf
     while True:
-        left = min(deadline - time.monotonic(), 1.0)
-        if not select.select([loop], [], [], max(left, 0.0))[0]:
+        if not select.select([loop], [], [], min(max(deadline - time.monotonic(), 0.0), 1.0))[0]:
             if time.monotonic() >= deadline:
                 return f"no command has left for {1000.0 * TIMEOUT:.0f} ms"
             continue  # a child that was held up finds the loop's beats here first

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from rich import box
 from rich.console import Console
@@ -130,20 +130,17 @@ def command_motor(link: RobstrideLink, command: Command) -> None:
 
 def read_value(link: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
     """Return a parameter's value; None if the motor has no such parameter."""
-    return _known(link, motor, link.read({motor: parameter}))
+    found = link.read({motor: parameter})
+    if motor not in found:
+        raise _silent_motor(link, motor)
+    return found[motor]
 
 
 def write_value(link: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
     """Write a parameter and verify it."""
-    found = _known(link, motor, link.write(parameter, {motor: value}))
+    found = link.write(parameter, {motor: value}).get(motor)
     if found is None or not parameter.is_same(found, value):
         raise RobotError(f"{link.motors.names[motor]}: {parameter.name} reads {found} after {value:g} was written")
-
-
-def _known(link: RobstrideLink, motor: int, found: Mapping[int, float | None]) -> float | None:
-    if motor not in found:
-        raise _silent_motor(link, motor)
-    return found[motor]
 
 
 def shown(parameter: Parameter, value: float | None) -> str:
@@ -175,8 +172,7 @@ def answers_yes(question: str) -> bool:
 
 def make_console() -> Console:
     """Return standard output; `:b:` in a channel's name is no emoji, and a file has no line's end."""
-    console = Console(highlight=False, emoji=False)
-    return console if console.is_terminal else Console(highlight=False, emoji=False, width=200)
+    return Console(highlight=False, emoji=False, width=None if sys.stdout.isatty() else 200)
 
 
 def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

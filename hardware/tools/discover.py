@@ -11,7 +11,7 @@ from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import MotorGroup
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.sito.protocol import FROM_MOTOR, split_identifier
-from humanoid_sim.hardware.tools.bench import check_channels, make_console, make_table, open_bench, silence
+from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.robots.description import load_robot
 
@@ -31,23 +31,23 @@ def discover(config: Discover) -> int:
             sito.add((channel, parts[0]))
         return parts is not None
 
-    with open_bench(addresses) as link:
+    with bench.open_bench(addresses) as link:
         sources = link.sources
         link.line.listeners.insert(0, listen)
         found: dict[tuple[int, int], set[str]] = {}  # unique ids by channel and motor id
         for channel, reply in link.scan(range(1, LARGEST_MOTOR_ID + 1), _LATE, _PACE):
             found.setdefault((channel, reply.motor_id), set()).add(reply.uid.hex())
-        check_channels(link)
+        bench.check_channels(link)
         there = {*found, *sito}
         silent = set(range(len(addresses))) - {channel for channel, _ in there}
-        errors = [silence(link, channel, "no motor answers") for channel in sorted(silent)]
+        errors = [bench.silence(link, channel, "no motor answers") for channel in sorted(silent)]
     joints = {} if wiring is None else dict(zip(_places(wiring), wiring.names, strict=True))
     rows = [
         (escape(sources[place[0]]), str(place[1]), " and ".join(sorted(uids)), escape(joints.get(place, "")))
         for place, uids in sorted(found.items())
     ]
     if rows:
-        make_console().print(make_table(("channel", "id", "unique id", "joint"), rows))
+        bench.make_console().print(bench.make_table(("channel", "id", "unique id", "joint"), rows))
     for channel, motor_id in sorted(sito):
         print(f"Sito motor {motor_id} on {sources[channel]} sends feedback: it is enabled")
     for (channel, motor_id), uids in found.items():

@@ -23,18 +23,10 @@ from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import (
-    answers_yes,
-    ask_uid,
-    confirm,
-    enabled,
-    open_bench,
-    silence,
-    write_value,
-)
+from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.messages import SafetyLevel
-from humanoid_sim.mit import FloatArray, MITCommand, bounded_position
+from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import real_time
 
@@ -56,7 +48,7 @@ def identify(config: Identify) -> int:
     wiring = make_wiring(description, len(addresses))
     require_known("joint", (config.joint,), wiring.names)
     joint = wiring.names.index(config.joint)
-    limit = float(wiring.effort_limit[joint])
+    motor_id, direction, limit = wiring.motor_id[joint], int(wiring.direction[joint]), wiring.effort_limit[joint]
     if not 0.02 <= config.angle <= 0.5:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
     if not 0.0 < config.torque <= limit:
@@ -65,25 +57,23 @@ def identify(config: Identify) -> int:
         parse_version(version)
     if joint in wiring.endless and not config.allow_no_timeout:
         raise InputError(
-            f"{config.joint}: its motor executes its last command for ever when this program dies; "
-            "--allow-no-timeout accepts that"
+            f"{config.joint}: nothing stops its motor when this program dies: --allow-no-timeout accepts that"
         )
     entries = dict(read_entries(config.output, description))
-    with real_time(), open_bench(addresses, wiring) as bench:
+    with real_time(), bench.open_bench(addresses, wiring) as link:
         if joint not in wiring.unasked:
-            ask_uid(bench, joint)
+            bench.ask_uid(link, joint)
         print(
-            f"{config.joint}: motor {wiring.motor_id[joint]} on {bench.sources[wiring.channel[joint]]} will move it by "
+            f"{config.joint}: motor {motor_id} on {link.sources[wiring.channel[joint]]} will move it by "
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
-        confirm("Is the arm supported and clear?", config.yes, "not moved")
-        found = bench.read(dict.fromkeys(range(wiring.count), _POSITION), (_ANSWER_TIME,))
+        bench.confirm("Is the arm supported and clear?", config.yes, "not moved")
+        found = link.read(dict.fromkeys(range(wiring.count), _POSITION), (_ANSWER_TIME,))
         before = {i: position for i, position in found.items() if i != joint and position is not None}
-        with _enabled(config, wiring, joint, bench) as link:
-            moved, after = _Move(config, wiring, joint, bench, link).run(before)
-    direction = int(wiring.direction[joint])
+        with _enabled(config, wiring, joint, link) as motor:
+            moved, after = _move(config, wiring, joint, link, motor, before)
     print(
-        f"motor {wiring.motor_id[joint]} moved by {moved:+.3f} rad; with direction {direction:+d} "
+        f"motor {motor_id} moved by {moved:+.3f} rad; with direction {direction:+d} "
         f"that is {direction * moved:+.3f} rad of {config.joint}"
     )
     others = [i for i, position in after.items() if abs(position - before[i]) >= _MOVED * config.angle]
@@ -94,90 +84,75 @@ def identify(config: Identify) -> int:
     if direction * moved < _MOVED * config.angle:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
         return ExitStatus.FAILED
-    is_stored = _store(config, entries, CalibrationEntry(wiring.motor_id[joint], direction, None, True), wiring.names)
+    is_stored = _store(config, entries, CalibrationEntry(motor_id, direction, None, True), wiring.names)
     return ExitStatus.of(is_stored and not others)
 
 
 @contextlib.contextmanager
-def _enabled(config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink) -> Iterator[MotorLink]:
+def _enabled(config: Identify, wiring: Wiring, joint: int, link: RobstrideLink) -> Iterator[MotorLink]:
     """Enable the joint's motor with the torque as its limit, and give it its own limit back at the end."""
     alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
     terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]))
-    old = None if joint in wiring.unasked else bench.read({joint: _LIMIT}).get(joint)
+    old = None if joint in wiring.unasked else link.read({joint: _LIMIT}).get(joint)
     was_enabled = False
     try:
-        with enabled(bench, alone, terms, config.accept_firmware) as link:
+        with bench.enabled(link, alone, terms, config.accept_firmware) as motor:
             was_enabled = True
-            yield link
+            yield motor
     finally:
         if was_enabled and old is not None:
             with contextlib.suppress(HumanoidSimError):  # a silent motor, of which there is an error already
-                write_value(bench, _LIMIT, old, joint)
+                bench.write_value(link, _LIMIT, old, joint)
 
 
-class _Move:
-    """One joint's way there and back; positions in the motor frame."""
+def _move(
+    config: Identify, wiring: Wiring, joint: int, link: RobstrideLink, motor: MotorLink, others: Iterable[int]
+) -> tuple[float, dict[int, float]]:
+    """Move there and back; returns rad by which the joint moved, and other motors' positions meanwhile, motor frame.
 
-    def __init__(self, config: Identify, wiring: Wiring, joint: int, bench: RobstrideLink, link: MotorLink) -> None:
-        self._config, self._bench, self._link = config, bench, link
-        model, self._place = wiring.model[joint], (wiring.channel[joint], wiring.motor_id[joint])
-        self._begin, self._start = bench.line.clock(), self.position
-        self._step = float(wiring.direction[joint]) * config.angle
-        self._stiffness = min(config.torque / config.angle, model.stiffness)
-        self._damping = min(_DAMPING_TIME * self._stiffness, model.damping)
-        self._doubt = float(wiring.stiffness_doubt[joint]), float(wiring.damping_doubt[joint])
-        largest = float(wiring.position_range[joint])
-        if abs(self._start + self._step) > largest:
-            raise RobotError(
-                f"{config.joint}: is at {self._start:.2f} rad, too near the end of commands, ±{largest:.2f}"
-            )
-
-    @property
-    def position(self) -> float:
-        """rad, as reported last."""
-        return float(self._link.readings().position[0])
-
-    def run(self, others: Iterable[int]) -> tuple[float, dict[int, float]]:
-        """Return rad by which the joint moved, and other motors' positions, rad, while it was there."""
-        there: dict[int, float] = {}
-        moved, begin = 0.0, time.monotonic()
-        self._bench.take_answers()  # late ones to earlier questions
-        while (elapsed := time.monotonic() - begin) < 2.0 * _RAMP + _HOLD:
-            phase = min(elapsed / _RAMP, 1.0, (2.0 * _RAMP + _HOLD - elapsed) / _RAMP)
-            self._command(0.5 - 0.5 * math.cos(math.pi * phase))
-            missing = [i for i in others if i not in there]
-            if phase == 1.0:
-                moved = self.position - self._start
-                there.update(self._bench.poll_values(_POSITION, missing, 0.0))
-        self._command(0.0)  # where the program was slow, the last command is short of it
-        return moved, there
-
-    def _command(self, share: float) -> None:
-        """Command a share of the way, and wait for a period. Raises `RobotError` if something is wrong.
-
-        A commanded position that would ask for more torque than allowed is moved towards the joint.
-        """
-        link, wanted = self._link, self._start + share * self._step
-        reading = link.readings()
-        gains = self._doubt[0] * self._stiffness, self._doubt[1] * self._damping
-        command = MITCommand(*(np.array([value]) for value in (wanted, 0.0, 0.0, *gains)))
-        limit = np.array([self._config.torque])
-        bounded: FloatArray = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
-        link.command(np.array([[bounded[0]], [0.0], [0.0], [self._stiffness], [self._damping]]))
+    A commanded position that would ask for more torque than allowed is moved towards the joint. Raises `RobotError` if
+    the motor reports a fault, is silent or is moved by something else, or another host commands motors.
+    """
+    model, start = wiring.model[joint], float(motor.readings().position[0])
+    step = float(wiring.direction[joint]) * config.angle
+    stiffness = min(config.torque / config.angle, model.stiffness)
+    damping = min(_DAMPING_TIME * stiffness, model.damping)
+    doubt = wiring.stiffness_doubt[joint] * stiffness, wiring.damping_doubt[joint] * damping
+    if abs(start + step) > wiring.position_range[joint]:
+        raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of commands")
+    limit, moved, there = np.array([config.torque]), 0.0, dict[int, float]()
+    link.take_answers()  # late ones to earlier questions
+    began, begin, phase = link.line.clock(), time.monotonic(), 0.0
+    while phase >= 0.0:
+        elapsed = time.monotonic() - begin
+        phase = min(elapsed / _RAMP, 1.0, (2.0 * _RAMP + _HOLD - elapsed) / _RAMP)
+        wanted = start + (0.5 - 0.5 * math.cos(math.pi * max(phase, 0.0))) * step
+        reading = motor.readings()
+        command = MITCommand(*np.array([[wanted], [0.0], [0.0], [doubt[0]], [doubt[1]]]))
+        bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
+        motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
         time.sleep(_PERIOD)
-        checks, name = CheckList(), self._config.joint
-        self._bench.line.check(checks)
-        for finding in link.findings(self._begin):
-            checks.problem(name, finding.text)
-        status = link.status()
-        if status is not None and status.level is SafetyLevel.FAULT:
-            checks.problem(name, status.message)
-        checks.refuse()
-        if self._bench.line.clock() - link.readings().time[0] > _PATIENCE:
-            raise silence(self._bench, self._place[0], f"motor {self._place[1]} does not answer")
-        moved = self.position - self._start
-        if abs(moved) > _FARTHEST * self._config.angle:
-            raise RobotError(f"{name}: has moved by {moved:+.2f} rad: let go")
+        _check(link, motor, config.joint, began)
+        if link.line.clock() - reading.time[0] > _PATIENCE:
+            raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
+        distance = float(motor.readings().position[0]) - start
+        if abs(distance) > _FARTHEST * config.angle:
+            raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
+        if phase == 1.0:
+            moved = distance
+            there.update(link.poll_values(_POSITION, [i for i in others if i not in there], 0.0))
+    return moved, there
+
+
+def _check(link: RobstrideLink, motor: MotorLink, joint: str, since: float) -> None:
+    checks = CheckList()
+    link.line.check(checks)
+    for finding in motor.findings(since):
+        checks.problem(joint, finding.text)
+    status = motor.status()
+    if status is not None and status.level is SafetyLevel.FAULT:
+        checks.problem(joint, status.message)
+    checks.refuse()
 
 
 def _store(
@@ -188,18 +163,16 @@ def _store(
     if not sys.stdin.isatty():
         print(f"{name}: its direction is not stored: no person confirms it where standard input is not a terminal")
         return True
-    is_confirmed = answers_yes(f"Did {name} go the way of a rising angle in the robot's model?")
+    is_confirmed = bench.answers_yes(f"Did {name} go the way of a rising angle in the robot's model?")
     if old is not None and (old.id, old.direction) == (new.id, new.direction):
         new = msgspec.structs.replace(new, homing_offset=old.homing_offset)
-    if is_confirmed:
-        entries[name] = new
-    else:
+    if not is_confirmed:
         complain(f"warning: {name}: not confirmed: if it went the other way, its direction in the robot file is wrong")
-        if old is None or not old.direction_confirmed:
-            return False
-        entries[name] = msgspec.structs.replace(old, direction_confirmed=False)
-        if old.homing_offset is None:
-            del entries[name]
+    if not is_confirmed and old is None:
+        return False
+    entries[name] = msgspec.structs.replace(
+        new if is_confirmed or old is None else old, direction_confirmed=is_confirmed
+    )
     save_calibration(config.output, entries, names)
     print(f"wrote {config.output}: direction of {name} {'confirmed' if is_confirmed else 'not confirmed'}")
     return is_confirmed

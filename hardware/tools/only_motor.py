@@ -17,17 +17,7 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import stop_motors
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import (
-    SilentMotorError,
-    ask_uid,
-    check_channels,
-    command_motor,
-    confirm,
-    open_bench,
-    read_value,
-    silence,
-    some_motors,
-)
+from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import SetId, SetZero
 
 _QUIET = 0.2  # s without an answer after which no other is expected
@@ -46,31 +36,31 @@ def _scan(link: RobstrideLink, ids: Sequence[int]) -> set[tuple[int, bytes]]:
 @contextlib.contextmanager
 def _only_motor(channel: str) -> Iterator[tuple[RobstrideLink, bytes]]:
     """Find the one motor on a channel, and stop it; gives its unique id. Raises `RobotError` if it is not alone."""
-    with open_bench([parse_address(channel)]) as link:
+    with bench.open_bench([parse_address(channel)]) as link:
         source, found = link.sources[0], set[tuple[int, bytes]]()
         for _ in range(_SCANS):
             found |= _scan(link, range(1, LARGEST_MOTOR_ID + 1))
         if not found:
-            raise silence(link, 0, "no motor answers")
+            raise bench.silence(link, 0, "no motor answers")
         if len(found) > 1:
             names = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in sorted(found))
             raise RobotError(f"{source}: {len(found)} motors answer, expected one alone on the bus: {names}")
         ((motor_id, uid),) = found
-        link.expect(some_motors([(0, motor_id)], link.sources))
+        link.expect(bench.some_motors([(0, motor_id)], link.sources))
         time.sleep(_LISTENING)
-        check_channels(link)
+        bench.check_channels(link)
         if troubles := link.line.troubles(0):
             raise RobotError(f"{source}: {'; '.join(troubles)}: expected one motor alone, and no other host")
         if stop_motors(link, [0]):
-            raise SilentMotorError(f"{link.motors.names[0]}: does not confirm that it is stopped")
+            raise bench.SilentMotorError(f"{link.motors.names[0]}: does not confirm that it is stopped")
         print(f"found motor {motor_id} on {source}, unique id {uid.hex()}, and no other")
         yield link, uid
 
 
 def _save(link: RobstrideLink, uid: bytes) -> None:
     """Let the motor keep its values beyond power-off, and check that it is still the one that answers."""
-    command_motor(link, messages.SaveParameters(link.motors.motor_id[0]))
-    if (found := ask_uid(link)) != uid:
+    bench.command_motor(link, messages.SaveParameters(link.motors.motor_id[0]))
+    if (found := bench.ask_uid(link)) != uid:
         raise RobotError(f"{link.motors.names[0]}: unique id {found.hex()} answers, expected {uid.hex()}")
 
 
@@ -84,7 +74,7 @@ def set_id(config: SetId) -> int:
         if old_id == new_id:
             print(f"it has the id {new_id} already: nothing was changed")
             return 0
-        confirm(f"Give it the id {new_id}, now and beyond power-off?", config.yes, "the id was not changed")
+        bench.confirm(f"Give it the id {new_id}, now and beyond power-off?", config.yes, "the id was not changed")
         found: set[tuple[int, bytes]] = set()
         for _ in range(_ATTEMPTS):
             if found != {(new_id, uid)}:
@@ -93,7 +83,7 @@ def set_id(config: SetId) -> int:
         if found != {(new_id, uid)}:
             ids = ", ".join(str(motor_id) for motor_id, _ in sorted(found)) or "none"
             raise RobotError(f"motor {old_id} did not become {new_id}: ids that answer now: {ids}")
-        link.expect(some_motors([(0, new_id)], link.sources))
+        link.expect(bench.some_motors([(0, new_id)], link.sources))
         _save(link, uid)
         print(f"motor {old_id} is now {new_id}, read back and saved")
         print("Mark the motor. To see that it has kept its id, switch it off and on, then:")
@@ -105,11 +95,11 @@ def set_zero(config: SetZero) -> int:
     """Ask for confirmation, set the zero, verify it, save it, and return the exit status."""
     with _only_motor(config.channel) as (link, uid):
         motor_id = link.motors.motor_id[0]
-        before = read_value(link, PARAMETERS["mechPos"])
+        before = bench.read_value(link, PARAMETERS["mechPos"])
         print(f"its position is {before:.3f} rad; a calibration of its joint is void afterwards")
-        confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
-        command_motor(link, messages.SetZero(motor_id))
-        after = read_value(link, PARAMETERS["mechPos"])
+        bench.confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
+        bench.command_motor(link, messages.SetZero(motor_id))
+        after = bench.read_value(link, PARAMETERS["mechPos"])
         if after is None or not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor_id}: reads {after} rad after its zero was set, expected 0: hold it still")
         _save(link, uid)

@@ -12,8 +12,6 @@ _Channel = Annotated[str, Positional, arg(help="Such as can0, or udp_multicast:2
 _Channels = Annotated[
     str, Positional, arg(help="One channel for all motors, or one for each of the robot's buses: can0,can1.")
 ]
-_MotorId = Annotated[int, Positional, arg(metavar="MOTOR_ID", help="1 to 127.")]
-_Name = Annotated[str, Positional, arg(help="A name such as canTimeout, or its index such as 0x7028.")]
 _Robot = Annotated[str, arg(help="A shipped robot, or its YAML file.")]
 _Yes = Annotated[bool, arg(help="Do not ask first.")]
 _Calibration = Annotated[Path, arg(help="The calibration to write; its other joints are kept.")]
@@ -33,39 +31,35 @@ class Discover:
 
 
 @dataclass(frozen=True)
-class Ping:
-    """Ask one Robstride motor who and how it is, and time its answers. Reads only; exit status 3 if it is silent."""
-
-    channel: _Channel
-    motor_id: _MotorId
+class _OneMotor:
+    channel: Annotated[str, Positional, arg(help="Such as can0, or udp_multicast:239.74.163.2.")]
+    motor_id: Annotated[int, Positional, arg(metavar="MOTOR_ID", help="1 to 127.")]
 
 
 @dataclass(frozen=True)
-class Get:
+class Ping(_OneMotor):
+    """Ask one Robstride motor who and how it is, and time its answers. Reads only; exit status 3 if it is silent."""
+
+
+@dataclass(frozen=True)
+class Get(_OneMotor):
     """Read parameters."""
 
-    channel: _Channel
-    motor_id: _MotorId
     names: Annotated[tuple[str, ...], Positional] = ()
     """Names such as canTimeout, or indices such as 0x7028. Default: all."""
 
 
 @dataclass(frozen=True)
-class Set:
+class Set(_OneMotor):
     """Write a parameter and read it back. It is lost at power-off unless saved."""
 
-    channel: _Channel
-    motor_id: _MotorId
-    name: _Name
+    name: Annotated[str, Positional, arg(help="A name such as canTimeout, or its index such as 0x7028.")]
     value: Annotated[float, Positional, arg(metavar="VALUE", help="In the parameter's own unit.")]
 
 
 @dataclass(frozen=True)
-class Save:
+class Save(_OneMotor):
     """Let the motor keep its parameters beyond power-off."""
-
-    channel: _Channel
-    motor_id: _MotorId
 
 
 @dataclass(frozen=True)

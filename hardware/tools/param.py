@@ -11,16 +11,7 @@ from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultBit, GetDeviceId, SaveParameters, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, check_value, fault_word, find_parameter
-from humanoid_sim.hardware.tools.bench import (
-    ask_uid,
-    command_motor,
-    make_console,
-    make_table,
-    open_motor,
-    read_value,
-    shown,
-    write_value,
-)
+from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Get, Ping, Save, Set
 
 _QUESTIONS = 10
@@ -30,8 +21,8 @@ _PINGED = ("run_mode", "mechPos", "mechVel", "VBUS", "limit_torque", "canTimeout
 
 def ping(config: Ping) -> int:
     """Ask, print, and return the exit status."""
-    with open_motor(config.channel, config.motor_id) as link:
-        print(f"{link.motors.names[0]}, unique id {ask_uid(link).hex()}")
+    with bench.open_motor(config.channel, config.motor_id) as link:
+        print(f"{link.motors.names[0]}, unique id {bench.ask_uid(link).hex()}")
         question, times = {0: [GetDeviceId(config.motor_id)]}, []
         for _ in range(_QUESTIONS):
             begin = time.perf_counter()
@@ -39,11 +30,11 @@ def ping(config: Ping) -> int:
                 times.append(1e3 * (time.perf_counter() - begin))
         summary = f"median {statistics.median(times):.2f} ms, max {max(times):.2f} ms" if times else "none came back"
         rows = {"answered": f"{len(times)} of {_QUESTIONS}, {summary}"}
-        rows |= {name: shown(PARAMETERS[name], read_value(link, PARAMETERS[name])) for name in _PINGED}
+        rows |= {name: bench.shown(PARAMETERS[name], bench.read_value(link, PARAMETERS[name])) for name in _PINGED}
         version = read_versions(link, [0]).get(0)
         model = None if version is None else model_name(version)
         if version is not None and model is not None:
-            word = read_value(link, fault_word(model))
+            word = bench.read_value(link, fault_word(model))
             rows["firmware"] = f"{version_text(version)} ({model})"
             rows["faults"] = "not there" if word is None else ", ".join(flag_names(FaultBit(int(word)))) or "none"
     for name, text in rows.items():
@@ -58,21 +49,21 @@ def param(config: Get | Set | Save) -> int:
             return _get(config)
         case Set():
             return _set(config)
-    with open_motor(config.channel, config.motor_id) as link:
-        command_motor(link, SaveParameters(config.motor_id))
+    with bench.open_motor(config.channel, config.motor_id) as link:
+        bench.command_motor(link, SaveParameters(config.motor_id))
         print(f"{link.motors.names[0]}: saved")
     return 0
 
 
 def _get(config: Get) -> int:
     parameters = [find_parameter(name) for name in config.names] or list(PARAMETERS.values())
-    with open_motor(config.channel, config.motor_id) as link:
-        values = [read_value(link, parameter) for parameter in parameters]
+    with bench.open_motor(config.channel, config.motor_id) as link:
+        values = [bench.read_value(link, parameter) for parameter in parameters]
     rows = [
-        (f"0x{known.index:04X}", known.name, shown(known, value), known.meaning)
+        (f"0x{known.index:04X}", known.name, bench.shown(known, value), known.meaning)
         for known, value in zip(parameters, values, strict=True)
     ]
-    make_console().print(make_table(("index", "name", "value", ""), rows))
+    bench.make_console().print(bench.make_table(("index", "name", "value", ""), rows))
     return ExitStatus.FAILED if config.names and None in values else 0
 
 
@@ -81,10 +72,10 @@ def _set(config: Set) -> int:
     if not parameter.is_writable:
         raise InputError(f"{parameter.name}: is read only")
     check_value(parameter, config.value)
-    with open_motor(config.channel, config.motor_id) as link:
-        before = read_value(link, parameter)
-        write_value(link, parameter, config.value)
-        after = read_value(link, parameter)
-        change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
+    with bench.open_motor(config.channel, config.motor_id) as link:
+        before = bench.read_value(link, parameter)
+        bench.write_value(link, parameter, config.value)
+        after = bench.read_value(link, parameter)
+        change = f"{bench.shown(parameter, before)} -> {bench.shown(parameter, after)}"
         print(f"{link.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
     return 0

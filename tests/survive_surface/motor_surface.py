@@ -6,16 +6,19 @@ A rewrite of `hardware/` changes this file and no test.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main as hardware_main
 from humanoid_sim.hardware import robot as robot_module
 from humanoid_sim.hardware.bus import channel
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride import enabling, identification, link, motors
@@ -41,14 +44,43 @@ def make_robot(
 ) -> HardwareRobot:
     """Return the robot of a robot file's document and a calibration file; nothing is opened yet."""
     description = RobotDescription.from_json(json.dumps(document))
+    test_clock = _TestClock(clock)
     return HardwareRobot(
         description,
         channels,
         calibration=load_calibration(calibration, description).homing_offsets(description),
-        clock=clock,
+        clock=test_clock,
+        open_bus=test_clock.open_bus,
         can_timeout=can_timeout,
         allow_no_timeout=allow_no_timeout,
     )
+
+
+class _TestClock:
+    """A clock that a test moves. A frame that was under way when it moved is as old as the move, as on a real bus."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._moves = clock, [(0.0, clock())]  # system's time of each move, and the time that it led to
+
+    def __call__(self) -> float:
+        now = self._clock()
+        if now != self._moves[-1][1]:
+            self._moves.append((time.time(), now))
+        return now
+
+    def open_bus(self, address: BusAddress) -> can.BusABC:
+        bus = open_bus(address)
+        receive = bus.recv
+
+        def recv(timeout: float | None = None) -> can.Message | None:
+            message = receive(timeout)
+            if message is not None:
+                sent = [now for moved, now in list(self._moves) if moved <= message.timestamp]
+                message.timestamp = time.time() - (self() - sent[-1])
+            return message
+
+        bus.recv = recv  # type: ignore[method-assign]
+        return bus
 
 
 def bring_up_lines(robot: HardwareRobot) -> list[str]:

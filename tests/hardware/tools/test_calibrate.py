@@ -1,5 +1,3 @@
-import time
-
 import pytest
 from waiting import until
 
@@ -8,7 +6,6 @@ from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools import calibrate as tool
-from humanoid_sim.hardware.tools.calibrate import JointTrack
 from humanoid_sim.robots.description import load_robot
 
 _CHANNEL = "virtual:bench-calibrate"
@@ -47,6 +44,7 @@ def lead(monkeypatch):
             return was_read
 
         monkeypatch.setattr(tool, "_is_over", is_over)
+        monkeypatch.setattr(tool, "_LATE", 20.0)  # a busy machine may be late
 
     return begin
 
@@ -103,10 +101,9 @@ def path(tmp_path):
     return tmp_path / "calibration.yaml"
 
 
-def _seen(monkeypatch, sweep, **track):
+def _seen(monkeypatch, sweep):
     """The elbow was swept so; nothing else."""
-    seen = JointTrack(received=time.monotonic(), sweep=sweep, **track)
-    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: seen})
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: sweep})
 
 
 def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path):
@@ -158,16 +155,6 @@ def test_a_silent_motor_or_a_channel_that_goes_down_ends_the_sweep(run, path, mo
         ended, _, complained = _calibrate(run, path, joints=(), channel="virtual:bench-fault", duration=20)
     assert (ended, problem in complained) == (status, True)
     assert not path.exists()
-
-
-def test_a_motor_that_falls_silent_begins_its_sweep_anew():
-    track = JointTrack()
-    for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
-        track.add(angle, time_heard)
-    assert (track.sweep, track.restarts) == (Sweep(-1.0, 1.0), 0)
-    assert track.is_silent(2.0)
-    track.add(5.0, 2.0)  # another turn: it was without power
-    assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
 
 
 def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, path, lead):
