@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import TypeAlias
+
+import msgspec
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
@@ -52,63 +53,54 @@ _COMMAND, _GAINS = struct.Struct(">hhi"), struct.Struct(">ff")
 _FEEDBACK_1, _FEEDBACK_2 = struct.Struct(">xxhxxh"), struct.Struct(">xxxxi")  # other bytes are not known
 
 
-@dataclass(frozen=True, slots=True)
-class Reset:
+class Message(msgspec.Struct, frozen=True):
+    """A message to or from one motor; values in rad, s and N·m, motor frame."""
+
+    device_id: int
+
+
+class Reset(Message, frozen=True):
     """Disable: the motor goes limp."""
 
-    device_id: int
 
-
-@dataclass(frozen=True, slots=True)
-class SelectMode:
+class SelectMode(Message, frozen=True):
     """Selecting MIT enables."""
 
-    device_id: int
     mode: Mode
     intervals: tuple[int, int, int]  # ms, of feedback 1, 2 and 3; 0: none
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
+class Gains(Message, frozen=True):
     """K_p and K_d of the MIT law; they hold until others are sent."""
 
-    device_id: int
-    stiffness: float  # N·m/rad
-    damping: float  # N·m·s/rad
+    stiffness: float
+    damping: float
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
-    """The other three fields of the MIT law, in the motor frame: rad, rad/s and N·m."""
+class Command(Message, frozen=True):
+    """The other three fields of the MIT law."""
 
-    device_id: int
     position: float
     velocity: float
     effort: float
 
 
-@dataclass(frozen=True, slots=True)
-class Feedback:
+class Feedback(Message, frozen=True):
     """Feedback 1."""
 
-    device_id: int
-    velocity: float  # rad/s, not beyond ±3.14
-    effort: float  # N·m, from the current
+    velocity: float  # not beyond ±3.14
+    effort: float  # from the current
 
 
-@dataclass(frozen=True, slots=True)
-class PositionFeedback:
+class PositionFeedback(Message, frozen=True):
     """Feedback 2."""
 
-    device_id: int
-    position: float  # rad, of the output
+    position: float  # of the output
 
 
-@dataclass(frozen=True, slots=True)
-class Malformed:
+class Malformed(Message, frozen=True):
     """A frame with a Sito identifier that cannot be read."""
 
-    device_id: int
     reason: str
 
 
