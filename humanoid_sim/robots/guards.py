@@ -41,7 +41,7 @@ def guards_of(robot: RobotDescription) -> Guards | None:
         following_within=robot.is_floating,
         limit_margin=off if given.limit is None else np.full(robot.joint_count, given.limit),
         limit_time=given.limit_time,
-        speed_limit=off if given.speed is None else _speed_limit(robot, given.speed),
+        speed_limit=off if given.speed is None else speed_limit(robot),
         speed_time=given.speed_time,
     )
 
@@ -64,12 +64,12 @@ def describe_unwatched(robot: RobotDescription) -> str:
     return f"guards: {'; '.join(texts)}" if texts else ""
 
 
-def _speed_limit(robot: RobotDescription, given: tuple[float, ...]) -> FloatArray:
-    """Return rad/s, shape (n,): those given, else the whole range in the crossing time, within the motor's speeds."""
+def speed_limit(robot: RobotDescription) -> FloatArray:
+    """Return rad/s, (n,): the description's, else the whole range in the crossing time, within the motor's speeds."""
     reported, unloaded = _motor_speeds(robot)
     kind = robot.base.type
     crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
-    limit: FloatArray = np.minimum(given or np.minimum(crossing, unloaded), _OF_SCALE * reported)
+    limit: FloatArray = np.minimum(robot.guards.speed or np.minimum(crossing, unloaded), _OF_SCALE * reported)
     return limit
 
 
