@@ -41,6 +41,9 @@ class CheckList:
         self._robot, self._accepted = robot, accepted
         self.all: list[Check] = []
 
+    def __iter__(self) -> Iterator[Check]:
+        return iter(self.all)
+
     def passed(self, subject: str, text: str) -> None:
         """Note that something is right; one line collects all that is right with a subject."""
         for i, check in enumerate(self.all):

@@ -92,6 +92,7 @@ def _fields(payload: bytes) -> dict[int, bytes] | None:
     return found
 
 
+_RATE = 100.0  # Hz, of samples; 115200 bit/s carry 200 packets of 52 bytes a second
 _POLL = 0.02  # s, longest read of the receiving thread
 _TIMEOUT = 0.1  # s without a sample after which the status is FAULT
 _FIRST_SAMPLE = 1.0  # s that `open` waits for a first sample
@@ -105,12 +106,11 @@ class MicrostrainImu(Imu):
         port: str,
         baudrate: int = 115200,  # bit/s; devices on USB ignore it
         *,
-        rate: float = 100.0,  # Hz, of samples; 115200 bit/s carry 200 packets of 52 bytes a second
         mounting: Sequence[float] = LABEL_UP,  # w x y z, the device's axes in the robot's IMU frame
         clock: Callable[[], float] = monotonic,  # the robot's clock, s
     ) -> None:
         """Open nothing yet."""
-        self._port, self._baudrate, self._rate, self._clock = port, baudrate, rate, clock
+        self._port, self._baudrate, self._clock = port, baudrate, clock
         self._mounting = np.array(mounting, dtype=np.float64)
         self._serial: serial.Serial | None = None
         self._thread: threading.Thread | None = None
@@ -126,7 +126,7 @@ class MicrostrainImu(Imu):
         self._latest, self._problem = None, ""
         try:
             self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
-            _configure(self._serial, self._rate)
+            _configure(self._serial)
             self._thread = threading.Thread(target=self._receive, args=(self._serial,), name="imu", daemon=True)
             self._thread.start()
             if not self._received.wait(_FIRST_SAMPLE):
@@ -176,14 +176,14 @@ _ANSWER_TIME = 1.0  # s; the manual knows no command that takes longer among the
 _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
 
 
-def _configure(line: serial.Serial, rate: float) -> None:
-    """Let the device stream quaternion, angular rate and acceleration in one packet, at about `rate`, Hz."""
+def _configure(line: serial.Serial) -> None:
+    """Let the device stream quaternion, angular rate and acceleration in one packet."""
     reader = PacketReader()
     _command(line, reader, _BASE, 0x02, b"", "Set To Idle")
     reply = _command(line, reader, _3DM, 0x0E, bytes((SENSOR_DATA,)), "Get Data Base Rate").get(0x8E, b"")
     if len(reply) != 3:
         raise RobotError("answers Get Data Base Rate without a rate")
-    decimation = max(round(int.from_bytes(reply[1:], "big") / rate), 1)
+    decimation = max(round(int.from_bytes(reply[1:], "big") / _RATE), 1)
     entries = b"".join(struct.pack(">BH", kind, decimation) for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
     _command(line, reader, _3DM, 0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries, "Message Format")
     _command(line, reader, _3DM, 0x11, bytes((_WRITE, SENSOR_DATA, 1)), "Data Stream Control")

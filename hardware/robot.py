@@ -16,7 +16,7 @@ from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import ChannelLock, OpenChannels, lock_channels
-from humanoid_sim.hardware.checks import Check, CheckList
+from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
 from humanoid_sim.hardware.joints import (
     JointReadings,
@@ -108,7 +108,7 @@ class HardwareRobot:
         self._undirected = ", ".join(unconfirmed)
         self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
-        self._accepted = set(accepted_firmware)
+        self.accepted = set(accepted_firmware)
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         zeros = np.zeros(wiring.count)
@@ -128,7 +128,7 @@ class HardwareRobot:
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
         self._uids: dict[str, bytes] = {}
         self._slipped: frozenset[str] = frozenset()
-        self._checks = CheckList(self._name)
+        self.checks = CheckList(self._name)  # findings of the latest `prepare` or `activate`
         self._is_closing = False
         self.is_closed = False  # `close` has done all it does: before that, there may be motors to protect
 
@@ -147,16 +147,7 @@ class HardwareRobot:
         """Return whether the motors were enabled, and not disabled since by this program."""
         return self._watch is not None
 
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """Return the findings of the latest `prepare` or `activate`, for an operator to read."""
-        return tuple(self._checks.all)
-
     # --- activation
-
-    def accept(self, about: Iterable[str]) -> None:
-        """Accept what was a question, see `Check.about`; from the next activation on it is a warning."""
-        self._accepted.update(about)
 
     def prepare(self) -> None:
         """Verify and configure everything afresh, and leave the motors stopped.
@@ -170,7 +161,7 @@ class HardwareRobot:
             self._slipped |= {self.joints[i] for i in np.flatnonzero(self._tracker.jumped)}
         self._damp()  # or arms that still sink would fall while their motors are verified
         self._retire()
-        self._checks = checks = CheckList(self._name, self._accepted)
+        self.checks = checks = CheckList(self._name, self.accepted)
         if self._undirected:
             checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._undirected}")
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
@@ -197,7 +188,7 @@ class HardwareRobot:
         Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
         """
         self.prepare()
-        line, checks = self._line, self._checks
+        line, checks = self._line, self.checks
         assert line is not None
         with self._giving_up():
             checks.refuse_questions()
@@ -216,7 +207,7 @@ class HardwareRobot:
 
     def _open(self) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
-        checks, wiring = self._checks, self._wiring
+        checks, wiring = self.checks, self._wiring
         self._locks = self._locks or lock_channels(self._addresses, checks)
         if self._imu is not None:
             self._imu.close()
@@ -269,25 +260,21 @@ class HardwareRobot:
         try:
             yield
         except BaseException as error:
-            line, checks = self._line, self._checks
+            line, checks = self._line, self.checks
             is_ours = line is not None and (bool(self._may_run) or not line.has_intruders)
             if line is not None and is_ours:
                 line.forget_queues()
                 self._may_run &= self._stop(range(self._wiring.count)).keys()
             for link, _ in self._links:
                 link.close()
-            self._explain(error, is_off=is_ours and not self._may_run)
+            reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
+            head = "the motors are off" if is_ours and not self._may_run else "no motor is driven"
+            self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
             if not self._may_run or not isinstance(error, RobotError):
                 raise
             for i in sorted(self._may_run):
                 checks.problem(self.joints[i], "does not confirm that it is disabled")
             checks.refuse()
-
-    def _explain(self, refusal: BaseException, *, is_off: bool) -> None:
-        """Note why nothing is enabled, and what to do; `is_off`: every motor has confirmed that it is disabled."""
-        reason = flattened(str(refusal)).removeprefix(f"{self._name}: ") or type(refusal).__name__
-        head = "the motors are off" if is_off else "no motor is driven"
-        self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
 
     # --- the control loop
 
@@ -454,7 +441,6 @@ class HardwareRobot:
             lines.append(f"commands cut off at the motor's range: {cut_off}")
         return {
             "channels": channels,
-            "elapsed": 0.0 if self._line is None else self.time - self._line.opened,
             "commands": self._commands,
             "answers": answers,
             "saturated": saturated,

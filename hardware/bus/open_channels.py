@@ -103,6 +103,10 @@ class ChannelNotes:
     intruder: Note = NEVER  # the latest sign of another host that commands our motors
     strangers: Counter[str] = field(default_factory=Counter)  # frames that concern none of our motors, by kind
 
+    def seen(self) -> list[str]:
+        """Return the strangers' frames: `7 × frame with an 11-bit identifier`."""
+        return [f"{count} × {what}" for what, count in self.strangers.items()]
+
 
 Listener = Callable[[int, Frame, float], bool]
 """Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; True if it knows
@@ -129,7 +133,6 @@ class OpenChannels:
         checks.refuse()
         self.locks = tuple(lock.descriptor for lock in locks if lock.descriptor >= 0)  # for a child that sends too
         self.clock = clock
-        self.opened = clock()  # s, robot's clock
         self.listeners: list[Listener] = []  # in the order in which a frame is offered to them
         self.sources = tuple(str(address) for address in addresses)
         self.channels: tuple[Channel, ...] = ()
@@ -162,15 +165,14 @@ class OpenChannels:
     def warn_of_strangers(self, checks: CheckList) -> None:
         """Report frames of other programs, or of motors that speak another protocol."""
         for source, notes in zip(self.sources, self.notes, strict=True):
-            for what, count in notes.strangers.items():
-                checks.warn(source, f"{count} × {what}: another program, or a motor in another protocol")
+            for text in notes.seen():
+                checks.warn(source, f"{text}: another program, or a motor in another protocol")
 
     def troubles(self, index: int) -> tuple[str, ...]:
         """Return why nothing may come back on a channel, the most telling first."""
         channel = self.channels[index]
-        notes = [note.text for note in (channel.tx_full, channel.error)]
-        strangers = [f"{count} × {what}" for what, count in self.notes[index].strangers.items()]
-        return tuple(filter(None, [channel.down, *notes, *strangers]))
+        texts = [channel.down, channel.tx_full.text, channel.error.text, *self.notes[index].seen()]
+        return tuple(filter(None, texts))
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait for something that the receivers take, `timeout` s at most; True if it came."""

@@ -151,7 +151,7 @@ def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
         prepare=robot.prepare,
         checks=lambda: [(check.verdict.value, check.subject, check.text) for check in robot.checks],
         unanswered=lambda: sorted({check.about for check in robot.checks if check.verdict is Verdict.QUESTION}),
-        accept=robot.accept,
+        accept=robot.accepted.update,
     )
 
 

@@ -37,7 +37,7 @@ def device():
 
 @pytest.fixture
 def imu(device):
-    driver = MicrostrainImu(device.port, rate=200.0)
+    driver = MicrostrainImu(device.port)
     yield driver
     driver.close()
 
@@ -88,7 +88,7 @@ def test_a_device_is_configured_and_read(device, imu):
     device.send(b"\x75\x65\x80\x02garbage from before \x75")
     imu.open()
     assert device.commands == [(0x01, 0x02), (0x0C, 0x0E), (0x0C, 0x0F), (0x0C, 0x11), (0x01, 0x06)]
-    assert (device.format, device.decimation) == ([0x0A, 0x05, 0x04], 5)  # 200 Hz of 1 kHz
+    assert (device.format, device.decimation) == ([0x0A, 0x05, 0x04], 10)  # 100 Hz of 1 kHz
     device.rate = (0.1, 0.2, 0.3)
     until(lambda: imu.read(time.monotonic()).angular_velocity[0] > 0.05)
     reading = imu.read(time.monotonic())
