@@ -122,25 +122,27 @@ def _move(
         raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of commands")
     limit, moved, there = np.array([config.torque]), 0.0, dict[int, float]()
     link.take_answers()  # late ones to earlier questions
-    began, begin, phase = link.line.clock(), time.monotonic(), 0.0
-    while phase >= 0.0:
-        elapsed = time.monotonic() - begin
-        phase = min(elapsed / _RAMP, 1.0, (2.0 * _RAMP + _HOLD - elapsed) / _RAMP)
-        wanted = start + (0.5 - 0.5 * math.cos(math.pi * max(phase, 0.0))) * step
-        reading = motor.readings()
-        command = MITCommand(*np.array([[wanted], [0.0], [0.0], [doubt[0]], [doubt[1]]]))
-        bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
-        motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
-        time.sleep(_PERIOD)
-        _check(link, motor, config.joint, began)
-        if link.line.clock() - reading.time[0] > _PATIENCE:
-            raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
-        distance = float(motor.readings().position[0]) - start
-        if abs(distance) > _FARTHEST * config.angle:
-            raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
-        if phase == 1.0:
-            moved = distance
-            there.update(link.poll_values(_POSITION, [i for i in others if i not in there], 0.0))
+    began = link.line.clock()
+    for first, last, duration in ((0.0, 1.0, _RAMP), (1.0, 1.0, _HOLD), (1.0, 0.0, _RAMP)):
+        begin, missing, elapsed = time.monotonic(), set(others) if first == last else set(), 0.0
+        while elapsed < duration or (missing and elapsed < duration + _PATIENCE):
+            elapsed = time.monotonic() - begin
+            share = first + (last - first) * 0.5 * (1.0 - math.cos(math.pi * min(elapsed / duration, 1.0)))
+            reading = motor.readings()
+            command = MITCommand(*np.array([[start + share * step], [0.0], [0.0], [doubt[0]], [doubt[1]]]))
+            bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
+            motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
+            time.sleep(_PERIOD)
+            _check(link, motor, config.joint, began)
+            if link.line.clock() - reading.time[0] > _PATIENCE:
+                raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
+            distance = float(motor.readings().position[0]) - start
+            if abs(distance) > _FARTHEST * config.angle:
+                raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
+            if first == last:
+                moved = distance
+                there.update(link.poll_values(_POSITION, missing, 0.0))
+                missing -= there.keys()
     return moved, there
 
 

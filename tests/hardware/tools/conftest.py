@@ -8,6 +8,7 @@ import pytest
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.mock.server import MockServer
+from humanoid_sim.hardware.robstride import enabling
 from humanoid_sim.hardware.sito import motors
 from humanoid_sim.hardware.tools import discover, only_motor
 from humanoid_sim.robots.description import load_robot
@@ -76,6 +77,7 @@ def inject():
 def quick_scans(monkeypatch):
     """A scan need not wait for a real bus; a busy machine may be late."""
     monkeypatch.setattr(motors, "_FIRST_FEEDBACK", 20.0)
+    monkeypatch.setattr(enabling, "_LONGEST", 20.0)
     monkeypatch.setattr(discover, "_PACE", 0.001)
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
     for name in ("_QUIET", "_LISTENING"):

@@ -69,7 +69,8 @@ def test_a_confirmed_direction_is_stored_and_the_motor_is_left_as_it_was(run, ty
 def test_the_offset_is_kept_unless_it_was_found_with_another_direction(run, types, motors, direction, kept):
     save_calibration("calibration.yaml", {"left_wrist_yaw": CalibrationEntry(15, direction, 0.5)})
     types("yes", "yes")
-    assert run(*WRIST)[0] == 0
+    status, _, complained = run(*WRIST)
+    assert status == 0, complained
     assert entries()["left_wrist_yaw"] == CalibrationEntry(15, DIRECTION, kept, direction_confirmed=True)
 
 
