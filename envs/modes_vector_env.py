@@ -52,10 +52,8 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
         self.num_envs, self.render_mode = num_envs, None
         live = {**self.simulation.extern, VELOCITY_COMMAND: 3}
         self.supervisor = build_supervisor(description, self.simulation.control_period, loaded, live=live)
-        self.single_action_space, self.single_observation_space = (
-            Discrete(len(INTENTS)),
-            modes_observation_space(description),
-        )
+        self.single_action_space = Discrete(len(INTENTS))
+        self.single_observation_space = modes_observation_space(description)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -72,12 +70,9 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
         given = reset_options(options, ("command",))
         self._velocity = velocity_option(given.get("command", np.zeros(3)), self.num_envs)
         self._memories = [self.supervisor.initial()] * self.num_envs
-        self._sound = [self.simulation.state()] * self.num_envs
         self._begin(np.ones(self.num_envs, dtype=np.bool_))
-        infos: dict[str, Any] = {}
-        for i, memory in enumerate(self._memories):
-            infos = self._add_info(infos, first_info(memory), i)
-        return self._observe([None] * self.num_envs), infos
+        self._sound = [self.simulation.state()] * self.num_envs
+        return self._report([None] * self.num_envs)
 
     def _begin(self, over: BoolArray) -> None:
         self.simulation.reset(np.flatnonzero(over))
@@ -96,36 +91,34 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
             self._begin(starting)
         outputs: list[TickOutput | None] = [None] * self.num_envs
         commands = [MITCommand.zeros(len(self.simulation.joints))] * self.num_envs
-        infos: dict[str, Any] = {}
-        state, fault = self.simulation.state(), self.simulation.fault.copy()
+        reward, quits = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
+        state, fault = self.simulation.state(), self.simulation.fault
         for i in np.flatnonzero(~starting).tolist():
             safety = _BROKEN if fault[i] else _OK
             tick = tick_input(state_rows(state, i), safety, self._velocity[i], int(actions[i]))
             self._memories[i], output = self.supervisor.step(self._memories[i], tick)
-            outputs[i], commands[i] = output, output.command
+            outputs[i], commands[i], quits[i] = output, output.command, output.quit
+            reward[i] = self.simulation.control_period if output.control_mode.mode.is_free else 0.0
         arrays = [np.stack([getattr(command, name) for command in commands]) for name in COMMAND_FIELDS]
         self.simulation.step(MITCommand(*arrays), where=~starting)
         self._steps += ~starting
-        reward, quits = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
-        for i, each in enumerate(outputs):
-            if each is None:
-                infos = self._add_info(infos, first_info(self._memories[i]), i)
-                continue
-            reward[i] = self.simulation.control_period if each.control_mode.mode.is_free else 0.0
-            quits[i] = each.quit
-            infos = self._add_info(infos, step_info(each, self._steps[i] * self.simulation.control_period), i)
         is_late = self._steps >= self.config.max_episode_steps
         self._is_over = quits | is_late
-        return self._observe(outputs), reward, quits, is_late, infos
+        observation, infos = self._report(outputs)
+        return observation, reward, quits, is_late, infos
 
-    def _observe(self, outputs: list[TickOutput | None]) -> dict[str, Any]:
+    def _report(self, outputs: list[TickOutput | None]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return observation and info after a tick; None where an episode begins."""
         state, fault = self.simulation.state(), self.simulation.fault
-        rows = []
+        rows, infos = [], dict[str, Any]()
         for i, output in enumerate(outputs):
             if not fault[i]:
                 self._sound[i] = state_rows(state, i)
             rows.append(modes_observation(self._sound[i], output, _BROKEN if fault[i] else _OK))
-        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+            time = float(self._steps[i]) * self.simulation.control_period
+            info = first_info(self._memories[i]) if output is None else step_info(output, time)
+            infos = self._add_info(infos, info, i)
+        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}, infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the threads."""

@@ -44,7 +44,7 @@ def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
 
 
 def observation_space(wiring: PolicyWiring) -> Box:
-    """Return the space of observations, shape (N,), without bounds."""
+    """Return the space of observations, shape (N,)."""
     return Box(-np.inf, np.inf, (wiring.layout.width,), dtype=np.float32)
 
 

@@ -1,13 +1,11 @@
 """The whole stack around a simulated Lite, one tick at a time."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from humanoid_sim.messages import Intent, RemoteCommand, TickInput, TickOutput
+from humanoid_sim.messages import Intent, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor
@@ -18,12 +16,10 @@ PERIOD = 0.005
 class Drive:
     """Steps robot and supervisor in turn and keeps what passed between them."""
 
-    def __init__(
-        self, loaded: LoadedPolicy | None = None, *, robot: str | RobotDescription = "lite", remote: bool = False
-    ) -> None:
-        self.description = load_robot(robot) if isinstance(robot, str) else robot
+    def __init__(self, loaded: LoadedPolicy | None = None) -> None:
+        self.description = load_robot("lite")
         self.robot = SimRobot(self.description, SimConfig(control_period=PERIOD))
-        self.supervisor = build_supervisor(self.description, PERIOD, loaded, remote=remote)
+        self.supervisor = build_supervisor(self.description, PERIOD, loaded)
         self.memory = self.supervisor.initial()
         self.states: list[MITState] = []
         self.outputs: list[TickOutput] = []
@@ -38,19 +34,19 @@ class Drive:
         """Shape (n,), rad, at the latest reading."""
         return self.states[-1].joint_position
 
-    def step(self, *intents: Intent, remote: RemoteCommand | None = None) -> TickOutput:
+    def step(self, *intents: Intent) -> TickOutput:
         """One tick."""
         state, safety = self.robot.read()
-        self.memory, output = self.supervisor.step(self.memory, TickInput(state, safety, intents, remote))
+        self.memory, output = self.supervisor.step(self.memory, TickInput(state, safety, intents))
         self.robot.write(output.command)
         self.states.append(state)
         self.outputs.append(output)
         return output
 
-    def run(self, seconds: float, remote: Callable[[], RemoteCommand | None] = lambda: None) -> None:
+    def run(self, seconds: float) -> None:
         """Ticks without intents."""
         for _ in range(round(seconds / PERIOD)):
-            self.step(remote=remote())
+            self.step()
 
     def stand(self, load: Intent = Intent.LOAD_A) -> None:
         """DAMPING, then STANDBY until it is finished."""

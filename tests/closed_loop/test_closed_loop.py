@@ -6,8 +6,7 @@ from drive import Drive
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.evaluation.run_figures import MotionErrors
-from humanoid_sim.gravity import gravity_command
-from humanoid_sim.messages import Intent, Mode, RemoteCommand
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
@@ -86,38 +85,3 @@ def test_arms_that_are_let_go_sink_slowly():
         speeds[intent] = max(np.abs(state.joint_velocity).max() for state in drive.states[-200:])
     assert speeds[Intent.DAMP] < 1.0  # rad/s
     assert speeds[None] > 5.0
-
-
-class Compensation:
-    """What the gravity front end sends, one command per tick and late by one, without its process."""
-
-    def __init__(self, drive, form):
-        self._drive = drive
-        self._form = form
-        self._gravity = GravityTorque(drive.description)
-        self._held = None
-
-    def __call__(self):
-        drive = self._drive
-        self._held = drive.position if self._held is None or self._form == "effort" else self._held
-        command = gravity_command(drive.description, self._held, self._gravity(self._held), self._form)
-        return RemoteCommand(command, drive.time)
-
-
-def in_remote():
-    drive = Drive(remote=True)
-    drive.stand()
-    drive.run(0.5)
-    assert drive.step(Intent.START_REMOTE).control_mode.mode is Mode.REMOTE
-    return drive
-
-
-@pytest.mark.parametrize(("form", "drift"), [("effort", 0.01), ("pd", 0.002)])
-def test_gravity_compensation_holds_the_arms_still(form, drift):
-    drive = in_remote()
-    start = drive.position
-    drive.run(5.0, Compensation(drive, form))
-    assert drive.outputs[-1].control_mode.mode is Mode.REMOTE
-    assert np.abs(drive.position - start).max() < drift  # rad in 5 s
-    assert np.abs(drive.states[-1].joint_velocity).max() < 0.001
-    assert np.abs(drive.applied()[-1]).max() > 1.0

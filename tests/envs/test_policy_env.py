@@ -139,21 +139,6 @@ def test_a_guard_ends_the_episode_of_one_robot_and_of_one_among_many():
     assert not any(unwatched.step(pressing(unwatched, step))[2] for step in range(1, steps + 5))
 
 
-def test_a_command_holds_for_the_episode():
-    env = PolicyEnv("biped_velocity")
-    term = next(term for term in env.scenario.wiring.layout.terms if term.name == "velocity_commands")
-    observation, _ = env.reset(seed=0, options={"command": (0.5, 0.1, -0.2)})
-    for _ in range(3):
-        np.testing.assert_allclose(observation[term.start : term.stop], [0.5, 0.1, -0.2], rtol=1e-6)
-        observation, *_ = env.step(zeros(env))
-    course = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])
-    env.reset(seed=0, options={"command": course})
-    np.testing.assert_array_equal([env.scenario.task.command(course, step) for step in (249, 250)], course)
-    for options in ({"command": (1.0, 2.0)}, {"command": (np.nan, 0.0, 0.0)}, {"speed": 1}):
-        with pytest.raises(InputError, match="reset: "):
-            env.reset(options=options)
-
-
 def test_what_is_no_step_is_refused(env):
     fresh = PolicyEnv(TRACKING)
     with pytest.raises(gymnasium.error.ResetNeeded):

@@ -12,8 +12,8 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses, support_in_mode
-from humanoid_sim.simulation.model import SimConfig, build_model, joint_addresses
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, base_addresses, support_in_mode
+from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
 
 LIMP = MITCommand.zeros(2)
@@ -147,23 +147,6 @@ class TestSupport:
         assert dict(robot.extern) == {}
         with pytest.raises(RobotError, match=r"^lite: has a fixed base, which needs no support"):
             robot.set_support(True)
-
-
-def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper):
-    robot = load_robot(hopper)
-    model = build_model(robot, scene="floor")
-    pose = StartPose(model, robot)
-    straight = SimRobot(robot)
-    assert pose.standing_height == pytest.approx(float(base_of(straight).mass_height), abs=1e-12)
-    qpos, qvel = pose.arrays(base_yaw=np.array(0.7))
-    np.testing.assert_allclose(qpos[:7], [*straight.qpos[:3], math.cos(0.35), 0.0, 0.0, math.sin(0.35)], atol=1e-15)
-    assert not qvel.any()
-    joints, speeds = np.array([[0.1, 0.5], [0.2, 0.6]]), np.array([[1.0, 2.0], [3.0, 4.0]])
-    batch, moving = pose.arrays((2,), joint_position=joints, joint_velocity=speeds, base_yaw=np.array([0.7, 0.0]))
-    np.testing.assert_array_equal(batch[0, :7], qpos[:7])
-    addresses = joint_addresses(model, robot.joint_names)
-    np.testing.assert_array_equal(batch[:, addresses.qpos], joints)
-    np.testing.assert_array_equal(moving[:, addresses.dof], speeds)
 
 
 def test_base_state_in_words():
