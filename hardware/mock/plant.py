@@ -11,7 +11,7 @@ from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation import DROP
-from humanoid_sim.simulation.floating_base import FloatingBase, move_support
+from humanoid_sim.simulation.floating_base import Support
 from humanoid_sim.simulation.model import UNSOUND, SimConfig, build_model
 from humanoid_sim.simulation.sensing import Sensors
 
@@ -43,12 +43,8 @@ class MotorPlant:
         self._offset = np.array([homing_offset.get(name, 0.0) for name in description.joint_names])
         self._damping = self.model.dof_damping.copy()
         self.data.qpos[self.joints.qpos] = description.initial_position
-        self._base: FloatingBase | None = None
-        self._is_lifted = False
-        if description.is_floating:
-            self._base = FloatingBase(self.model, description, self.data.qpos, config.drop)
-            self._base.place(self.data)
-            self._base.hold(self.data)
+        self._support = Support(self.model, self.data, description, config.drop)
+        self._support.start(held=True)
         mujoco.mj_forward(self.model, self.data)
         self.torque, self.shaft, self.velocity = np.zeros((3, len(self.motors)))
         """N·m of the latest physics step, rad and rad/s now; buffers."""
@@ -58,8 +54,7 @@ class MotorPlant:
         """Advance physics by one step under the motors' torques, shape (m,), N·m."""
         self.torque[:] = torque
         self.data.qfrc_applied[self.joints.dof] = self._strength * torque
-        if self._is_lifted and self._base is not None:
-            self._base.lift(self.data, self.timestep)
+        self._support.advance(self.timestep)
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)  # so that the sensors are those of the new state
         self._measure()
@@ -76,13 +71,12 @@ class MotorPlant:
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Hold a floating base where it is, raising it slowly to its start if it `lifts`, or let it go."""
-        move_support(self._base, self.data, held, self.description.name)
-        self._is_lifted = lifts
+        self._support.move(held, lifts=lifts)
 
     @property
     def supported(self) -> bool:
         """True while the support holds a floating base."""
-        return self._base is not None and self._base.is_held(self.data)
+        return self._support.holds
 
     def truth(self, time: float) -> MITState:
         """Return the true state, as no motor or bus changes it, stamped with `time`, s."""

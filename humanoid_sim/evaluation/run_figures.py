@@ -1,4 +1,4 @@
-"""Figures of a run, accumulated tick by tick in constant memory: motion errors, the base's motion, use of the joints.
+"""Figures of a run, accumulated tick by tick: motion errors, the base's motion, use of the joints.
 
 An error of frame k is the pose read in the very tick in which the policy was shown frame k, minus frame k. The last
 frame counts once: what a policy does while it is held is not an error of the motion.
@@ -15,6 +15,7 @@ import numpy as np
 
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
+from humanoid_sim.evaluation.errors import rms
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
@@ -39,13 +40,9 @@ class MotionErrors:
         self._context = StepContext(description, loaded.contract, loaded.reference)
         bodies = self._context.tracked
         self._kinematics = ForwardKinematics(description, bodies) if bodies else None
-        self.names = _OF_BODIES if bodies else _OF_ANCHOR
-        """Rows of `step_metrics.METRICS`, k of them."""
-        self.latest: FloatArray | None = None
-        """Shape (k,), of the latest policy step; None before any, and once the motion is over."""
-        self.samples = 0
+        self._names = _OF_BODIES if bodies else _OF_ANCHOR
+        self._samples: list[FloatArray] = []
         self._is_last_shown = False
-        self._sum, self._squares, self._largest = np.zeros((3, len(self.names)))
         self._alignment: Alignment | None = None
 
     @classmethod
@@ -59,13 +56,8 @@ class MotionErrors:
         last = self._context.reference.frame_count - 1
         was_shown, self._is_last_shown = self._is_last_shown, frame >= last > 0
         sample = None if was_shown and self._is_last_shown else self._sample(frame, state)
-        self.latest = None
         if sample is not None:
-            self.latest = np.array([METRICS[name].values(self._context, sample) for name in self.names])
-            self._sum += self.latest
-            self._squares += self.latest**2
-            np.maximum(self._largest, self.latest, out=self._largest)
-            self.samples += 1
+            self._samples.append(np.array([METRICS[name].values(self._context, sample) for name in self._names]))
 
     def _sample(self, frame: int, state: MITState) -> StepSample | None:
         """Return the step; None while nobody knows how the motion was laid onto the robot."""
@@ -83,32 +75,25 @@ class MotionErrors:
 
     def summary(self) -> dict[str, Any] | None:
         """Return the errors so far, JSON: by row unit, mean, rms and max; None if nothing was compared."""
-        if not self.samples:
+        if not self._samples:
             return None
-        means, squares = self._sum / self.samples, np.sqrt(self._squares / self.samples)
-        columns = zip(self.names, means.tolist(), squares.tolist(), self._largest.tolist(), strict=True)
-        errors = {
-            name: {"unit": METRICS[name].unit, "mean": mean, "rms": rms, "max": largest}
-            for name, mean, rms, largest in columns
-        }
-        return {"samples": self.samples, "errors": errors}
+        errors = {}
+        for name, values in zip(self._names, np.array(self._samples).T, strict=True):
+            figures = {"mean": values.mean(), "rms": rms(values), "max": values.max()}
+            errors[name] = {"unit": METRICS[name].unit, **{key: float(value) for key, value in figures.items()}}
+        return {"samples": len(self._samples), "errors": errors}
 
 
 @dataclass(slots=True)
 class BaseMotion:
     """Motion of a floating base from its release on; landed once its centre of mass is as low as it stands."""
 
-    released: float | None = None
-    """s, robot's clock, at which the base was let go; None while it never was."""
-    standing_height: float = 0.0
-    """m, of the centre of mass, as of `has_fallen`."""
-    last: float = 0.0
-    lowest: float = math.inf
-    """Share of its standing height that the centre of mass had at least."""
-    tilt_max: float | None = None
-    """rad, from 2 s after release on."""
-    fall: float | None = None
-    """s after release at which the robot fell; None if it did not."""
+    released: float | None = None  # s, robot's clock, at which the base was let go; None while it never was
+    standing_height: float = 0.0  # m, of the centre of mass, as of `has_fallen`
+    last: float = 0.0  # s, robot's clock
+    lowest: float = math.inf  # share of its standing height that the centre of mass had at least
+    tilt_max: float | None = None  # rad, from 2 s after release on
+    fall: float | None = None  # s after release at which the robot fell; None if it did not
     fell: str = ""
     height: tuple[float, float, float, int] = (math.inf, 0.0, -math.inf, 0)
     """m, of the base's origin above the floor from landing on: least, sum, greatest, count."""

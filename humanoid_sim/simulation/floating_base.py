@@ -134,21 +134,22 @@ class BaseObserver:
         return float(mass[2] - self._floor.level(mass)) - clearance(self._model, qpos)
 
 
-class FloatingBase:
-    """The free joint of a robot's base in a model made by `build_model`, and the support that may hold it."""
+class Support:
+    """Where a floating base starts, and what may hold it; inert where the base is fixed. Of `build_model`'s models."""
 
     def __init__(
-        self, model: mujoco.MjModel, description: RobotDescription, joint_qpos: FloatArray, drop: float = 0.0
+        self, model: mujoco.MjModel, data: mujoco.MjData, description: RobotDescription, drop: float = 0.0
     ) -> None:
-        """Choose where the base starts: at the description's height, or hung `drop`, m, above the feet.
-
-        `joint_qpos`, shape (nq,), has the joints in the initial position.
-        """
+        """Choose the start, at the description's height or `drop`, m, above the feet; `data` has the joints' pose."""
+        self._robot, self._data, self._is_floating = description.name, data, description.is_floating
+        self._rises = drop > 0.0
+        self._is_lifted = False
+        if not self._is_floating:
+            return
         self._position, self._quaternion, *_ = base_addresses(model, description)
         self._mocap = int(model.body(SUPPORT).mocapid[0])
         self._weld = model.equality(SUPPORT).id
-        self._lifts = drop > 0.0
-        qpos = np.array(joint_qpos)
+        qpos = np.array(data.qpos)
         qpos[self._position][:2] = 0.0
         qpos[self._quaternion] = model.qpos0[self._quaternion]
         height = description.base.height
@@ -157,39 +158,36 @@ class FloatingBase:
         qpos[self._position][2] = height
         self._start = qpos[self._position].copy(), qpos[self._quaternion].copy()
 
-    def place(self, data: mujoco.MjData) -> None:
-        """Put the base of data that are at rest where it starts."""
-        data.qpos[self._position], data.qpos[self._quaternion] = self._start
+    @property
+    def holds(self) -> bool:
+        """Return whether the base is held."""
+        return self._is_floating and bool(self._data.eq_active[self._weld])
 
-    def is_held(self, data: mujoco.MjData) -> bool:
-        """Return whether the support holds the base."""
-        return bool(data.eq_active[self._weld])
+    def start(self, *, held: bool) -> None:
+        """Put the base of a robot at rest where it starts, held or not."""
+        self._is_lifted = False
+        if self._is_floating:
+            self._data.qpos[self._position], self._data.qpos[self._quaternion] = self._start
+            self.move(held)
 
-    def hold(self, data: mujoco.MjData) -> None:
-        """Let the support hold the base where it now is."""
-        data.mocap_pos[self._mocap] = data.qpos[self._position]
-        data.mocap_quat[self._mocap] = data.qpos[self._quaternion]
-        data.eq_active[self._weld] = 1
+    def move(self, held: bool, *, lifts: bool = False) -> None:
+        """Hold the base where it now is, or let it go. If it `lifts`, `advance` raises it to the height of its start.
 
-    def release(self, data: mujoco.MjData) -> None:
-        """Let the base go."""
-        data.eq_active[self._weld] = 0
+        Never without a `drop`. Raises `RobotError` if the base is fixed.
+        """
+        if not self._is_floating:
+            raise RobotError(f"{self._robot}: has a fixed base, which needs no support")
+        self._is_lifted = lifts and self._rises
+        if held and not self.holds:
+            self._data.mocap_pos[self._mocap] = self._data.qpos[self._position]
+            self._data.mocap_quat[self._mocap] = self._data.qpos[self._quaternion]
+        self._data.eq_active[self._weld] = held
 
-    def lift(self, data: mujoco.MjData, time: float) -> None:
-        """Let the support raise a base that it holds, for `time` s, at most to the height of its start."""
-        position, highest = data.mocap_pos[self._mocap], self._start[0][2]
-        if self._lifts and self.is_held(data) and position[2] < highest:
-            position[2] = min(position[2] + _LIFT_SPEED * time, highest)
-
-
-def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
-    """Hold a floating base where it now is, or let it go. Raises `RobotError` if the base is fixed."""
-    if base is None:
-        raise RobotError(f"{robot}: has a fixed base, which needs no support")
-    if not held:
-        base.release(data)
-    elif not base.is_held(data):
-        base.hold(data)
+    def advance(self, time: float) -> None:
+        """Raise a base that it lifts for `time`, s, slowly."""
+        if self._is_lifted and self.holds:
+            position, highest = self._data.mocap_pos[self._mocap], self._start[0][2]
+            position[2] = max(position[2], min(position[2] + _LIFT_SPEED * time, highest))
 
 
 class Supported(Protocol):
@@ -226,7 +224,7 @@ class StartPose:
         data.qpos[self._joints.qpos] = description.initial_position
         self._quaternion = slice(0)
         if description.is_floating:
-            FloatingBase(model, description, data.qpos).place(data)
+            Support(model, data, description).start(held=False)
             self._quaternion = base_addresses(model, description)[1]
         self._qpos: FloatArray = data.qpos.copy()
 

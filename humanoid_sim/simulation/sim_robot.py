@@ -16,7 +16,7 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, bind_torque
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.floating_base import BaseState, FloatingBase, StartPose, move_support
+from humanoid_sim.simulation.floating_base import BaseState, StartPose, Support
 from humanoid_sim.simulation.model import UNSOUND, SimConfig, build_model
 from humanoid_sim.simulation.push import Pushes
 from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
@@ -65,11 +65,8 @@ class SimRobot:
         self.hardest_touch: Touch | None = None
         """Hardest touch of a key of its piano in any physics step since `forget_touches`; None for none."""
         self.is_closed = False
-        self._base: FloatingBase | None = None
-        if description.is_floating:
-            self.data.qpos[self._sensors.joints.qpos] = description.initial_position
-            self._base = FloatingBase(self.model, description, self.data.qpos, config.drop)
-        self._is_lifted = False
+        self.data.qpos[self._sensors.joints.qpos] = description.initial_position
+        self._support = Support(self.model, self.data, description, config.drop)
         self._step = self._start = 0
 
         self._nominal: mujoco.MjModel | None = None
@@ -115,7 +112,7 @@ class SimRobot:
     @property
     def supported(self) -> bool:
         """Return whether the support holds a floating base."""
-        return self._base is not None and self._base.is_held(self.data)
+        return self._support.holds
 
     @cached_property
     def start_pose(self) -> StartPose:
@@ -127,10 +124,7 @@ class SimRobot:
         self._begin()
         self._bind(MITCommand.zeros(len(self.joints)))
         self.data.qpos[self._sensors.joints.qpos] = self.description.initial_position
-        if self._base is not None:
-            self._base.place(self.data)
-            if self.config.support:
-                self._base.hold(self.data)
+        self._support.start(held=self.config.support)
         mujoco.mj_forward(self.model, self.data)
 
     def relaunch(self) -> None:
@@ -220,14 +214,9 @@ class SimRobot:
             self.fault = f"simulation unstable: its state is not finite, or huge (t = {self.time:.4f} s)"
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Let the support hold a floating base where it now is, or let the base go.
-
-        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`. Raises
-        `RobotError` if the base is fixed.
-        """
-        move_support(self._base, self.data, held, self.description.name)
+        """See `Support.move`."""
+        self._support.move(held, lifts=lifts)
         mujoco.mj_step1(self.model, self.data)
-        self._is_lifted = lifts
 
     def forget_touches(self) -> None:
         """Look for the hardest touch from here on."""
@@ -248,15 +237,13 @@ class SimRobot:
         self.data.time = self.time
         self._update_torque, self._state, self.fault = None, None, ""
         self._torque[:] = 0.0
-        self._is_lifted = False
         self._pending.clear()
         self._start = self._step
         self.pushes.forget()
 
     def _disturb(self, step: int) -> None:
         """Put support and pushes of the control period that begins at a physics step in force."""
-        if self._is_lifted and self._base is not None:
-            self._base.lift(self.data, self.control_period)
+        self._support.advance(self.control_period)
         if self._random_pushes is not None and self._variation is not None:
             period = np.array([(step - self._start) // self.physics_steps])
             body = self.model.body(self.description.base.body).id
