@@ -83,11 +83,3 @@ def test_a_tool_prints_what_the_list_expects(run, monkeypatch, title):
     assert readings
     assert [reading for reading in readings if reading not in printed] == []
     assert "missing" not in printed or title != "Who is there"
-
-
-@pytest.mark.soak
-def test_the_dry_run(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    status, printed, readings = run("Everything but enabling")
-    assert (status, readings) == (0, ["verdict: ready to be enabled"])
-    assert "\nverdict: ready to be enabled" in printed

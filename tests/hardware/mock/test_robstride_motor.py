@@ -37,14 +37,12 @@ def test_commands_act_only_while_it_is_enabled():
     lone = Lone()
     lone.mit(1.0, 20.0)
     assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
-    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
-    assert lone.motor.command is None, "enabling brings no torque by itself"
-    lone.mit(1.0, 20.0)
-    assert lone.motor.drive().position == pytest.approx(1.0, abs=4e-4)
-    assert lone.motor.drive().stiffness == pytest.approx(20.0, abs=8e-3)
-    assert lone.status(messages.Stop(ID)).mode is MotorMode.RESET
-    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
-    assert lone.motor.command is None, "the old command does not come back"
+    for _ in range(2):  # the old command does not come back
+        assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+        assert lone.motor.command is None, "enabling brings no torque by itself"
+        lone.mit(1.0, 20.0)
+        assert lone.motor.drive()[:5] == pytest.approx((1.0, 0.0, 0.0, 20.0, 0.0), abs=8e-3)
+        assert lone.status(messages.Stop(ID)).mode is MotorMode.RESET
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
@@ -130,42 +128,3 @@ def test_parameters():
     assert not reply.is_success
     lone.tell(messages.WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
     assert lone.read("limit_torque") == 17.0, "NaN is not taken"
-
-
-_COMMANDS = st.one_of(
-    st.just(messages.Enable(ID)),
-    st.builds(messages.Stop, st.just(ID), st.booleans()),
-    st.builds(messages.OperationControl, *[st.just(v) for v in (ID, 1.0, 0.0, 0.0, 20.0, 1.0)]),
-    st.just(messages.SetZero(ID)),
-    st.just(messages.SaveParameters(ID)),
-    st.builds(messages.SetActiveReport, st.just(ID), st.booleans()),
-    st.builds(
-        messages.WriteParameter,
-        st.just(ID),
-        st.sampled_from([0x7005, 0x700B, 0x7026, 0x7028]),
-        st.binary(min_size=4, max_size=4),
-    ),
-)
-_SENSORS = st.one_of(
-    st.tuples(st.just("shaft"), st.floats(-30.0, 30.0)),
-    st.tuples(st.just("temperature"), st.floats(0.0, 200.0)),
-    st.tuples(st.just("voltage"), st.floats(0.0, 70.0)),
-)
-
-
-@given(st.lists(st.one_of(_COMMANDS, _SENSORS, st.floats(0.001, 0.05)), max_size=20))
-def test_only_an_enable_enables_and_a_faulty_motor_never_runs(events):
-    lone = Lone()
-    for event in events:
-        was_running = lone.motor.is_running
-        if isinstance(event, tuple):
-            setattr(lone.motor.sensed, *event)
-            lone.wait(0.001)
-        elif isinstance(event, float):
-            lone.wait(event)
-        else:
-            lone.tell(event)
-        motor = lone.motor
-        assert was_running or not motor.is_running or isinstance(event, messages.Enable)
-        assert not (motor.is_running and motor.faults())
-        assert motor.command is None or motor.is_running

@@ -91,35 +91,28 @@ def listener(channel):
     listener.close()
 
 
-class Loop:
-    """The program, and its watchdog's process id."""
-
-    def __init__(self, process):
-        self.process, self.lines = process, process.stdout
-        self.watchdog = int(self.lines.readline())
-
-
 @contextmanager
 def _looping(channel):
+    """Run the loop's program; gives its process, and its watchdog's id."""
     with subprocess.Popen(
         [sys.executable, str(_LOOP), channel], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        loop = Loop(process)
+        dog = int(process.stdout.readline())
         try:
-            yield loop
+            yield process, dog
         finally:
             process.kill()
             process.send_signal(signal.SIGCONT)
-            until(lambda: not _is_running(loop.watchdog))
+            until(lambda: not _is_running(dog))
 
 
 def test_a_killed_loops_motors_are_damped_and_then_reset(channel, listener):
-    with _looping(channel) as loop:
+    with _looping(channel) as (loop, dog):
         until(lambda: len(listener.times(COMMAND)) > 20)
         assert {found for _, found in listener.frames} == {COMMAND}, "a watchdog that watches is silent"
-        loop.process.kill()
-        until(lambda: not _is_running(loop.watchdog))
-        told = loop.process.stderr.read().splitlines()
+        loop.kill()
+        until(lambda: not _is_running(dog))
+        told = loop.stderr.read().splitlines()
     others = [found for _, found in listener.frames if found != COMMAND]
     assert others == [GAINS, GAINS, DAMPING] * 20 + [RESET] * 5  # 0.4 s every 20 ms
     assert told == [
@@ -130,30 +123,30 @@ def test_a_killed_loops_motors_are_damped_and_then_reset(channel, listener):
 
 @pytest.mark.soak
 def test_a_stopped_loop_is_displaced_in_time_and_commands_nothing_when_it_continues(channel, listener):
-    with _looping(channel) as loop:
+    with _looping(channel) as (loop, dog):
         until(lambda: len(listener.times(COMMAND)) > 20)
-        loop.process.send_signal(signal.SIGSTOP)
+        loop.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
         until(lambda: listener.times(GAINS))
         assert 0.1 - 0.03 < listener.times(GAINS)[0] - stopped < 0.1 + _LATE
         until(lambda: len(listener.times(RESET)) > 6)  # they go on until it has seen that it was displaced
         damped = listener.times(DAMPING)
         assert DAMPING_TIME - 0.1 < damped[-1] - damped[0] < DAMPING_TIME + _LATE
-        loop.process.send_signal(signal.SIGCONT)
+        loop.send_signal(signal.SIGCONT)
         continued = time.monotonic()
-        assert loop.lines.readline() == "displaced: watchdog FAULT\n"
-        until(lambda: not _is_running(loop.watchdog))
+        assert loop.stdout.readline() == "displaced: watchdog FAULT\n"
+        until(lambda: not _is_running(dog))
         time.sleep(0.1)
         assert listener.times(COMMAND, continued) == []
 
 
 @pytest.mark.soak
 def test_a_terminals_signals_leave_the_watchdog_alone(channel, listener):
-    with _looping(channel) as loop:
+    with _looping(channel) as (_, dog):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
-            os.kill(loop.watchdog, number)
+            os.kill(dog, number)
         until(lambda: len(listener.times(COMMAND)) > 20)
-        assert _is_running(loop.watchdog)
+        assert _is_running(dog)
 
 
 @pytest.fixture
@@ -172,46 +165,32 @@ def test_a_loop_whose_frames_do_not_leave_is_displaced(dog):
 
 
 @pytest.mark.soak
-def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(dog, listener):
-    dog.enabled()
-    dog.release(confirmed=False)
-    assert not _is_running(dog.pid)
-    until(lambda: listener.times(RESET))
-    assert listener.times(DAMPING)
-
-
-@pytest.mark.soak
-def test_a_released_watchdog_sends_nothing(dog, listener):
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_motors_are_braked_at_the_end_unless_they_are_known_to_be_disabled(dog, listener, confirmed):
     dog.enabled()
     dog.beat()
-    dog.release(confirmed=True)
+    dog.release(confirmed=confirmed)
     assert not _is_running(dog.pid)
-    assert listener.frames == []
+    until(lambda: confirmed or listener.times(RESET))
+    assert bool(listener.times(DAMPING)) is not confirmed
 
 
 @pytest.mark.soak
-def test_its_own_death_is_a_warning(dog):
+@pytest.mark.parametrize(("number", "words"), [(signal.SIGKILL, "has died"), (signal.SIGSTOP, "hangs")])
+def test_its_own_end_is_a_warning(dog, number, words):
     dog.enabled()
     until(lambda: dog.status() is None)
-    os.kill(dog.pid, signal.SIGKILL)
-    until(lambda: dog.status() is not None)
+    os.kill(dog.pid, number)
+
+    def warning():
+        dog.beat()
+        return dog.status()
+
+    until(warning)
     status = dog.status()
     assert (status.level, status.source) == (SafetyLevel.WARNING, "watchdog")
-    assert "has died" in status.message
+    assert words in status.message
     assert "left_wrist_roll" in status.message
-
-
-@pytest.mark.soak
-def test_one_that_hangs_is_a_warning(dog):
-    dog.enabled()
-    os.kill(dog.pid, signal.SIGSTOP)
-
-    def hangs():
-        dog.beat()
-        return dog.status() is not None
-
-    until(hangs)
-    assert "hangs" in dog.status().message
     os.kill(dog.pid, signal.SIGCONT)
 
 

@@ -2,15 +2,16 @@
 
 import io
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.robstride import enabling
-from humanoid_sim.hardware.sito import motors
-from humanoid_sim.hardware.tools import discover, only_motor
+from humanoid_sim.hardware.robstride import enabling, link
+from humanoid_sim.hardware.sito import motors as sito_motors
+from humanoid_sim.hardware.tools import discover, identify, only_motor
 from humanoid_sim.robots.description import load_robot
 
 CHANNEL = "virtual:bench-tools"
@@ -74,11 +75,19 @@ def inject():
 
 
 @pytest.fixture(autouse=True)
-def quick_scans(monkeypatch):
-    """A scan need not wait for a real bus; a busy machine may be late."""
-    monkeypatch.setattr(motors, "_FIRST_FEEDBACK", 20.0)
-    monkeypatch.setattr(enabling, "_LONGEST", 20.0)
+def pace(monkeypatch):
+    """A tool need not wait for a real bus, but for mock motors that a busy machine holds up: it has their clock."""
     monkeypatch.setattr(discover, "_PACE", 0.001)
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
-    for name in ("_QUIET", "_LISTENING"):
-        monkeypatch.setattr(only_motor, name, 0.04)
+    monkeypatch.setattr(only_motor, "_QUIET", 0.12)  # more than the motors may be behind
+    monkeypatch.setattr(only_motor, "_LISTENING", 0.04)
+    monkeypatch.setattr(sito_motors, "_FIRST_FEEDBACK", 20.0)
+    enter = MockServer.__enter__
+
+    def with_clock(motors):
+        own = SimpleNamespace(monotonic=motors.clock, sleep=time.sleep)
+        for module in (link, enabling, identify):
+            monkeypatch.setattr(module, "time", own)
+        return enter(motors)
+
+    monkeypatch.setattr(MockServer, "__enter__", with_clock)

@@ -28,15 +28,9 @@ def log():
     return []
 
 
-def pace_by(motors, monkeypatch):
-    """Let the tool wait for motors that a busy machine holds up."""
-    monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=motors.clock, sleep=time.sleep))
-
-
 @pytest.fixture
-def motors(log, monkeypatch):
+def motors(log):
     with MockServer(LITE, [CHANNEL], log=lambda _, text: log.append(text)) as motors:
-        pace_by(motors, monkeypatch)
         yield motors
 
 
@@ -120,11 +114,10 @@ def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, motors, log, monkeyp
     assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
 
 
-def test_a_motor_without_a_timeout_is_moved_with_leave_only(run, monkeypatch):
+def test_a_motor_without_a_timeout_is_moved_with_leave_only(run):
     log, channel = [], "virtual:bench-identify-sito"
     words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--angle", "0.1", "--yes")
-    with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)) as motors:
-        pace_by(motors, monkeypatch)
+    with MockServer(load_robot("lite_sito"), [channel], log=lambda _, text: log.append(text)):
         status, _, complained = run(*words)
         assert (status, "--allow-no-timeout" in complained, log) == (2, True, [])
         status, printed, complained = run(*words, "--allow-no-timeout")
