@@ -35,28 +35,20 @@ class JointStates:
     """The joints at one time; all arrays of shape (n,), read-only, in the order of `names`."""
 
     names: tuple[str, ...]
-    position: FloatArray
-    """rad, joint frame; NaN for a joint that was never heard."""
-    velocity: FloatArray
-    """rad/s"""
-    effort: FloatArray
-    """N·m"""
-    time_ns: int
-    """ns, the robot's stamp."""
+    position: FloatArray  # rad, joint frame; NaN for a joint that was never received
+    velocity: FloatArray  # rad/s
+    effort: FloatArray  # N·m
+    time_ns: int  # the robot's stamp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
     """Measurements of the IMU, in the body frame; arrays are read-only."""
 
-    quaternion: FloatArray
-    """Shape (4,), w x y z."""
-    angular_velocity: FloatArray
-    """Shape (3,), rad/s."""
-    linear_acceleration: FloatArray
-    """Shape (3,), m/s²."""
-    time_ns: int
-    """ns, the robot's stamp."""
+    quaternion: FloatArray  # (4,), w x y z
+    angular_velocity: FloatArray  # (3,), rad/s
+    linear_acceleration: FloatArray  # (3,), m/s²
+    time_ns: int  # the robot's stamp
 
     @classmethod
     def of(cls, message: Mapping[str, Any]) -> Imu:
@@ -85,9 +77,7 @@ class RobotClient:
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
 
-        Raises:
-            InputError: the domain or the interface cannot be used.
-            MissingPackageError: Cyclone DDS is not installed.
+        Raises `InputError` or `MissingPackageError`.
         """
         self._participant = Participant(domain, interface)
         self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
@@ -144,7 +134,7 @@ class RobotClient:
 
     @property
     def is_heard(self) -> bool:
-        """Return whether anybody subscribes to commands."""
+        """True if anybody subscribes to commands."""
         return self._writer.readers > 0
 
     def control_mode(self) -> ControlMode | None:

@@ -12,12 +12,11 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from urllib.parse import quote
 
 from humanoid_sim.cli import parse, run_program
@@ -75,19 +74,19 @@ def _show(source: Source, *, is_page: bool) -> None:
     body = RecordedBody.of(source.header)
     if body is None:
         raise InputError(f"{source}: does not describe its robot's body")
-    with _viewer(is_page=is_page or not has_display()) as viewer:
+    with _viewer(is_page=is_page or not has_display()) as (viewer, address, serves):
         os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
         library = rerun_module("the rerun viewer")
         stream = library.RecordingStream("humanoid_sim")
-        stream.connect_grpc(viewer.source)
+        stream.connect_grpc(address)
         has_keys = source.description.piano is not None or KEY_PRESSED in source.live_inputs
         stream.send_blueprint(_blueprint(has_keys=has_keys))
         names = () if source.contract is None else source.contract.action_joint_names
         log = RerunLog(library, stream, source.header, body, names, period=_PERIOD)
-        ready(f"{viewer.told}, for {source}")
+        ready(f"{serves}, for {source}")
         # What waits for the viewer is kept short: the library's queue would grow without end.
         keeps_up, told = True, 0.0
-        while viewer.process.poll() is None and source.is_running():
+        while viewer.poll() is None and source.is_running():
             for tick in source.ticks(_PERIOD):
                 if keeps_up:
                     log.tick(tick.record)
@@ -96,8 +95,8 @@ def _show(source: Source, *, is_page: bool) -> None:
                 if keeps_up:
                     stream.log("status", library.TextDocument(text, media_type=library.MediaType.MARKDOWN), static=True)
                 keeps_up, told = _has_taken(stream), time.monotonic()
-        if viewer.process.poll():
-            raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
+        if viewer.poll():
+            raise InputError(f"rerun: its viewer ended with status {viewer.poll()}")
         stream.disconnect()
 
 
@@ -108,24 +107,6 @@ def _has_taken(stream: Any) -> bool:
     except Exception:  # of the library's own kinds: it has not taken it in time, or is gone
         return False
     return True
-
-
-@dataclass(frozen=True, slots=True)
-class _Viewer:
-    """A viewer that runs."""
-
-    process: subprocess.Popen[bytes]
-    source: str
-    """Address at which it takes data."""
-    told: str
-    """Line for an operator."""
-    output: IO[bytes]
-
-    def complaint(self) -> str:
-        """Return the last error that it printed, or how it ended."""
-        self.output.seek(0)
-        lines = self.output.read().decode(errors="replace").strip().splitlines()
-        return next((line for line in reversed(lines) if line.startswith("Error")), f"status {self.process.poll()}")
 
 
 def _blueprint(*, has_keys: bool) -> Any:
@@ -143,73 +124,64 @@ def _blueprint(*, has_keys: bool) -> Any:
 
 
 @contextlib.contextmanager
-def _viewer(*, is_page: bool) -> Iterator[_Viewer]:
-    """Start the viewer, on this machine's own address alone, and end it. Raises `InputError` if it does not come."""
+def _viewer(*, is_page: bool) -> Iterator[tuple[subprocess.Popen[bytes], str, str]]:
+    """Start the viewer, on this machine's own address alone, and end it.
+
+    Yields its process, the address at which it takes data, and a line for an operator. Raises `InputError` if it does
+    not come.
+    """
     import rerun_cli  # noqa: PLC0415 - an extra
 
-    program = Path(rerun_cli.__file__).with_name("rerun")
-    port, page = _free_ports(2)
+    port, page = _free_port(), _free_port()
     source = f"rerun+http://{_HOST}:{port}/proxy"
-    command = [str(program), "--bind", _HOST, "--port", str(port), "--memory-limit", _MEMORY]
-    told = "rerun's window"
+    program = str(Path(rerun_cli.__file__).with_name("rerun"))
+    command = [program, "--bind", _HOST, "--port", str(port), "--memory-limit", _MEMORY]
+    serves = "rerun's window"
     if is_page:
         command += ["--serve-web", "--web-viewer-port", str(page), "--server-memory-limit", "256MB"]
-        told = f"rerun's page: http://{_HOST}:{page}/?url={quote(source, safe='')}"
+        serves = f"rerun's page: http://{_HOST}:{page}/?url={quote(source, safe='')}"
     else:
         command += ["--hide-welcome-screen", "--expect-data-soon"]
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            preexec_fn=_ending_with_parent(),  # noqa: PLW1509 - it takes no lock: one system call
-        )
-        viewer = _Viewer(process, source, told, output)
-        try:
-            for needed in (port, page) if is_page else (port,):
-                _wait_for(viewer, needed)
-            yield viewer
-        finally:
-            process.terminate()
-            try:
-                process.wait(2.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+    parent = os.getpid()
 
-
-def _ending_with_parent() -> Callable[[], object]:
-    """For the child to call: when this program is gone, nobody is left to say that the picture is the past."""
-    if not sys.platform.startswith("linux"):
-        return lambda: None
-    libc, parent = ctypes.CDLL(None), os.getpid()
-
-    def tie() -> None:
-        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    def end_with_parent() -> None:  # a picture that nobody says is the past must not stay
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(1)
 
-    return tie
+    quiet = {**os.environ, "RUST_LOG": "error"}
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        env=quiet,
+        preexec_fn=end_with_parent,  # noqa: PLW1509 - one system call
+    )
+    try:
+        for needed in (port, page) if is_page else (port,):
+            _wait_for(process, needed)
+        yield process, source, serves
+    finally:
+        process.terminate()
+        try:
+            process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
-def _free_ports(count: int) -> list[int]:
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for each in sockets:
-            each.bind((_HOST, 0))
-        return [each.getsockname()[1] for each in sockets]
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((_HOST, 0))
+        return int(probe.getsockname()[1])
 
 
-def _wait_for(viewer: _Viewer, port: int) -> None:
+def _wait_for(viewer: subprocess.Popen[bytes], port: int) -> None:
     deadline = time.monotonic() + _STARTING
-    while viewer.process.poll() is None:
+    while viewer.poll() is None and time.monotonic() < deadline:
         with contextlib.suppress(OSError), socket.create_connection((_HOST, port), timeout=1.0):
             return
-        if time.monotonic() > deadline:
-            raise InputError(f"rerun: its viewer is not there after {_STARTING:g} s")
         time.sleep(0.05)
-    raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
+    raise InputError(f"rerun: its viewer is not there after {_STARTING:g} s, status {viewer.poll()}")
 
 
 if __name__ == "__main__":

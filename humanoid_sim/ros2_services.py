@@ -12,31 +12,21 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping, Sequence
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING or __package__:
-    from humanoid_sim.client import (
-        Answer,
-        Looks,
-        SessionError,
-        SessionInfo,
-        ask_sessions,
-        find_session,
-        network_on,
-    )
+    from humanoid_sim.client import SessionError, ask_sessions, find_session, monotonic_ns, network_on
 else:
-    from client import Looks, SessionError, ask_sessions, find_session, network_on
+    from client import SessionError, ask_sessions, find_session, monotonic_ns, network_on
 
 _WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
-"""Names, and what each asks the session for."""
-LOOPBACK = "lo"
-LARGEST_DOMAIN = 232
-"""Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
+"""Names, and the words that they send to the session."""
+_DAMPS_AT_ONCE = 4  # threads that only a damp ever takes
+_TURN = 0.05  # s that the executor waits for at most: what it finds came after the turn before
 
 _FAST_DDS = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -57,8 +47,7 @@ _FAST_DDS = """\
 """Settings of the discovery range (`ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY`) let discovery out; this does
 not, and clients with default settings find it."""
 _PROFILES_VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
-_FAST_DDS_2 = ("foxy", "galactic", "humble", "iron", "jazzy")
-"""Distributions with Fast DDS 2, which knows the second variable."""
+_FAST_DDS_2 = ("foxy", "galactic", "humble", "iron", "jazzy")  # distributions that know the second variable
 _CYCLONE_DDS = (
     '<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
     "<AllowMulticast>spdp</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
@@ -74,22 +63,13 @@ _ELSEWHERE = (
     "ROS_SUPER_CLIENT",
 )
 """Variables that would have the middleware look for others in places of their own."""
-
-_DAMPS_AT_ONCE = 4
-"""Threads that only a damp ever takes."""
-_TURN = 0.05
-"""s that the executor waits for at most, so that a program that was suspended notices it (`Looks`)."""
-_LOOK = 10
-"""Turns between two looks at whether the session goes on."""
-
 _HELP = """\
 Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/Trigger:
 
   /humanoid_control/mode/{damp,load_a,load_b,start_remote,start_locomotion,quit}
 
 success says whether the intent was granted, message what became of it, or why it was refused. damp
-goes to all sessions that run. Without --session it serves whichever session runs when it is called, and goes on when
-that one ends. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
+goes to all sessions that run. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
 """
 
 
@@ -98,12 +78,10 @@ class ServiceError(Exception):
 
 
 def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | None]:
-    """Get the environment variables with which a middleware stays on this machine; None for those that must not be set.
+    """Return the environment variables with which a middleware stays on this machine; None for those to unset.
 
-    Raises `ServiceError` if it is one that cannot be restricted.
-
-    Args:
-        profiles: a file that is written here where the middleware reads one.
+    `profiles` is a file that is written where the middleware reads one. Raises `ServiceError` if it cannot be
+    restricted.
     """
     variables: dict[str, str | None] = {**dict.fromkeys(_ELSEWHERE), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     if middleware.startswith("rmw_fastrtps"):
@@ -121,112 +99,100 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
 
 
 def answer(word: str, process: int | None, seen: int | None = None) -> tuple[bool, str]:
-    """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
+    """Return whether an intent is granted, and the text that says so, or why not.
 
     Args:
         process: id of the session; None for the only one that runs, and all of them for `damp`.
-        seen: ns, since when it may have been asked for; None: now.
+        seen: ns, since when it may have been requested; None: now.
     """
-    answers: list[tuple[SessionInfo, Answer | SessionError]] = []
+    granted, texts = True, []
     try:
-        answers += ask_sessions(word, process, producer="ROS 2 service", seen=seen)
+        for session, reply in ask_sessions(word, process, producer="ROS 2 service", seen=seen):
+            is_lost = isinstance(reply, SessionError)
+            granted = granted and not is_lost and reply.granted
+            texts.append((session, str(reply) if is_lost else reply.text))
     except SessionError as error:
         return False, str(error)
-    if len(answers) == 1 and not isinstance(answers[0][1], SessionError):
-        return answers[0][1].granted, answers[0][1].text
-    texts = [str(told) if isinstance(told, SessionError) else f"{session}: {told.text}" for session, told in answers]
-    return all(not isinstance(told, SessionError) and told.granted for _, told in answers), "; ".join(texts)
+    return granted, texts[0][1] if len(texts) == 1 else "; ".join(f"{session}: {text}" for session, text in texts)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until a signal, or the end of the session that was asked for; returns the exit status."""
+    """Serve until a signal, or the end of the session that is named; returns the exit status."""
     parser = ArgumentParser(
         "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
     )
     parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
-    config = parser.parse_args(arguments)
+    session = parser.parse_args(arguments).session
     try:
-        if config.session is not None:
-            find_session(config.session)
+        if session is not None:
+            find_session(session)
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
-            _serve(config, Path(folder) / "fastdds.xml")
+            _serve(session, Path(folder) / "fastdds.xml")
+    except ImportError as error:
+        print(
+            f"error: the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run "
+            "them there",
+            file=sys.stderr,
+        )
+        return 2
     except (ServiceError, SessionError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def _serve(config: Namespace, profiles: Path) -> None:
-    """Run a node on this machine until a signal, or the end of the session that was asked for."""
-    try:
-        import rclpy  # noqa: PLC0415 - a user's own; whoever lacks it is told in a line
-        from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
-        from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
-    except ImportError as error:
-        raise _missing(error) from None
-    _confine(get_rmw_implementation_identifier(), profiles)
+def _serve(session: int | None, profiles: Path) -> None:
+    """Run a node on this machine until a signal, or the end of the session that is named."""
+    import rclpy  # noqa: PLC0415 - a user's own
+    from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
+    from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
+
+    for variable, value in loopback_environment(get_rmw_implementation_identifier(), profiles).items():
+        os.environ.pop(variable, None)
+        if value is not None:
+            os.environ[variable] = value
+    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not (domain.isascii() and domain.isdigit() and int(domain) <= 232):  # Fast DDS would exit
+        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
     try:
         rclpy.init(args=[])
+        with network_on("lo"):
+            node = rclpy.create_node("mode_services", start_parameter_services=False)
+            turns = _Turns(node, session)
     except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
-    looks = Looks()
+    except OSError as error:
+        raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device lo: {error}") from None
+    # Five services, which run one at a time each, and damps, which wait for none of them.
+    executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
+    executor.add_node(node)
+    print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)
     try:
-        # Five services, which run one at a time each, and damps, which wait for none of them.
-        executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
-        try:
-            with network_on(LOOPBACK):
-                node = rclpy.create_node("mode_services", start_parameter_services=False)
-                serves = _advertise(node, config, looks)
-        except ImportError as error:
-            raise _missing(error) from None
-        except OSError as error:
-            raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device {LOOPBACK}: {error}") from None
-        executor.add_node(node)
-        print(f"{serves} on this machine, domain {node.context.get_domain_id()}", flush=True)
-        try:
-            for turn in count():
-                if not rclpy.ok() or not (config.session is None or turn % _LOOK or find_session(config.session)):
-                    break
-                looks.look()
-                executor.spin_once(timeout_sec=_TURN)
-        except (KeyboardInterrupt, ExternalShutdownException, SessionError):
-            pass
+        while rclpy.ok() and (session is None or find_session(session)):
+            turns.begun = monotonic_ns()
+            executor.spin_once(timeout_sec=_TURN)
+    except (KeyboardInterrupt, ExternalShutdownException, SessionError):
+        pass
     finally:
         rclpy.try_shutdown()
 
 
-def _confine(middleware: str, profiles: Path) -> None:
-    """Keep the middleware on this machine. Raises `ServiceError` if it cannot be, or for a domain that is none."""
-    for variable, value in loopback_environment(middleware, profiles).items():
-        if value is None:
-            os.environ.pop(variable, None)
-        else:
-            os.environ[variable] = value
-    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    if not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):  # Fast DDS would exit
-        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to {LARGEST_DOMAIN}")
+class _Turns:
+    """Services of a node; what they are called for is as old as the turn in which the executor finds it."""
 
+    def __init__(self, node: Any, session: int | None) -> None:
+        from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
+        from std_srvs.srv import Trigger  # noqa: PLC0415
 
-def _missing(error: ImportError) -> ServiceError:
-    return ServiceError(
-        f"the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run them there"
-    )
+        self.begun, self._session = monotonic_ns(), session
+        for name, word in SERVICES.items():
+            group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
+            respond = lambda _, response, word=word: self._respond(word, response)  # noqa: E731
+            node.create_service(Trigger, name, respond, callback_group=group)
 
-
-def _advertise(node: Any, config: Namespace, looks: Looks) -> str:
-    """Give the node its services; returns a line that says which."""
-    from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
-    from std_srvs.srv import Trigger  # noqa: PLC0415
-
-    def respond(word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, config.session, looks.called())
+    def _respond(self, word: str, response: Any) -> Any:
+        response.success, response.message = answer(word, self._session, self.begun)
         return response
-
-    for name, word in SERVICES.items():
-        group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
-        node.create_service(Trigger, name, lambda _, response, word=word: respond(word, response), callback_group=group)
-
-    return f"services {', '.join(SERVICES)}"
 
 
 if __name__ == "__main__":

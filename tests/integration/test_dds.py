@@ -2,6 +2,8 @@
 
 import shutil
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 from machines import CABLE, ROOT, Machine, play, plug_in, read_until
@@ -51,20 +53,22 @@ with RobotClient("lite", interface=sys.argv[1]) as robot:
 
 
 @pytest.fixture
-def machines(tmp_path):
+def machines():
     """The robot's computer and another one, joined by a cable."""
     if shutil.which("unshare") is None or shutil.which("ip") is None:
         pytest.skip("needs unshare (util-linux) and ip (iproute2)")
-    try:
-        with Machine(tmp_path):
-            pass
-    except OSError as error:
-        pytest.skip(str(error))
-    with Machine(tmp_path / "robot") as robot, Machine(tmp_path / "host", beside=robot) as host:
-        for machine in ("robot", "host"):
-            (tmp_path / machine).mkdir()
-        plug_in(robot, host)
-        yield robot, host
+    with tempfile.TemporaryDirectory(prefix="hs-") as name:  # pytest's own folders are too long for sockets
+        folders = [Path(name, machine) for machine in ("robot", "host")]
+        for folder in folders:
+            folder.mkdir()
+        try:
+            with Machine(folders[0]):
+                pass
+        except OSError as error:
+            pytest.skip(str(error))
+        with Machine(folders[0]) as robot, Machine(folders[1], beside=robot) as host:
+            plug_in(robot, host)
+            yield robot, host
 
 
 def test_a_client_on_another_machine_reads_the_robot_and_commands_it_until_it_is_silent(machines):

@@ -170,7 +170,7 @@ class TestOpened:
         assert sorted(topic for topic, count in told["writers"].items() if not count) == []
 
     def test_the_console_shows_the_robot_at_the_host_and_changes_nothing(self, robot, host):
-        program = host.python("-m", "humanoid_sim.console", "--dds", "--interface", CABLE, cwd=ROOT)
+        program = host.python("-m", "humanoid_sim.console", "--dds", CABLE, cwd=ROOT)
         with ended(program):
             *_, line = read_until(program, "to watch only: ")
             told = json.loads(host.run(sys.executable, "-c", WATCH, line.split()[-1]).splitlines()[-1])

@@ -122,9 +122,10 @@ class Operator:
                 self.answer, self._pending = str(error), None
 
     def _repeat_damp(self, tick: Tick) -> None:
-        damps = self._damp_since and _seconds_since(self._damp_since) < _DAMP_FOR
         is_damped = tick.stamp > self._damp_since and tick.record.output.control_mode.mode is Mode.DAMPING
-        if damps and not is_damped and _seconds_since(self._damped) > _DAMP_PERIOD:
+        if is_damped or _seconds_since(self._damp_since) > _DAMP_FOR:
+            self._damp_since = 0
+        if self._damp_since and _seconds_since(self._damped) > _DAMP_PERIOD:
             self._damped = monotonic_ns()
             self._damping.post("damp")
 

@@ -5,36 +5,26 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 from time import monotonic, time
 from typing import Any
 
-from humanoid_sim.controllers.fsm import RULES, merge_safety, transition
+from humanoid_sim.controllers.fsm import merge_safety, transition
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.frontends.attach import Source
 from humanoid_sim.frontends.console.operator import Operator
 from humanoid_sim.frontends.console.plots import Plots
 from humanoid_sim.frontends.console.scene import Scene
-from humanoid_sim.messages import Intent, SafetyFlag, TickRecord
+from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.header import json_document
-from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.stack import no_policy, rebuild_supervisor
 
-_FLAGS = {
-    SafetyFlag.BUS_OFF: "a CAN interface has left its bus after too many errors",
-    SafetyFlag.RX_TIMEOUT: "a motor or a sensor was not received in time",
-    SafetyFlag.TX_QUEUE_OVERRUN: "commands could not be sent: the interface's queue is full",
-    SafetyFlag.MOTOR_FAULT: "a motor reports a fault, or is not enabled",
-    SafetyFlag.TEMPERATURE_LIMIT: "a motor is too hot",
-    SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
-}
 _CONFIRM = 5.0  # s within which REACTIVATE is pressed again
 _EVENTS = 40  # that are shown
-_STATUS_PERIOD = 0.5  # s between two statuses of a session
+_MOVED = 0.5  # s for which a slider that an operator moved is left alone
 _PUSHES = {"+x": (1, 0), "−x": (-1, 0), "+y": (0, 1), "−y": (0, -1)}  # the world's; a robot faces +x at its start
 _WORDS = tuple(intent for intent in Intent if intent is not Intent.DAMP)  # DAMP is the overlay's
 
@@ -52,9 +42,7 @@ class Panel:
         self._plots = Plots(source, self._base)
         self._events: deque[str] = deque(maxlen=_EVENTS)
         self._mode = ""
-        self._status, self._status_due = source.status(), 0.0
-        self._rate, self._counted = math.nan, (0, monotonic())
-        self._ticks = 0
+        self._status = source.status()
         self._build()
 
     def _build(self) -> None:
@@ -83,9 +71,7 @@ class Panel:
 
     def _build_commands(self, operator: Operator) -> None:
         gui = self._gui
-        documents = {"controllers": '{"remote": false, "action_limit": 100.0, "guards": false}'}
-        header = self._source.header
-        self._supervisor = rebuild_supervisor(replace(header, documents=documents | dict(header.documents)), no_policy)
+        self._supervisor = rebuild_supervisor(self._source.header, no_policy)
         self._buttons = {intent: gui.add_button(intent.name) for intent in _WORDS}
         for intent, button in self._buttons.items():
             button.on_click(lambda _, word=intent.value: self._ask(word))
@@ -145,7 +131,6 @@ class Panel:
 
     def take(self, record: TickRecord) -> None:
         """Take a tick, of which every one must be seen."""
-        self._ticks += 1
         self._scene.take(record)
         self._plots.take(record)
         output, control = record.output, record.output.control_mode
@@ -169,11 +154,7 @@ class Panel:
             self._note(event.time, [event.text])
         if tick is None:
             return {"age": 0.0}
-        if monotonic() > self._status_due:
-            self._status, self._status_due = self._source.status(), monotonic() + _STATUS_PERIOD
-            count, since = self._counted
-            self._rate = (self._ticks - count) / (monotonic() - since)
-            self._counted = self._ticks, monotonic()
+        self._status = self._source.status()
         self._plots.show()
         record = tick.record
         fallen = self._fallen(record)
@@ -201,54 +182,43 @@ class Panel:
         return f"the robot {describe_fall(base, self._standing_height)}" if is_down else ""
 
     def _summary_lines(self, record: TickRecord, fallen: str) -> list[str]:
-        standby, header, recording = record.output.standby, self._source.header, self._status.get("recording") or {}
+        standby, recording = record.output.standby, self._status.get("recording") or {}
+        policy = json_document(self._source.header, "settings").get("policy") or "none"
         lines = [f"{record.output.control_mode.controller_name}, {record.input.state.time:.1f} s"]
         if standby is not None:
             pose = f"pose {standby.current_segment + 1} of {standby.total_segments}, {100 * standby.progress:.0f} %"
             lines.append("pose reached" if standby.is_finished else pose)
-        lines.append(f"policy {Path(str(json_document(header, 'settings').get('policy') or 'none')).name}")
-        lines.append(f"loop {self._rate:.0f} of {1.0 / header.control_period:.0f} Hz")
+        lines.append(f"policy {Path(str(policy)).name}")
         if recording:
-            lines.append(
-                f"recording {recording['file']}" + (f" stopped: {recording['error']}" * bool(recording["error"]))
-            )
-        owners = {what: who for what, who in self._status.get("owners", {}).items() if who}
-        lines += [f"{what} from {who}" for what, who in owners.items()]
-        lines += [fallen] * bool(fallen)
+            error = recording["error"]
+            lines.append(f"recording stopped: {error}" if error else f"recording {recording['file']}")
+        lines += [f"{what} from {who}" for what, who in self._status.get("owners", {}).items() if who]
+        lines.append(fallen)
         for status in record.input.safety:
-            flags = [f"{flag.name}: {_FLAGS.get(flag, 'unknown')}" for flag in status.flags]
-            lines.append(
-                f"{status.level.name} · " + " · ".join(part for part in (status.source, status.message, *flags) if part)
-            )
+            parts = (status.level.name, status.source, status.message, *(str(flag.name) for flag in status.flags))
+            lines.append(" · ".join(filter(None, parts)))
         return lines
 
     def _joint_table(self, record: TickRecord) -> str:
-        state, robot = record.input.state, self._status.get("robot")
+        state, robot, names = record.input.state, self._status.get("robot"), self._source.header.joint_names
         heads = ["", "rad", "command", "rad/s", "N·m"]
         columns = [state.joint_position, record.output.command.position, state.joint_velocity, state.joint_effort]
-        rows = [
-            [name, *(_number(column[i], 2) for column in columns)]
-            for i, name in enumerate(self._source.header.joint_names)
-        ]
+        rows = [[name, *(_number(column[i], 2) for column in columns)] for i, name in enumerate(names)]
         if robot is not None:
             heads += ["°C", "ms", "faults"]
-            for row, joint, age in zip(rows, self._source.description.joints, state.joint_age.tolist(), strict=True):
-                temperature = robot["temperature"].get(joint.name, math.nan)
-                model = None if joint.motor is None else MOTORS.get(joint.motor.model)
-                is_hot = model is not None and temperature >= model.warning_temperature
-                row += [_number(temperature, 0) + " HOT" * is_hot, _number(1e3 * age, 0)]
-                row.append(", ".join(robot["faults"].get(joint.name, ())))
+            for row, name, age in zip(rows, names, state.joint_age.tolist(), strict=True):
+                row += [_number(robot["temperature"].get(name, math.nan), 0), _number(1e3 * age, 0)]
+                row.append(", ".join(robot["faults"].get(name, ())))
         return _table(heads, rows)
 
     def _show_commands(self, operator: Operator, record: TickRecord) -> None:
         control, standby = record.output.control_mode, record.output.standby
         is_finished = standby is not None and standby.is_finished
-        for intent in RULES:
-            if intent in self._buttons:
-                unready = self._supervisor.unready(intent, record.input)
-                safety, available = merge_safety(record.input.safety), self._supervisor.controllers
-                change = transition(control.controller_name, safety, intent, is_finished, available, unready)
-                _set(self._buttons[intent], color="gray" if change.refusal else "blue", hint=change.refusal or None)
+        safety, available = merge_safety(record.input.safety), self._supervisor.controllers
+        for intent, button in self._buttons.items():
+            unready = self._supervisor.unready(intent, record.input)
+            change = transition(control.controller_name, safety, intent, is_finished, available, unready)
+            _set(button, color="gray" if change.refusal else "blue", hint=change.refusal or None)
         if not self._is_simulated:
             refusal = reactivation_refusal(control.mode)
             is_armed = monotonic() - self._armed < _CONFIRM
@@ -256,15 +226,14 @@ class Panel:
         _set(self._answer, content=_lines([operator.answer]))
         for axis, slider in enumerate(self._velocity):
             _follow(slider, operator.velocity[axis])
-        sliders = operator.sliders
-        if sliders is None or sliders.joint is None:
-            _set(self._moved, content="")
-        else:
-            name, position = self._source.header.joint_names[sliders.joint], record.input.state.joint_position
-            _set(self._moved, content=_lines([f"{name} is at {position[sliders.joint]:.2f} rad"]))
+        sliders, text = operator.sliders, "no joint is moved"
+        if sliders is not None and sliders.joint is not None:
+            position = record.input.state.joint_position[sliders.joint]
+            text = f"{self._source.header.joint_names[sliders.joint]} is at {position:.2f} rad"
             for slider, goal, (low, high) in zip(self._goals, sliders.goals, sliders.limits, strict=True):
                 _set(slider, min=float(low), max=float(high))
                 _follow(slider, goal)
+        _set(self._moved, content=_lines([text]))
 
 
 def _set(handle: Any, **values: Any) -> None:
@@ -276,7 +245,7 @@ def _set(handle: Any, **values: Any) -> None:
 
 def _follow(slider: Any, value: float) -> None:
     """Put a slider that nobody moves where it belongs."""
-    if time() - slider.update_timestamp > _STATUS_PERIOD and abs(slider.value - value) > slider.step:
+    if time() - slider.update_timestamp > _MOVED and abs(slider.value - value) > slider.step:
         slider.value = float(value)
 
 

@@ -7,7 +7,6 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from time import monotonic
-from typing import Protocol
 
 import mido
 import numpy as np
@@ -88,18 +87,6 @@ class WireParser:
         return int(SPEC_BY_STATUS[self._status]["length"]) - 1 if self._status else 0
 
 
-class Source(Protocol):
-    """A keyboard that is there."""
-
-    name: str
-
-    def read(self) -> list[mido.Message] | None:
-        """Return what has come; None once the keyboard is gone."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
 class ByteDevice:
     """A raw MIDI byte stream: `/dev/snd/midiC1D0`, or a FIFO."""
 
@@ -178,6 +165,10 @@ def port_names() -> list[str]:
         os.close(kept)
         os.close(nowhere)
     return [name for name in names if not name.startswith(_OWN_PORTS)]
+
+
+Source = ByteDevice | Port
+"""A keyboard that is there; `read` returns None once it is gone."""
 
 
 class Keyboard:
