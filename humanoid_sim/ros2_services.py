@@ -108,9 +108,12 @@ def answer(word: str, process: int | None, seen: int | None = None) -> tuple[boo
     granted, texts = True, []
     try:
         for session, reply in ask_sessions(word, process, producer="ROS 2 service", seen=seen):
-            is_lost = isinstance(reply, SessionError)
-            granted = granted and not is_lost and reply.granted
-            texts.append((session, str(reply) if is_lost else reply.text))
+            if isinstance(reply, SessionError):
+                granted = False
+                texts.append((session, str(reply)))
+            else:
+                granted = granted and reply.granted
+                texts.append((session, reply.text))
     except SessionError as error:
         return False, str(error)
     return granted, texts[0][1] if len(texts) == 1 else "; ".join(f"{session}: {text}" for session, text in texts)
