@@ -84,10 +84,6 @@ class MotorLink(Protocol):
     uids: Mapping[str, bytes]  # unique ids by joint, as far as they were found
     knows_positions: bool  # a motor reports its position before it is enabled
 
-    @property
-    def answers(self) -> int:
-        """Return the number of statuses received."""
-
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, on its receiver's thread; True if it is one of this family's."""
 

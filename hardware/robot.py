@@ -14,7 +14,7 @@ import numpy as np
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
-from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.channel import NEVER, OpenBus
 from humanoid_sim.hardware.bus.open_channels import ChannelLock, OpenChannels, lock_channels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
@@ -122,7 +122,7 @@ class HardwareRobot:
         self._joints = unknown_joints(wiring.count)
         self._last_command: MITCommand | None = None
         self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
-        self._commands = self._answers = 0
+        self._commands = 0
         self._saturated = np.zeros(wiring.count, dtype=int)
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
@@ -202,7 +202,7 @@ class HardwareRobot:
             check_positions(self._wiring, late, self._readings().position, checks)
             checks.refuse()
         self._track()
-        self._commands, self._answers = 0, sum(link.answers for link, _ in self._links)
+        self._commands = 0
         self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
 
     def _open(self) -> OpenChannels:
@@ -218,7 +218,6 @@ class HardwareRobot:
             checks,
             clock=lambda: self.time,
             open_bus=self._open_bus,
-            period=self.control_period,
             locks=self._locks,
         )
         for family, make_link in LINKS.items():
@@ -261,7 +260,7 @@ class HardwareRobot:
             yield
         except BaseException as error:
             line, checks = self._line, self.checks
-            is_ours = line is not None and (bool(self._may_run) or not line.has_intruders)
+            is_ours = line is not None and (bool(self._may_run) or all(notes.intruder is NEVER for notes in line.notes))
             if line is not None and is_ours:
                 line.forget_queues()
                 self._may_run &= self._stop(range(self._wiring.count)).keys()
@@ -429,10 +428,9 @@ class HardwareRobot:
             {"source": str(channel.address), **dataclasses.asdict(channel.counters)}
             for channel in (() if self._line is None else self._line.channels)
         ]
-        answers = sum(link.answers for link, _ in self._links) - self._answers
         saturated = {joint: int(count) for joint, count in zip(self.joints, self._saturated, strict=True) if count}
         temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
-        lines = [f"{self._commands} commands to each of {self._wiring.count} motors, {answers} statuses"]
+        lines = [f"{self._commands} commands to each of {self._wiring.count} motors"]
         for channel in channels:
             counts = [f"{count} {name}" for name, count in channel.items() if name != "source" and count]
             lines.append(f"{channel['source']}: {', '.join(counts)}")
@@ -442,7 +440,6 @@ class HardwareRobot:
         return {
             "channels": channels,
             "commands": self._commands,
-            "answers": answers,
             "saturated": saturated,
             "temperature": {joint: value for joint, value in temperatures if math.isfinite(value)},
             "faults": {} if self._watch is None else dict(self._watch.faults),

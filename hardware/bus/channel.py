@@ -131,6 +131,7 @@ class Outbox:
 
 _POLL = 0.05  # s that a thread waits before it looks whether the channel closes
 _RETRY = 0.001  # s until a frame is tried again that the kernel's queue had no room for; 7 frames leave in that time
+_PATIENCE = 0.016  # s that a refused frame may wait: less than a control period, so that the next tick knows
 _SEND_TIMEOUT = 0.005  # s that a driver may wait for room by itself
 _TOLERATED = 10  # failures in a row without an error number after which the bus counts as down
 _JOIN = 1.0  # s that closing waits for a thread; a driver stuck in the kernel must not keep a robot from being closed
@@ -152,19 +153,14 @@ class Channel:
         *,
         open_bus: OpenBus = open_bus,
         clock: Callable[[], float] = time.monotonic,
-        patience: float = 0.016,
     ) -> None:
         """Open the bus and start receiving. Raises `RobotError` if the bus cannot be opened.
 
-        Args:
-            receive: gets every data frame.
-            clock: the robot's clock, s.
-            patience: s that a frame may wait which the driver has refused for want of room; a little less than a
-                control period, so that the next tick knows.
+        `receive` gets every data frame; `clock`: the robot's, s.
         """
         self.address = address
         self.counters = ChannelCounters()
-        self._receive_frame, self._clock, self._patience = receive, clock, patience
+        self._receive_frame, self._clock = receive, clock
         self.tx_full = NEVER  # the latest sign that frames do not leave as fast as they come
         self.error = NEVER  # the latest damaged frame; CAN sends it again, and a silent joint shows what is lost
         self._down = ""
@@ -288,7 +284,7 @@ class Channel:
                 elif not self._closing.is_set():
                     now = self._clock()
                     since = min(waiting.since, now)
-                    if now - since >= self._patience:
+                    if now - since >= _PATIENCE:
                         self.tx_full = Note(now, f"outgoing queue is full: {error}")
                     self._outbox.give_back(key, waiting._replace(since=since))
                     self._closing.wait(_RETRY)

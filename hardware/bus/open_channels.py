@@ -113,7 +113,6 @@ Listener = Callable[[int, Frame, float], bool]
 the frame, which is then nobody else's."""
 
 _POLL = 0.001  # s
-_PATIENCE = 0.8  # share of a control period that a refused frame may wait
 
 
 class OpenChannels:
@@ -126,10 +125,9 @@ class OpenChannels:
         *,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
-        period: float = 0.02,
         locks: Sequence[ChannelLock] = (),
     ) -> None:
-        """Open every channel, or none, with a `RobotError` of everything that is wrong; `period` in s, of commands."""
+        """Open every channel, or none, with a `RobotError` of everything that is wrong."""
         checks.refuse()
         self.locks = tuple(lock.descriptor for lock in locks if lock.descriptor >= 0)  # for a child that sends too
         self.clock = clock
@@ -139,8 +137,7 @@ class OpenChannels:
         for index, address in enumerate(addresses):
             receive = functools.partial(self._receive, index)
             with checks.collecting(address):
-                channel = Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period)
-                self.channels = (*self.channels, channel)
+                self.channels = (*self.channels, Channel(address, receive, open_bus=open_bus, clock=clock))
         self.forget_notes()
         if checks.problems:
             self.close()
@@ -148,11 +145,6 @@ class OpenChannels:
 
     def _receive(self, channel: int, frame: Frame, when: float) -> None:
         any(listener(channel, frame, when) for listener in self.listeners)
-
-    @property
-    def has_intruders(self) -> bool:
-        """Return whether another host commands the motors."""
-        return any(notes.intruder is not NEVER for notes in self.notes)
 
     def check(self, checks: CheckList) -> None:
         """Report another master, and each channel that is down, as a problem."""

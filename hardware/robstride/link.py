@@ -140,11 +140,6 @@ class RobstrideLink:
 
     # --- control thread
 
-    @property
-    def answers(self) -> int:
-        """See `MotorLink`."""
-        return sum(slot.statuses for slot in self.slots)
-
     def readings(self) -> Readings:
         """Return the latest status of every motor."""
         rows = [_row(slot.sample) for slot in self.slots]

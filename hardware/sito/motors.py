@@ -200,11 +200,6 @@ class SitoMotors(MotorLink):
 
     # --- control
 
-    @property
-    def answers(self) -> int:
-        """See `MotorLink`."""
-        return sum(slot.reports for slot in self.slots)
-
     def readings(self) -> Readings:
         """See `MotorLink`."""
         rows = [slot.row or (np.nan,) * 5 for slot in self.slots]

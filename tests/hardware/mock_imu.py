@@ -7,7 +7,7 @@ import struct
 import threading
 import time
 import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from humanoid_sim.hardware.microstrain import Packet, PacketReader, encode_packet
 
@@ -15,13 +15,12 @@ BASE_RATE = 1000
 
 
 class MockImu:
-    """Starts idle. `damage` changes the bytes of each packet of measurements on their way out."""
+    """Starts idle."""
 
     def __init__(self) -> None:
         self.attitude: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
         self.rate: Sequence[float] = (0.0, 0.0, 0.0)
         self.force: Sequence[float] = (0.0, 0.0, -1.0)
-        self.damage: Callable[[bytes], bytes] = lambda data: data
         self.errors: dict[tuple[int, int], int] = {}
         """Commands, by descriptor set and descriptor, that are refused, each with its error code."""
         self.mute = False
@@ -64,7 +63,7 @@ class MockImu:
                     self._obey(packet)
             if self._streaming and not self.mute and time.monotonic() >= due:
                 due = time.monotonic() + self.decimation / BASE_RATE
-                self.send(self.damage(self.sample()))
+                self.send(self.sample())
 
     def _obey(self, packet: Packet) -> None:
         for descriptor, data in packet.fields.items():

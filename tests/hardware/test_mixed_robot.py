@@ -85,7 +85,7 @@ def test_from_limp_to_holding_to_disabled():
         assert np.abs(motors.truth.joint_effort).max() > 0.5
         figures = robot.figures()
         assert (figures["commands"], figures["saturated"]) == (15, {})
-        assert figures["answers"] >= 10 * 15
+        assert figures["channels"][0]["received"] >= 10 * 15
         robot.close()
         assert len([text for text in told if text.endswith(": disabled")]) == 14
 
