@@ -20,22 +20,7 @@ from humanoid_sim.policy.layers import Layer, Reading, join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
-from humanoid_sim.policy.readers.berkeley import find_berkeley, read_berkeley
-from humanoid_sim.policy.readers.holosoma import read_holosoma
-from humanoid_sim.policy.readers.isaaclab import ENV_FILE, read_env
-from humanoid_sim.policy.readers.mjlab import read_mjlab
-from humanoid_sim.policy.readers.own import (
-    GOLDEN_KEY,
-    OWN_KEYS,
-    STAMP_KEY,
-    find_contract,
-    own_contract,
-    read_contract_file,
-    read_own,
-    read_stamp,
-)
-from humanoid_sim.policy.readers.trainer_files import find_beside
-from humanoid_sim.policy.readers.unitree import DEPLOY_FILE, read_deploy
+from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, trainer_files, unitree
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
@@ -107,10 +92,10 @@ def load_checkpoint(
         file_digest(path),
         policy.observation_width,
         sweep_motion(policy, contract),
-        find_contract(path) if contract_file is None else contract_file,
+        own.find_contract(path) if contract_file is None else contract_file,
         reading=reading,
     )
-    if not verify or GOLDEN_KEY not in model.metadata:
+    if not verify or own.GOLDEN_KEY not in model.metadata:
         return checkpoint
     from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
@@ -141,44 +126,45 @@ def read_checkpoint(
     if _ANCHOR_QUATERNION in outputs:
         layers.append(Layer(f"assumed (output {_ANCHOR_QUATERNION})", {"reference_quaternion": "xyzw"}))
     with blaming(f"{path}: metadata", _MALFORMED):
-        if STAMP_KEY in metadata:
-            layers += read_stamp(metadata, str(path))
-        elif OWN_KEYS & metadata.keys():
-            layers += read_own(metadata, str(path))
+        if own.STAMP_KEY in metadata:
+            layers += own.read_stamp(metadata, str(path))
+        elif own.OWN_KEYS & metadata.keys():
+            layers += own.read_own(metadata, str(path))
         elif "joint_names" in metadata and {"joint_stiffness", "observation_names"} & metadata.keys():
-            layers += read_mjlab(metadata, str(path))
+            layers += mjlab.read_mjlab(metadata, str(path))
         elif "dof_names" in metadata:
-            layers += read_holosoma(metadata, str(path))
-    if STAMP_KEY not in metadata:
+            layers += holosoma.read_holosoma(metadata, str(path))
+    if own.STAMP_KEY not in metadata:
         layers += _side_layers(path, robot_joints)
-    chosen = find_contract(path) if contract_file is None else contract_file
+    chosen = own.find_contract(path) if contract_file is None else contract_file
     if chosen is not None:
-        layers.append(read_contract_file(chosen))
+        layers.append(own.read_contract_file(chosen))
     return join(layers, str(path))
 
 
 def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
     """Return what the files state that trainers write beside the model, the one of its deployment last."""
     layers: list[Layer] = []
-    env, deploy, berkeley = find_beside(path, ENV_FILE), find_beside(path, DEPLOY_FILE), find_berkeley(path)
+    env, deploy = (trainer_files.find_beside(path, name) for name in ("env.yaml", "deploy.yaml"))
+    other = berkeley.find_berkeley(path)
     if env is not None:
         try:
             with blaming(env, _MALFORMED):
-                layers += read_env(env)
+                layers += isaaclab.read_env(env)
         except InputError as error:
             layers.append(Layer(env.name, {}, unused=(f"{env.name} cannot be read: {error}",)))
     if deploy is not None:
         with blaming(deploy, _MALFORMED):
-            layers += read_deploy(deploy, robot_joints)
-    if berkeley is not None:
-        with blaming(berkeley, _MALFORMED):
-            layers += read_berkeley(berkeley, robot_joints)
+            layers += unitree.read_deploy(deploy, robot_joints)
+    if other is not None:
+        with blaming(other, _MALFORMED):
+            layers += berkeley.read_berkeley(other, robot_joints)
     return layers
 
 
 def required_contract(reading: Reading, path: Path) -> PolicyContract:
     """Return the contract. Raises `InputError` with everything that keeps it from being one."""
-    refusal = reading.refusal(own_contract(path).name)
+    refusal = reading.refusal(own.own_contract(path).name)
     if refusal or reading.contract is None:
         raise InputError(f"{path}: {refusal}")
     return reading.contract

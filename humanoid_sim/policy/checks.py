@@ -70,7 +70,7 @@ def _on(
     if joints:
         rows = [text.format(*(column[i] for column in columns)) for i in np.flatnonzero(hits)]
         listed = list_joints(dict(zip(joints, rows, strict=True))) if text else list_joints(joints, len(names))
-        yield Finding(severity, field, message.replace("{}", listed), tuple(joints))
+        yield Finding(severity, field, message.replace("{}", listed))
 
 
 def _of_robot(description: RobotDescription, names: Sequence[str], attribute: str) -> FloatArray:
@@ -97,7 +97,7 @@ def _joint_findings(contract: PolicyContract, description: RobotDescription) -> 
         (lacking, f"have to be the robot's, the policy lacks {robot}'s"),
     ):
         if joints:
-            yield Finding("error", field, f"{what} {list_joints(joints)}", tuple(joints))
+            yield Finding("error", field, f"{what} {list_joints(joints)}")
     source = contract.source.get(field, "")
     if source == ROBOTS_ORDER or source.endswith("and the robot"):
         message = f"are those of {robot} ({source}): any robot with as many would do; x.contract.yaml can name them"
@@ -256,8 +256,7 @@ def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
             if not np.isclose(size[left], size[right], rtol=relative, atol=far)
         }
         if found:
-            message = f"differs between left and right: {list_joints(found)}"
-            yield Finding("warning", field, message, tuple(found))
+            yield Finding("warning", field, f"differs between left and right: {list_joints(found)}")
 
 
 def _actuator_findings(

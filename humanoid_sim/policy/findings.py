@@ -21,7 +21,6 @@ class Finding:
     severity: Severity
     field: str  # of the contract, or `model`, `golden vectors`, `robot`
     message: str
-    joints: tuple[str, ...] = ()  # all that it concerns
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"

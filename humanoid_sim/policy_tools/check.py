@@ -105,7 +105,7 @@ def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
     if not action.max() <= limit:
         joint = contract.action_joint_names[int(np.argmax(action))]
         message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
-        yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it", (joint,))
+        yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
     try:
         none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
         yield Finding("info", "golden vectors", verify_golden(checkpoint) or none)

@@ -97,7 +97,7 @@ def test_a_mistake_is_one_line(name, robot):
     severity, _, field = where.partition(" ")
     finding = found(findings_of(robot, **changes), severity, field, words)
     if joints is not ANY:
-        assert finding.joints == joints
+        assert "all 4 joints" in finding.message or all(joint in finding.message for joint in joints)
 
 
 def test_damping_of_the_model_beside_the_contracts(robot):
@@ -107,7 +107,7 @@ def test_damping_of_the_model_beside_the_contracts(robot):
     wiring = contract(**{**SOUND, "joint_damping": [1.5, 0.0, 2.0, 2.0]})
     kept = contract_findings(wiring, robot, damped, hardware=False)
     assert "left_hip (1.5 + 0.5)" in found(kept, "warning", "model_joint_damping", "nobody decides").message
-    assert "right_hip" in found(suspicious_findings(wiring), "warning", "joint_damping", "nothing brakes").joints
+    assert "right_hip" in found(suspicious_findings(wiring), "warning", "joint_damping", "nothing brakes").message
     for decision in ("keep", "drop"):
         decided = contract_findings(replace(wiring, model_joint_damping=decision), robot, damped, hardware=False)
         found(decided, "info", "model_joint_damping", f"{decision}: ")
@@ -133,7 +133,7 @@ def test_gains_that_the_motors_cannot_encode():
     stiffness[4], damping[3] = 501.0, 6.0
     wiring = contract_of(lite.joint_names, joint_stiffness=stiffness, joint_damping=damping, observation=["joint_pos"])
     findings = contract_findings(wiring, lite, bare_model(lite), hardware=True)
-    assert found(findings, "error", "joint_stiffness", "501").joints == ("left_wrist_yaw",)
+    assert "left_wrist_yaw (501" in found(findings, "error", "joint_stiffness").message
     assert "6, at most 5" in found(findings, "error", "joint_damping").message
 
 
@@ -192,7 +192,7 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
     scales = [0.25 * 1e4 * a / k for a, k in zip(ARMATURE.values(), varied["joint_stiffness"], strict=True)]
     assert not any("effort limit / K_p" in f.message for f in motorized(**varied, action_scale=scales))
     scales[2] = 0.35
-    assert found(motorized(**varied, action_scale=scales), "warning", "action_scale", "K_p").joints == ("left_knee",)
+    assert "left_knee (0.35" in found(motorized(**varied, action_scale=scales), "warning", "action_scale").message
 
 
 def test_decimals_that_an_exporter_cut(robot):

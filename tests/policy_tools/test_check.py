@@ -48,7 +48,7 @@ def test_an_answer_that_is_not_finite(tmp_path, robot):
     broken[0, 1] = np.inf  # 0 · infinity is not a number
     model.graph.initializer[0].raw_data = broken.tobytes()
     onnx.save(model, str(path))
-    assert found(check_checkpoint(path, robot), "error", "model", "expected a finite number").joints == ("left_hip",)
+    assert "left_hip" in found(check_checkpoint(path, robot), "error", "model", "expected a finite number").message
 
 
 @needs_policies

@@ -33,7 +33,7 @@ from humanoid_sim.hardware import calibration
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play import main as play_main
-from humanoid_sim.policy.checkpoint import GOLDEN_KEY as TRAINER_SAMPLES
+from humanoid_sim.policy.readers.own import GOLDEN_KEY as TRAINER_SAMPLES
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import TICK_TOPIC, McapRecorder
 from humanoid_sim.robots.description import load_robot

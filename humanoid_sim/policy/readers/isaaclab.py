@@ -14,7 +14,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer
 from humanoid_sim.policy.readers.trainer_files import Section, is_group, isaac_scans, observation_fields, read_section
 
-ENV_FILE = "env.yaml"
 _GAINS = {"stiffness": "joint_stiffness", "damping": "joint_damping", "effort_limit": "effort_limit"}
 _ACTION = {"scale": "action_scale", "clip": "position_clip", "joint_names": "action_joint_names"}
 

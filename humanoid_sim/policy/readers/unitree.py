@@ -14,7 +14,6 @@ from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checke
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.trainer_files import Section, is_group, isaac_scans, observation_fields, read_section
 
-DEPLOY_FILE = "deploy.yaml"
 _ACTION = {"scale": "action_scale", "offset": "action_offset", "clip": "position_clip"}
 
 
