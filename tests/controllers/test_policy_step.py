@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 import rig
-from hypothesis import given
-from hypothesis import strategies as st
 
 from humanoid_sim.controllers import policy_step
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
 from humanoid_sim.controllers.phase import advance_phase
 from humanoid_sim.controllers.reference import build_world_reference
-from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
 
 JOINTS = ("a", "b", "c")
 STEPS, ROBOTS = 8, 4
@@ -106,17 +103,6 @@ def test_actions_are_accepted_one_by_one():
     assert wiring.action_problem(actions[0]) == ""
 
 
-def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
-    large = contract(action_limit=500.0)
-    assert wiring_of(contract()).limit == 100.0
-    reference = build_world_reference(large, frames(), JOINTS, ("torso",))
-    wiring = policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
-    np.testing.assert_array_equal(wiring.accepts(np.array([[440.0, -499.0], [0.0, 501.0]], np.float32)), [True, False])
-    assert policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
-    controller = RLPolicyController(JOINTS, large, reference, lambda *_: [0, 0], 0.02, extern=EXTERN_WIDTHS)
-    assert controller.wiring.limit == 500.0
-
-
 def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="position of the anchor body"):
@@ -146,19 +132,6 @@ LIMITS = [[-0.1, 0.1], [-1.0, 1.0]]
 def test_actions_are_scaled_clipped_and_offset(changes, action, position):
     command = policy_step.action_command(rig_map(**changes), np.array(action, np.float32))
     assert command.position.tolist() == position
-
-
-@given(st.lists(st.tuples(st.floats(width=32), st.floats(width=32)), min_size=1, max_size=5))
-def test_commands_of_a_batch_are_those_of_its_robots(actions):
-    action_map = rig_map()
-    batch = np.array(actions, dtype=np.float32)
-    with np.errstate(all="ignore"):
-        together = policy_step.action_command(action_map, batch)
-        one_by_one = [policy_step.action_command(action_map, row) for row in batch]
-    for name in COMMAND_FIELDS:
-        assert getattr(together, name).shape == (len(actions), 3)
-        assert getattr(together, name).tobytes() == np.stack([getattr(c, name) for c in one_by_one]).tobytes()
-    assert policy_step.action_command(action_map, np.zeros((4, 5, 2), np.float32)).position.shape == (4, 5, 3)
 
 
 def phases(rule, commands):

@@ -37,16 +37,6 @@ def run(rl, count):
     return results
 
 
-def test_the_action_drives_its_own_joints_and_is_seen_raw_one_step_later():
-    policy = ScriptedPolicy(lambda _, frame: np.array([2.0, -4.0]) * (frame + 1))  # of elbow and shoulder
-    (_, command), *_ = run(controller(policy), 5)
-    assert command.position.tolist() == pytest.approx([0.03 + 0.25 * -4.0, 0.02 + 0.5 * 2.0, 0.0])
-    assert command.stiffness.tolist() == [33.0, 32.0, 31.0]
-    assert command.damping.tolist() == [3.3, 3.2, 3.1]
-    assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
-    assert [observation[9:11].tolist() for observation, _ in policy.calls] == [[0.0, 0.0], [2.0, -4.0], [4.0, -8.0]]
-
-
 @pytest.mark.parametrize(("period", "decimation"), [(0.04, 1), (0.005, 8), (0.04 / 3, 3), (0.04 * (1 + 1e-9), 1)])
 def test_one_inference_every_policy_dt_and_the_command_held_between(period, decimation):
     policy = ScriptedPolicy(good_answer)

@@ -32,23 +32,6 @@ def test_standard_messages_are_those_of_ros(name):
     assert ours.hash_rihs01(name) == get_typestore(Stores.ROS2_HUMBLE).hash_rihs01(name)
 
 
-def fields_of(name):
-    return [(field, str(kind)) for field, kind in parsed(name)[name][1]]
-
-
-@pytest.mark.parametrize(
-    ("name", "fields"),
-    [
-        (definitions.MIT_COMMAND, ["header", "joint_names", "position", "velocity", "effort", "stiffness", "damping"]),
-        (definitions.CONTROL_MODE, ["header", "mode", "controller_name", "status_message"]),
-        (definitions.STANDBY_STATE, ["header", "current_segment", "total_segments", "progress", "is_finished"]),
-        (definitions.SAFETY_STATUS, ["header", "level", "source", "flags", "message"]),
-    ],
-)
-def test_the_control_stacks_messages_keep_their_field_order(name, fields):
-    assert [field for field, _ in fields_of(name)] == fields
-
-
 def constants(name):
     return {constant: value for constant, _, value in parsed(name)[name][0]}
 
