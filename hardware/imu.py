@@ -55,6 +55,12 @@ class SimulatedImu(Imu):
     def __init__(self, truth: Callable[[], MITState]) -> None:
         self._truth = truth
 
+    def open(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
     def read(self, time: float) -> ImuReading:
         """Return the simulation's present reading."""
         truth = self._truth()
