@@ -126,20 +126,22 @@ class RobstrideMotor:
     def _protect(self) -> None:
         """Latch the present faults; a motor with any fault stops."""
         sensed = self.sensed
-        faults = (
-            (sensed.temperature >= self.model.fault_temperature, "MOTOR_OVERTEMPERATURE", "MOTOR_OVERTEMPERATURE"),
-            (sensed.voltage < _VOLTAGES[0], "UNDERVOLTAGE", "UNDERVOLTAGE"),
-            (sensed.voltage > _VOLTAGES[1], "", "OVERVOLTAGE"),
-            (sensed.overcurrent, "PHASE_OVERCURRENT", "PHASE_A_OVERCURRENT"),
-        )
-        for is_present, in_status, in_report in faults:
-            if is_present:
-                self.status_faults |= StatusFault[in_status] if in_status else StatusFault(0)
-                self.fault_bits |= FaultBit[in_report]
+        if sensed.temperature >= self.model.fault_temperature:
+            self._latch(StatusFault.MOTOR_OVERTEMPERATURE, FaultBit.MOTOR_OVERTEMPERATURE)
+        if sensed.voltage < _VOLTAGES[0]:
+            self._latch(StatusFault.UNDERVOLTAGE, FaultBit.UNDERVOLTAGE)
+        if sensed.voltage > _VOLTAGES[1]:
+            self._latch(StatusFault(0), FaultBit.OVERVOLTAGE)
+        if sensed.overcurrent:
+            self._latch(StatusFault.PHASE_OVERCURRENT, FaultBit.PHASE_A_OVERCURRENT)
         is_warm = sensed.temperature >= self.model.warning_temperature
         self.warnings = WarningBit.MOTOR_OVERTEMPERATURE_WARNING if is_warm else WarningBit(0)
         if self.is_running and self.fault_bits:
             self.reset()
+
+    def _latch(self, in_status: StatusFault, in_report: FaultBit) -> None:
+        self.status_faults |= in_status
+        self.fault_bits |= in_report
 
     def _execute(self, command: messages.Command, time: float) -> messages.Reply | None:  # noqa: PLR0912 - one for each
         match command:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
@@ -64,6 +63,7 @@ class SitoMotors(MotorLink):
         self._line, self.motors, self._terms = line, motors, terms
         self.uids: Mapping[str, bytes] = {}
         self.slots = tuple(_Slot() for _ in range(motors.count))
+        self._targets = tuple(zip(motors.motor_id, motors.model, strict=True))
         self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
         period = round(1000.0 * terms.control_period)
         self._interval = min(max(period, 1), protocol.LARGEST_INTERVAL)  # ms between two frames of one kind of feedback
@@ -111,8 +111,8 @@ class SitoMotors(MotorLink):
         self._line.check(checks)
         checks.refuse()
         for i, slot in enumerate(self.slots):
-            where = f"motor {self.motors.motor_id[i]} on {self._line.sources[self.motors.channel[i]]}"
-            checks.passed(self.motors.names[i], f"{where}, {self.motors.model[i].name}: it has no questions")
+            (device_id, model), source = self._targets[i], self._line.sources[self.motors.channel[i]]
+            checks.passed(self.motors.names[i], f"motor {device_id} on {source}, {model.name}: it has no questions")
             if slot.reports > before[i]:
                 checks.warn(self.motors.names[i], "sends feedback: another program left it enabled; it is stopped")
 
@@ -125,26 +125,18 @@ class SitoMotors(MotorLink):
             checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
 
     def _start_watchdog(self, checks: CheckList) -> None:
-        motors, names = self.motors, ", ".join(self.motors.names)
-        if any(self._channel(i).address.interface == "virtual" for i in range(motors.count)):
+        plan, names = [], ", ".join(self.motors.names)
+        for i, target in enumerate(self._targets):
+            damping = damping_frames(*target, float(self._terms.damping[i]))
+            address, reset = self._channel(i).address, protocol.reset_frames(*target)
+            plan.append(WatchedMotor(self.motors.names[i], address, damping, reset))
+        if any(motor.channel.interface == "virtual" for motor in plan):
             checks.warn(SOURCE, f"{names}: mock motors of this process, with which they end; no watchdog")
             return
-        plan = [
-            WatchedMotor(
-                motors.names[i],
-                self._channel(i).address,
-                damping_frames(motors.motor_id[i], motors.model[i], float(self._terms.damping[i])),
-                protocol.reset_frames(motors.motor_id[i], motors.model[i]),
-            )
-            for i in range(motors.count)
-        ]
-        try:
+        with checks.collecting(SOURCE):
             self._watchdog = Watchdog(plan, self._line.locks)
-        except RobotError as error:
-            checks.problem(SOURCE, str(error))
-            return
-        checks.passed(SOURCE, f"process {self._watchdog.pid} damps and resets {names} when this program is silent")
-        checks.warn(SOURCE, f"without it, or without the bus, only the switch of their supply stops {names}")
+            checks.passed(SOURCE, f"process {self._watchdog.pid} damps and resets {names} when this program is silent")
+            checks.warn(SOURCE, f"without it, or without the bus, only the switch of their supply stops {names}")
 
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`: zero gains and zero current before selecting MIT mode and directly after it.
@@ -157,8 +149,7 @@ class SitoMotors(MotorLink):
         for i, slot in enumerate(self.slots):
             slot.feedback = slot.position = None
             slot.largest_effort = 0.0
-            device_id, model = self.motors.motor_id[i], self.motors.model[i]
-            limp = damping_frames(device_id, model, 0.0)
+            (device_id, model), limp = self._targets[i], damping_frames(*self._targets[i], 0.0)
             select = encode(SelectMode(device_id, protocol.Mode.MIT, (self._interval, self._interval, 0)), model)
             self._enabled.add(i)
             self._send(i, [*limp, select, *limp])
@@ -184,7 +175,7 @@ class SitoMotors(MotorLink):
             self._wait(_ROUND)
             for i, slot in enumerate(self.slots):
                 position = 0.0 if slot.position is None else slot.position[1].position
-                self._send(i, damping_frames(self.motors.motor_id[i], self.motors.model[i], 0.0, position))
+                self._send(i, damping_frames(*self._targets[i], 0.0, position))
 
     def _wait(self, duration: float, is_over: Callable[[], bool] = lambda: False) -> None:
         """Wait until something is over, `duration` s at most, on the robot's clock, as mock motors may be slow."""
@@ -226,7 +217,7 @@ class SitoMotors(MotorLink):
             return
         batches: dict[int, list[tuple[Hashable, Frame]]] = {}
         for i, (position, velocity, effort, stiffness, damping) in enumerate(values.T.tolist()):
-            slot, device_id, model = self.slots[i], self.motors.motor_id[i], self.motors.model[i]
+            slot, (device_id, model) = self.slots[i], self._targets[i]
             here = slot.position[1].position if stiffness == 0.0 and slot.position is not None else position
             command = ((i, "command"), encode(Command(device_id, here, velocity, effort), model))
             gains = ((i, "gains"), encode(Gains(device_id, stiffness, damping), model))
@@ -278,7 +269,7 @@ class SitoMotors(MotorLink):
             if number:
                 self._wait(0.001 * self._interval)
             for i in left:
-                self._send(i, protocol.reset_frames(self.motors.motor_id[i], self.motors.model[i]))
+                self._send(i, protocol.reset_frames(*self._targets[i]))
         for channel in {self._channel(i) for i in left}:
             channel.flush(_SILENCE)
         end = self._line.clock() + _SILENCE
