@@ -82,7 +82,7 @@ def _show(source: Source, *, is_page: bool) -> None:
         has_keys = source.description.piano is not None or KEY_PRESSED in source.live_inputs
         stream.send_blueprint(_blueprint(has_keys=has_keys))
         names = () if source.contract is None else source.contract.action_joint_names
-        log = RerunLog(library, stream, source.header, body, names, period=_PERIOD)
+        log = RerunLog(library, stream, source.header.joint_names, body, names, _PERIOD)
         ready(f"{serves}, for {source}")
         # What waits for the viewer is kept short: the library's queue would grow without end.
         keeps_up, told = True, 0.0

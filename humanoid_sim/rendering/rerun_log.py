@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from humanoid_sim.errors import needing
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import RecordedBody
 
@@ -22,32 +22,27 @@ def rerun_module(purpose: str) -> Any:
 
 
 class RerunLog:
-    """Writes one run to one of the library's streams."""
+    """Writes one run to one of the library's streams; its poses are `period` s apart."""
 
     def __init__(
         self,
         library: Any,
         stream: Any,
-        header: SessionHeader,
+        joints: tuple[str, ...],
         body: RecordedBody,
         action: tuple[str, ...],
-        *,
-        period: float = 0.02,
+        period: float,
     ) -> None:
-        """Write what does not change; its policy drives the joints of `action`, and poses are `period` s apart."""
-        self._library, self._stream, self._body = library, stream, body
+        """Write what does not change; the policy drives the joints of `action`."""
+        self._library, self._stream, self._body, self._action = library, stream, body, action
         self._period, self._due = period, -math.inf
-        self.count = 0
-        """Poses."""
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
             description = Path(folder, "robot.urdf")
             description.write_text(body.urdf, encoding="utf-8")
             library.urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
-        for plot in ("position", "velocity", "effort", "command"):
-            stream.log(f"plots/{plot}", library.SeriesLines(names=list(header.joint_names)), static=True)
-        self._action = action
-        if action:
-            stream.log("plots/action", library.SeriesLines(names=list(action)), static=True)
+        plots = dict.fromkeys(("position", "velocity", "effort", "command"), joints)
+        for plot, names in (plots | ({"action": action} if action else {})).items():
+            stream.log(f"plots/{plot}", library.SeriesLines(names=list(names)), static=True)
 
     def tick(self, tick: TickRecord) -> None:
         """Write a tick, if it is time for a pose."""
@@ -61,13 +56,13 @@ class RerunLog:
             turned = library.Quaternion(xyzw=[x, y, z, w])
             place = library.Transform3D(translation=position, quaternion=turned, parent_frame=parent, child_frame=child)
             stream.log(f"transforms/{child}", place)
-        values = {"position": state.joint_position, "velocity": state.joint_velocity, "effort": state.joint_effort}
-        for name, row in (values | {"command": tick.output.command.position}).items():
-            stream.log(f"plots/{name}", library.Scalars(row))
+        stream.log("plots/position", library.Scalars(state.joint_position))
+        stream.log("plots/velocity", library.Scalars(state.joint_velocity))
+        stream.log("plots/effort", library.Scalars(state.joint_effort))
+        stream.log("plots/command", library.Scalars(tick.output.command.position))
         if step is not None and step.action.shape == (len(self._action),):
             stream.log("plots/action", library.Scalars(step.action))
         keys = state.extern.get(KEY_PRESSED)
         if keys is not None:
             stream.log("keys", library.BarChart(keys.at(time)))
         stream.log("mode", library.TextLog(tick.output.control_mode.mode.name))
-        self.count += 1
