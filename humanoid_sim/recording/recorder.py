@@ -39,7 +39,6 @@ _LAG = 0.15  # s of robot time that may wait for the writer before a run that ne
 _POLL_PERIOD = 0.02  # s between two polls of the queue: waking the writer for every tick would cost the control thread
 _BATCH = 8  # ticks written in one go, 0.2 ms for which the control thread may be kept out of the interpreter
 _CLOSE_TIMEOUT = 30.0  # s that `close` waits for a disk that does not answer
-_MAX_TIME_NS = 2**63 - 1  # ROS 2 counts nanoseconds in 63 bits
 
 _QOS = """\
 - history: 1
@@ -77,7 +76,6 @@ class McapRecorder:
         self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
-        self._is_created = False
         self._queued = self._written = 0
         self.backlog_limit = QUEUE_LIMIT
         self.error: str | None = None
@@ -102,7 +100,6 @@ class McapRecorder:
             file.close()
             self._remove()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
-        self._is_created = True
         self.backlog_limit = max(round(_LAG / header.control_period), 2)
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()
@@ -121,8 +118,7 @@ class McapRecorder:
 
     def event(self, event: Event) -> None:
         """Queue an event, also before the run begins. Never waits."""
-        is_open = self._thread is not None or not self._is_created
-        if self.error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
+        if self.error is None and not self._stop.is_set() and self._queue.qsize() < 2 * QUEUE_LIMIT:
             self._queue.put(event)
 
     def close(self) -> None:
@@ -178,9 +174,6 @@ class McapRecorder:
 
     def _fail(self, reason: str) -> str:
         self.error = error = f"{self.path}: recording stopped: {reason}"
-        with suppress(Empty):
-            while True:
-                self._queue.get_nowait()
         return error
 
 
@@ -203,7 +196,8 @@ class _RunWriter:
     def tick(self, record: TickRecord, message: bytes | None = None) -> None:
         """Write one tick, encoding it unless that was done, and the viewers' share of it."""
         if record.index != self._index:
-            self._report_loss(f"{record.index - self._index} ticks left out before tick {record.index}")
+            text = f"recording: {record.index - self._index} ticks left out before tick {record.index}"
+            self.event(Event(self._time, text, EventKind.LOSS))
         self._index = record.index + 1
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
@@ -228,17 +222,13 @@ class _RunWriter:
     def finish(self, lost: int) -> None:
         """Write the index. `lost` is the number of ticks left out."""
         if lost:
-            self._report_loss(f"{lost} ticks left out in all")
+            self.event(Event(self._time, f"recording: {lost} ticks left out in all", EventKind.LOSS))
         self._writer.finish()
-
-    def _report_loss(self, text: str) -> None:
-        self.event(Event(self._time, f"recording: {text}", EventKind.LOSS))
 
     def _log_time(self, time: float) -> int:
         """Nanoseconds of the file's clock, which unlike the robot's neither runs backwards nor is ever no number."""
         if math.isfinite(time) and abs(time) < 1e9:
-            now = self._start_time_ns + round(time * 1e9)
-            self._time_ns = min(max(self._time_ns, now, 0), _MAX_TIME_NS)
+            self._time_ns = max(self._time_ns, self._start_time_ns + round(time * 1e9))
         return self._time_ns
 
     def _add(self, message: TopicMessage, time_ns: int, index: int) -> None:
