@@ -478,10 +478,6 @@ class Intake:
         """
         return self.answer(self.post(word, seen=seen), timeout)
 
-    def select_policy(self, name: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
-        """Select one of several loaded policies, in ZERO_TORQUE or DAMPING; arguments and errors as for `ask`."""
-        return self.ask(f"policy {name}", timeout, seen=seen)
-
     def safety(
         self,
         source: str,

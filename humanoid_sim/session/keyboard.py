@@ -108,6 +108,7 @@ class Keyboard(IntentSource):
         try:
             self._fd = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._fd)
+            termios.tcflush(self._fd, termios.TCIFLUSH)  # typed before there was anything to drive
         except (termios.error, OSError, ValueError):
             raise InputError("--manual: standard input is not a terminal, expected one to read keys from") from None
         self.take_terminal()

@@ -2,14 +2,13 @@ import gc
 import os
 import resource
 import sys
-import threading
 import weakref
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim.session import realtime
-from humanoid_sim.session.realtime import punctual_threads, real_time
+from humanoid_sim.session.realtime import real_time
 
 
 def locked_kilobytes():
@@ -72,22 +71,3 @@ def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch):
     with real_time() as lines:
         assert lines[2] == "SCHED_FIFO refused (Operation not permitted): give this user an rtprio limit of 50 or more"
         assert lines[3] == "memory not locked: give this user an unlimited memlock limit"
-
-
-def test_a_thread_started_meanwhile_runs_as_punctually_and_threads_may_be_made_so_alone():
-    policy, seen = os.sched_getscheduler(0), []
-
-    def look():
-        thread = threading.Thread(target=lambda: seen.append((os.sched_getscheduler(0), os.sched_getparam(0))))
-        thread.start()
-        thread.join()
-
-    with real_time() as lines:
-        look()
-    with punctual_threads(behind=10) as line:
-        look()
-    assert os.sched_getscheduler(0) == policy
-    (together, _), (scheduler, parameters) = seen
-    assert (together == os.SCHED_FIFO) == lines[2].startswith("SCHED_FIFO, ")
-    assert (scheduler == os.SCHED_FIFO) == (line == "SCHED_FIFO, priority 40")
-    assert (parameters.sched_priority == 40) == (scheduler == os.SCHED_FIFO)
