@@ -27,6 +27,7 @@ _EVENTS = 64  # newest events that a status holds
 _LONGEST_EVENT = 300  # characters
 _MOST_SUBSCRIBERS = 32
 _MOST_ACCEPTED = 4  # in one tick
+_ACCEPT_EVERY = 8  # ticks, while there are subscribers
 
 
 class FeedWriter(Sink):
@@ -69,7 +70,8 @@ class FeedWriter(Sink):
     def tick(self, record: TickRecord) -> None:
         """Send a tick."""
         self._number += 1
-        self._accept()
+        if not self._subscribers or self._number % _ACCEPT_EVERY == 0:
+            self._accept()
         if self._subscribers:
             message = self._encoder.encode(record)
             self._latest = record, message
