@@ -44,7 +44,6 @@ __all__ = [
     "Decoder",
     "Feed",
     "Intake",
-    "Looks",
     "Sample",
     "SessionError",
     "SessionInfo",
@@ -86,22 +85,6 @@ class SessionError(Exception):
 def monotonic_ns() -> int:
     """Return the clock of all stamps, ns: take it where a sample arrives from outside."""
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
-
-
-class Looks:
-    """Polls of a device: what one finds came after the one before, however long the program was suspended."""
-
-    def __init__(self) -> None:
-        self.newest = self.stamp = monotonic_ns()
-
-    def look(self) -> int:
-        """Begin a poll; return the earliest time, ns, at which what it finds can have come."""
-        self.stamp, self.newest = self.newest, monotonic_ns()
-        return self.stamp
-
-    def called(self) -> int:
-        """Return the earliest time, ns, at which a call that has just come can have been made."""
-        return self.newest
 
 
 # Sessions.
