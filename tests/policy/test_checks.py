@@ -192,7 +192,8 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
     scales = [0.25 * 1e4 * a / k for a, k in zip(ARMATURE.values(), varied["joint_stiffness"], strict=True)]
     assert not any("effort limit / K_p" in f.message for f in motorized(**varied, action_scale=scales))
     scales[2] = 0.35
-    assert "left_knee (0.35" in found(motorized(**varied, action_scale=scales), "warning", "action_scale").message
+    findings = motorized(**varied, action_scale=scales)
+    assert "left_knee (0.35" in found(findings, "warning", "action_scale", "effort limit / K_p").message
 
 
 def test_decimals_that_an_exporter_cut(robot):
