@@ -76,13 +76,3 @@ def test_a_cut_file_says_so(path, capsys, monkeypatch):
     path.write_bytes(path.read_bytes()[:-60])
     assert record(["info", str(path)]) == 0
     assert "not complete: cut" in capsys.readouterr().out
-
-
-def test_bad_input_is_one_line_and_status_2(tmp_path, capsys):
-    (tmp_path / "text.mcap").write_text("no recording")
-    for name, reason in (("gone.mcap", "no such file"), ("text.mcap", "not an MCAP file"), (".", "is a directory")):
-        assert record(["info", str(tmp_path / name)]) == 2
-        error = capsys.readouterr().err
-        assert error.startswith("error: ")
-        assert reason in error
-        assert error.count("\n") == 1

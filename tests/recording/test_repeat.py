@@ -124,12 +124,3 @@ def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index
         assert result["difference"]["where"] == header.joint_names[5]
     if field == "policy_step.observation":
         assert result["difference"]["where"] == "joint_pos[5]"
-
-
-def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
-    path = tmp_path / "run.mcap"
-    assert replay([str(path)]) == 2
-    path.write_text("no recording")
-    assert replay([str(path)]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert errors == [f"error: {path}: no such file, expected a recording (.mcap)", f"error: {path}: not an MCAP file"]
