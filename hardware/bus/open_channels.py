@@ -112,8 +112,6 @@ Listener = Callable[[int, Frame, float], bool]
 """Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; True if it knows
 the frame, which is then nobody else's."""
 
-_POLL = 0.001  # s
-
 
 class OpenChannels:
     """Channels that are open; a frame goes to the first listener that knows it."""
@@ -165,15 +163,6 @@ class OpenChannels:
         channel = self.channels[index]
         texts = [channel.down, channel.tx_full.text, channel.error.text, *self.notes[index].seen()]
         return tuple(filter(None, texts))
-
-    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait for something that the receivers take, `timeout` s at most; True if it came."""
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            time.sleep(_POLL)
-        return True
 
     def forget_queues(self) -> None:
         """Drop frames that wait to be sent: after a jam, a stop must not stand behind them."""

@@ -20,6 +20,7 @@ from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
 _LISTENING = 0.05  # s of silence in which another host would be noticed, before anything is sent
+_POLL = 0.001  # s
 _REPORT_WAIT = 0.3  # s at most in which the first active reports must come
 _SCAN_TIME = 1  # `EPScan_time` of the shortest report interval
 _FRAME_TIME = 145e-6  # s that a frame of 8 bytes takes at 1 Mbit/s: 131 bits without stuff bits, 160 with the most
@@ -90,7 +91,9 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             """Return motors that sent no more than one status: that may have answered the request."""
             return [i for i in self._reporting if self.slots[i].statuses <= before[i] + 1]
 
-        self.line.wait(lambda: not silent(), _REPORT_WAIT)
+        deadline = time.monotonic() + _REPORT_WAIT
+        while silent() and time.monotonic() < deadline:
+            time.sleep(_POLL)
         for i in silent():
             checks.warn(self.motors.names[i], "sends no active reports: its state is a control period old")
 
