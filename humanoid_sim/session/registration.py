@@ -22,16 +22,15 @@ class Registration:
     _lock: IO[bytes] | None = field(repr=False)
 
     @classmethod
-    def create(cls, base: Path | None = None) -> Registration:
-        """Make the folder, and remove those of killed sessions; `base` is in place of the user's folder of sessions.
+    def create(cls) -> Registration:
+        """Make the folder, and remove those of killed sessions.
 
         Raises `InputError` if it cannot be made, or others may enter it.
         """
         try:
-            folder = session_folder() if base is None else base
+            folder = session_folder()
             folder.mkdir(mode=0o700, exist_ok=True)
-            if base is None:
-                session_folder()
+            session_folder()  # refuses one that others may enter
             with open(folder / LOCK, "wb") as creating:  # nobody sweeps a folder that is not locked yet
                 fcntl.flock(creating, fcntl.LOCK_EX)
                 for path in folder.glob("*/"):
