@@ -74,12 +74,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
     metadata = {"render_modes": RENDER_MODES, "render_fps": 200}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, config: ModesEnvConfig = LITE_MODES, *, render_mode: str | None = None, **options: Any) -> None:
-        """Build robot and stack. Raises `InputError` for what cannot be read, or does not fit.
-
-        Args:
-            render_mode: `rgb_array`, `human` or None.
-            options: fields of the configuration to change.
-        """
+        """Build robot and stack; `options` change fields. Raises `InputError` for what does not fit."""
         self.config = config = changed(config, options)
         description, loaded, sim = config.read()
         self.robot = SimRobot(description, replace(sim, drop=DROP))
@@ -97,11 +92,9 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Relaunch: the robot as it starts, in ZERO_TORQUE. Raises `InputError` for an unknown option.
+        """Relaunch: the robot as it starts, in ZERO_TORQUE; nothing is random.
 
-        Args:
-            seed: of the random numbers that Gymnasium keeps; nothing here is random.
-            options: `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
+        `options` takes a `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
         """
         super().reset(seed=seed)
         given = reset_options(options, ("command",))
@@ -112,12 +105,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         return self._observe(None), first_info(self._memory)
 
     def step(self, action: Any) -> Step:
-        """One control tick.
-
-        Raises:
-            InputError: the action is not one of the space.
-            gymnasium.error.ResetNeeded: there was no reset yet.
-        """
+        """One control tick. Raises `InputError` for an action that is none of the space."""
         if self._memory is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         if not self.action_space.contains(action):

@@ -43,12 +43,9 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, config: PolicyEnvConfig | str, *, render_mode: str | None = None, **options: Any) -> None:
-        """Build the robot. Raises `InputError` for what cannot be read, or does not fit.
+        """Build the robot of a configuration, or of a name in `CONFIGS`; `options` change some of its fields.
 
-        Args:
-            config: or its name in `CONFIGS`.
-            render_mode: `rgb_array`, `human` or None.
-            options: fields of the configuration to change.
+        Raises `InputError` for what cannot be read, or does not fit.
         """
         self.config = config = policy_config(config, options)
         if config.implicit:
@@ -91,12 +88,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         return self._observation.copy(), {"frame": int(loop.memory.frame)}
 
     def step(self, action: Array) -> Step:
-        """One policy step.
-
-        Raises:
-            InputError: the action has another shape than the space's, or a reward is not finite.
-            gymnasium.error.ResetNeeded: there was no reset yet.
-        """
+        """One policy step. Raises `InputError` if the action has another shape, or a reward is not finite."""
         loop, task = self._loop, self.scenario.task
         if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")

@@ -40,12 +40,9 @@ class EpisodeStarts:
         commands: Callable[[FloatArray], FloatArray],
         command_draws: int,
     ) -> None:
-        """Prepare for a robot.
+        """Prepare for a robot; joints may start off their default pose and rest by `noise`, rad and rad/s.
 
-        Args:
-            model: from `build_model`.
-            noise: rad and rad/s by which joints may start off their default pose, and off rest.
-            commands: makes velocity commands of `command_draws` random numbers, as a task does.
+        `commands` makes velocity commands of `command_draws` random numbers, as a task does.
         """
         self._context, self._noise, self._commands = context, noise, commands
         self._joints = joint_addresses(model, context.description.joint_names)

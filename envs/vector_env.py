@@ -49,15 +49,10 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        """Build the robots. Raises `InputError` for what cannot be read, or does not fit.
+        """Build N robots of a configuration, or of a name in `CONFIGS`; `options` change some of its fields.
 
-        Args:
-            num_envs: N.
-            config: of one environment, or its name in `CONFIGS`.
-            threads: that step physics; None for one per processor that this process may use.
-            autoreset_mode: what happens after an episode's end, as Gymnasium defines it.
-            render_mode: `rgb_array` or None.
-            options: fields of the configuration to change.
+        `threads` step physics, None for one per processor that this process may use. Raises `InputError` for what
+        cannot be read, or does not fit.
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
@@ -154,9 +149,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
 
         In the mode `NEXT_STEP` an environment whose episode has ended ignores its action and starts the next one.
 
-        Raises:
-            InputError: the actions have another shape than the space's, or a reward is not finite.
-            gymnasium.error.ResetNeeded: there was no reset yet, or, without autoreset, none since an episode's end.
+        Raises `InputError` if the actions have another shape than the space's, or a reward is not finite.
         """
         loop, task = self._loop, self.scenario.task
         if loop is None:

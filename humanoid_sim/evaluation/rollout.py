@@ -47,15 +47,9 @@ class ClosedLoop:
         guards: Guards | None = None,
         frame: Frame | None = None,
     ) -> None:
-        """Begin where the robots now are.
+        """Begin where the robots now are, at the start of an episode and at a reference's `frame`, shape (...).
 
-        Args:
-            robots: shape (...), at the start of an episode.
-            wiring: of the policy on one of them.
-            velocity: shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the commands.
-            live: feeds the live inputs that the contract declares; None: nothing does.
-            guards: watch the joints, as in the control stack; None: nothing does.
-            frame: shape (...), of the reference, to begin with; None: 0.
+        `velocity` has the commands, shape (..., 3): vx and vy in m/s and yaw rate in rad/s, heading frame.
         """
         self.robots, self.wiring, self.guards = robots, wiring, guards
         self._live = LiveInputs(wiring.contract) if live is None else live

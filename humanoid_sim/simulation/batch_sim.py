@@ -44,17 +44,10 @@ class BatchSim:
         randomisation: Randomisation | None = None,
         seeds: npt.ArrayLike | None = None,
     ) -> None:
-        """Build the model. Raises `InputError` where settings, MJCF or damping do not fit, or a fixed base is pushed.
+        """Build the model of N = `count` robots, whose random differences begin with `seeds`, (N,); None: 0, 1, 2, ….
 
-        Args:
-            description: of the robots.
-            count: N.
-            config: of each; support and start are those of a `SimRobot` alone.
-            implicit: integrate damping implicitly.
-            threads: that step physics; None for one per processor that this process may use.
-            randomisation: ranges of the robots' differences; None for none.
-            seeds: shape (N,), whole numbers, of those; None: 0, 1, 2, ….
-
+        `threads` step physics, None for one per processor that this process may use. Raises `InputError` where
+        settings, MJCF or damping do not fit, or a fixed base is to be pushed.
         """
         config = SimConfig() if config is None else config
         self.description = description
@@ -177,13 +170,9 @@ class BatchSim:
         qvel: FloatArray | None = None,
         **pose: Any,
     ) -> None:
-        """Start some robots anew, at time 0, as `SimRobot.reset`.
+        """Start robots `indices`, (k,) or all, anew at time 0, as `SimRobot.reset`.
 
-        Args:
-            indices: shape (k,), which; None for all.
-            qpos: shape (k, nq), instead of a pose.
-            qvel: shape (k, nv), likewise.
-            pose: where the robots start, and how they move, as `StartPose.arrays` takes it, shape (k, …) each.
+        They start at `qpos`, (k, nq), and `qvel`, (k, nv), or at a pose as `StartPose.arrays` takes it, shape (k, …).
         """
         where, batch = self._where(indices), self._open
         position, velocity = self.start_pose.arrays(where.shape, **pose)

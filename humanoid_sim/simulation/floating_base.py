@@ -244,13 +244,10 @@ class StartPose:
         joint_velocity: FloatArray | None = None,
         base_yaw: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return MuJoCo's generalised position (..., nq) and velocity (..., nv).
+        """Return MuJoCo's generalised position (..., nq) and velocity (..., nv) for a `batch` of (...).
 
-        Args:
-            batch: (...).
-            joint_position: shape (..., n), rad; None for the description's initial position.
-            joint_velocity: shape (..., n), rad/s; None for rest.
-            base_yaw: shape (...), rad, about the vertical, by which a floating base is turned; None for not at all.
+        Joints are (..., n), rad and rad/s; None for the description's initial position, and for rest. `base_yaw`,
+        (...), rad, turns a floating base about the vertical.
         """
         qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
         qvel = np.zeros((*batch, self._model.nv))

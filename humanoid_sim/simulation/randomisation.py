@@ -115,11 +115,9 @@ class Variation:
     push_seed: int  # of all its pushes
 
     def model_fields(self, nominal: mujoco.MjModel, dof: IndexArray) -> dict[str, FloatArray]:
-        """Return the fields of its model, by name; `mj_setConst` is to follow.
+        """Return the fields of its model, by name, of a robot as it is described; `mj_setConst` is to follow.
 
-        Args:
-            nominal: the robot as it is described.
-            dof: shape (n,), the joints' indices into `qvel`; actuators, if there are any, are in their order.
+        `dof`, shape (n,), has the joints' indices into `qvel`; actuators, if there are any, are in their order.
         """
         armature = nominal.dof_armature.copy()
         armature[dof] *= self.armature
@@ -156,9 +154,7 @@ class RandomPushes:
     def wrench(self, step: IntArray, seeds: Sequence[int]) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
-        Args:
-            step: shape (N,), control periods since each robot's start.
-            seeds: N, `push_seed` of each.
+        `step`, shape (N,), has the control periods since each robot's start, `seeds` the `push_seed` of each.
         """
         interval, since = np.divmod(step, self._interval)
         for i in np.flatnonzero(since == 0).tolist():

@@ -162,15 +162,9 @@ class Sensors:
         effort: FloatArray,
         encoder_offset: FloatArray | None = None,
     ) -> MITState:
-        """Return the state that these make.
+        """Return the state at `time`, () or (...), s, that MuJoCo's arrays (..., nq), … and efforts (..., n), N·m, make.
 
-        Args:
-            time: s, of the state, shape () or (...).
-            qpos: shape (..., nq).
-            qvel: shape (..., nv).
-            sensordata: shape (..., nsensordata).
-            effort: shape (..., n), N·m.
-            encoder_offset: shape (..., n), rad, by which the encoders show too much; None for none.
+        `encoder_offset`, shape (..., n), rad, is by how much the encoders show too much; None for none.
         """
         live = {}
         if self._observer is not None:

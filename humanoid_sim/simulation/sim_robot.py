@@ -137,12 +137,9 @@ class SimRobot:
     ) -> None:
         """Begin an episode at time 0, without support.
 
-        Until the first command arrives, the motors hold the position that the joints start in, with its gains.
-
-        Args:
-            qpos: shape (nq,); None for `start_pose`.
-            qvel: shape (nv,); None for rest.
-            warmstart: shape (nv,), acceleration of the physics step before, with which the solver begins; None: zeros.
+        Until the first command arrives, the motors hold the position that the joints start in, with its gains. It
+        starts at `start_pose`, at rest, unless `qpos`, (nq,), and `qvel`, (nv,), are given; `warmstart`, (nv,), is the
+        acceleration with which the solver begins.
         """
         self._step = 0
         self._begin()
