@@ -162,7 +162,7 @@ class Sensors:
         effort: FloatArray,
         encoder_offset: FloatArray | None = None,
     ) -> MITState:
-        """Return the state at `time`, () or (...), s, that MuJoCo's arrays (..., nq), … and efforts (..., n), N·m, make.
+        """Return the state at `time`, s, that MuJoCo's arrays (..., nq), … and efforts, shape (..., n), N·m, make.
 
         `encoder_offset`, shape (..., n), rad, is by how much the encoders show too much; None for none.
         """
