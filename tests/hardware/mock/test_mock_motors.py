@@ -65,17 +65,6 @@ def test_the_physics_are_those_of_the_simulated_robot_under_the_quantised_comman
     np.testing.assert_allclose(truth.imu_quaternion, state.imu_quaternion, rtol=0, atol=1e-9)
 
 
-def test_offsets_and_directions_hide_nothing_but_the_motor_frame():
-    offsets = {name: 0.1 * i - 0.5 for i, name in enumerate(LITE.joint_names)}
-    bench = Bench(homing_offset=offsets)
-    for status in bench.ask(Enable):
-        i = IDS.index(status.motor_id)
-        expected = DIRECTION[i] * LITE.initial_position[i] + offsets[LITE.joint_names[i]]
-        turns = (status.position - expected) / (2 * math.pi)
-        assert turns == pytest.approx(round(turns), abs=2e-3)
-        assert -4e-4 <= status.position < 2 * math.pi
-
-
 def test_shafts_turn_as_the_calibration_says():
     plant = MotorPlant(LITE, {ELBOW: 0.7})
     offset = np.where(np.array(LITE.joint_names) == ELBOW, 0.7, 0.0)

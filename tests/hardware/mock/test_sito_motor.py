@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.mock.sito_motor import SitoMotor
 from humanoid_sim.hardware.sito import protocol
 from humanoid_sim.robots.motors import MOTORS
@@ -79,10 +78,3 @@ def test_the_turn_is_lost_at_power_on(shaft, position):
     bench = Bench(shaft)
     bench.tell(ENABLE)
     assert protocol.decode(bench.wait(0.02)[1][1], MODEL).position == pytest.approx(position, abs=1e-4)
-
-
-def test_frames_of_others_are_not_for_it():
-    motor = Bench().motor
-    assert motor.is_for(protocol.encode(protocol.Reset(22), MODEL))
-    assert not motor.is_for(protocol.encode(protocol.Reset(23), MODEL))
-    assert not motor.is_for(Frame(0x0300FD16, bytes(8)))  # enable, to a Robstride 22
