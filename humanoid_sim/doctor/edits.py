@@ -45,7 +45,6 @@ class Edit:
     """What is so in the edited contract, to compare with the training configuration."""
     family: str
     contract: PolicyContract
-    """The edited one."""
     doubt: float = 0.0
     """Share of its own errors by which it has to do better: few contracts are wrong in this way."""
 
@@ -167,7 +166,6 @@ def _reordered(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, An
 
 
 def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
-    """Return the place of each of `joints` in a list in this order, which may have more joints."""
     return joint_indices(joints, tuple(name for name in order if name in joints), "joints")
 
 

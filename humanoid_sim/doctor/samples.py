@@ -150,14 +150,12 @@ class Samples:
         """
         description, trace = self._subject.description, self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
-        try:
-            wiring, robots = (
-                self.wiring(contract),
-                simulations.robots(contract, len(steps), timestep=PREDICTION_TIMESTEP),
-            )
-        except (FieldError, InputError):
-            return math.inf
         if "qpos" not in self._file:
+            return math.inf
+        try:
+            wiring = self.wiring(contract)
+            robots = simulations.robots(contract, len(steps), timestep=PREDICTION_TIMESTEP)
+        except (FieldError, InputError):
             return math.inf
         qpos, qvel = self._file["qpos"][steps].astype(np.float64), self._file["qvel"][steps].astype(np.float64)
         model, free = robots.model(0), 7 if description.is_floating else 0

@@ -38,7 +38,6 @@ class Row:
     score: float
     """Smaller is better."""
     note: str
-    """Result of the contract with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +48,11 @@ class Result:
     rows: tuple[Row, ...] = ()
     """Edits that may be right, best first."""
     note: str = ""
-    """Result of the contract as it is."""
     finding: Edit | None = None
-    """The edit that puts the contract right."""
     is_healthy: bool = False
 
 
 def _found(rows: Sequence[Row], note: str) -> Result:
-    """Return the first row as the finding, with those that are as good."""
     best = tuple(row for row in rows if row.score <= rows[0].score * (1.0 + _AS_GOOD))
     return Result(f"Most likely {best[0].edit.name}", best, note, best[0].edit)
 
@@ -91,9 +87,8 @@ def _search_unseen(
     now = samples.prediction_error(contract, simulations)
     if math.isfinite(now):
         agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
-        rows = _predicted(
-            samples, [edit for edit in edits if edit.family in _UNSEEN], simulations, "misses it by {:.0%}"
-        )
+        unseen = [edit for edit in edits if edit.family in _UNSEEN]
+        rows = _predicted(samples, unseen, simulations, "misses it by {:.0%}")
         if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
             return _found(rows, agree)
     return Result("Nothing wrong found: the contract agrees with the trace", (), agree, is_healthy=True)
@@ -167,7 +162,6 @@ def _describe(outcome: Outcome) -> str:
 
 
 def _within(command: Command, contract: PolicyContract) -> Command:
-    """Return the nearest command that the policy knows."""
     if contract.command_ranges is None:
         return command
     vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])

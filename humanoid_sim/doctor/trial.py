@@ -126,11 +126,9 @@ class Outcome:
     time_up: float
     """s until the robot was lost."""
     seconds: float
-    """s, length of the episode."""
     parts: Mapping[str, float]
     """Errors by name, each about 1 where an onlooker begins to notice."""
     lost: str = ""
-    """Way in which the robot was lost; empty if it stayed up."""
 
     @property
     def cost(self) -> float:
@@ -168,7 +166,6 @@ class Simulations:
         return self._robots[key]
 
     def _limp(self, contract: PolicyContract) -> RobotDescription:
-        """Return the robot in the contract's default pose, without gains."""
         zeros = np.zeros(len(contract.joint_names))
         return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
 

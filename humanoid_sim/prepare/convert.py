@@ -124,7 +124,6 @@ def _named(
     count: int,
     known: tuple[str, ...],
 ) -> tuple[str, ...]:
-    """Return the names of the columns of joints or bodies: of a known order, or those given with commas."""
     names = orders.get(order) or tuple(name.strip() for name in order.split(","))
     if len(names) != count:
         counts = ", ".join(f"{name} ({len(listed)})" for name, listed in orders.items())

@@ -11,17 +11,9 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import left_out, playable, read_song, song_motion, transpose
-from humanoid_sim.prepare import PrepareOptions
+from humanoid_sim.prepare import PrepareOptions, sources
 from humanoid_sim.prepare.check import check
 from humanoid_sim.prepare.convert import Skeleton, at_rate, convert, interpret
-from humanoid_sim.prepare.sources import (
-    SourceMotion,
-    dataset_folder,
-    read_csv,
-    read_dataset,
-    read_joint_states,
-    read_npz,
-)
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -97,7 +89,6 @@ def _song(
 
 
 def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescription) -> tuple[Motion, list[str], str]:
-    """Return the motion, what to print of it, and its name."""
     contract = checkpoint.contract
     skeleton = Skeleton(robot, contract)
     given = options.motion or contract.dataset_repo_id
@@ -114,13 +105,13 @@ def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescrip
     return convert(at_rate(motion, contract.policy_dt, resample=options.resample), contract, skeleton), lines, name
 
 
-def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> SourceMotion:
+def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> sources.SourceMotion:
     if path.suffix == ".csv":
-        return read_csv(path, joints, options.fps)
+        return sources.read_csv(path, joints, options.fps)
     if options.fps is not None:
         raise InputError(f"--fps: is given, but {path} has times of its own")
     if path.suffix == ".npz":
-        return read_npz(path)
+        return sources.read_npz(path)
     if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
-        return read_joint_states(path, options.topic, joints)
-    return read_dataset(dataset_folder(str(path)), options.episode, options.features, joints)
+        return sources.read_joint_states(path, options.topic, joints)
+    return sources.read_dataset(sources.dataset_folder(str(path)), options.episode, options.features, joints)

@@ -42,7 +42,6 @@ class SourceMotion:
     """
 
     source: str
-    """Name for messages."""
     times: FloatArray
     """Shape (F,), s."""
     joints: FloatArray | None = None
@@ -56,7 +55,6 @@ class SourceMotion:
     """Poses in `frame`, shape (F, B, 7)."""
     body_names: tuple[str, ...] | None = None
     frame: Literal["world", "base"] = "world"
-    """Frame of `bodies`: the world, or that of the robot's base body."""
     quaternion_order: QuaternionOrder | None = None
 
     def __post_init__(self) -> None:

@@ -71,10 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def checked(config: RegressConfig) -> RegressConfig:
-    """Return the options with the paths of shipped policies in place of their names.
-
-    Raises `InputError`, naming the option, if there is no such policy or an output could not be written at the end.
-    """
+    """Return the options with the paths of shipped policies in place of their names."""
     if not config.policies:
         raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
     for name, suffix in (("write_baseline", ".json"), ("json", ".json"), ("junit", ".xml"), ("report", ".html")):

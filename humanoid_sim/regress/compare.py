@@ -81,7 +81,6 @@ def _compare(suite: Suite, metric: Metric, baseline: PolicyRun, run: PolicyRun) 
 
 
 def _verdict(metric: Metric, change: Interval, tolerance: float) -> Verdict:
-    """Judge by where the interval of the worsening lies."""
     low, high = (change.low, change.high) if metric.better == "lower" else (-change.high, -change.low)
     if max(-low, high) < _ROUNDING:
         return "no difference seen"

@@ -112,8 +112,6 @@ class EpisodeBatch:
             lost = alive & task.failed(sample)
             failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
             alive = alive & ~lost
-            if not alive.any():
-                break
         found = _figures(case, self._feet, measured) if alive.any() else [{}] * count
         return [self._episode(i, int(steps[i]), *failures.get(i, ("", "")), found[i]) for i in range(count)]
 

@@ -15,11 +15,9 @@ class Metric(NamedTuple):
 
     name: str
     unit: str
-    """Such as `m`; `share` for a share, between 0 and 1."""
     summary: Literal["rms", "mean", "episode"]
     """Summary of the policy steps: root mean square, mean, or none, for a figure of the episode as a whole."""
     task: TaskName | None = None
-    """Task that has it; None: all."""
     better: Literal["lower", "higher"] = "lower"
 
 

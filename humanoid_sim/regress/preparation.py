@@ -37,7 +37,6 @@ class PreparedSuite:
 
     suite: Suite
     description: RobotDescription
-    """Robot as it is without a policy."""
     motions: Mapping[str, Motion | Song | None]
     """Motion by case, or what the robot can play of its song; None where the case names none."""
     digests: Mapping[str, str]
@@ -52,7 +51,6 @@ class PreparedCase:
     case: Case
     scenario: Scenario
     steps: int
-    """Policy steps of a whole episode."""
     target: npt.NDArray[np.floating] | None
     """By frame: shape (F, n), rad, robot's order, where the motion has the joints; of a song (F, 88), 1 for keys that
     should be down; None without."""
@@ -71,10 +69,7 @@ class TestedPolicy:
 
 
 def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
-    """Read what a suite names, with paths relative to a folder; a robot may be given in place of the suite's.
-
-    Raises `InputError` if no robot is named, the robot is not one for the suite, or a motion cannot be read.
-    """
+    """Read what a suite names, with paths relative to a folder; a robot may be given in place of the suite's."""
     name = robot or suite.robot
     if not name:
         raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
@@ -120,7 +115,6 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
 
 
 def _mjcf(path: Path) -> Iterator[bytes]:
-    """Yield the text of an MJCF and of what it includes; meshes do not take part."""
     if path.is_file():
         text = path.read_bytes()
         yield text
@@ -131,10 +125,7 @@ def _mjcf(path: Path) -> Iterator[bytes]:
 def prepare_policy(
     prepared: PreparedSuite, path: Path, contract_file: Path | None = None, name: str = ""
 ) -> TestedPolicy:
-    """Load a checkpoint and bring it together with every case of a suite; its name is by default the file's.
-
-    Raises `InputError`: one line that names the file and what is wrong, or does not fit.
-    """
+    """Load a checkpoint and bring it together with every case of a suite; its name is by default the file's."""
     suite = prepared.suite
     checkpoint = load_checkpoint(path, contract_file, prepared.description.joint_names)
     task_type = checkpoint.contract.task_type
@@ -167,8 +158,7 @@ def _prepare_case(prepared: PreparedSuite, case: Case, checkpoint: Checkpoint) -
     steps = scenario.wiring.reference.frame_count - 1
     if case.duration is not None:
         steps = round(case.duration / scenario.contract.policy_dt)
-    steps = max(steps, 1)
-    target = None
+    steps, target = max(steps, 1), None
     if motion is not None:
         target = motion.frames if suite.task == "piano" else _reference_joints(scenario, steps + 1)
     return PreparedCase(suite, case, scenario, steps, target)

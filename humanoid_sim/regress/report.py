@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from html import escape
+from statistics import fmean
 from typing import get_args
 from xml.etree import ElementTree
 
@@ -40,16 +41,11 @@ def verdict_lines(results: Results, candidate: Candidate) -> Iterator[str]:
 
 
 def _figures(results: Results, run: PolicyRun) -> Iterator[tuple[str, str]]:
-    """Yield each metric with its mean, least and greatest, of the episodes that have it."""
     for metric in results.suite.metrics:
         values = [value for of_case in run.values(metric.name).values() for value in of_case.values()]
         if values:
-            least, mean, greatest = (quantity(f(values), metric.unit) for f in (min, _mean, max))
+            least, mean, greatest = (quantity(f(values), metric.unit) for f in (min, fmean, max))
             yield metric.name, f"{mean} ({least} to {greatest})"
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
 
 
 def _failures(run: PolicyRun) -> list[str]:

@@ -27,11 +27,9 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True):
     case: str
     seed: int
     steps: int
-    """Policy steps until the end, or until the failure."""
     duration: float
     """s of simulated time that the episode lasted."""
     failure: str = ""
-    """Reason why the episode failed, in one line; empty if it did not."""
     kind: Literal["", "fault", "lost"] = ""
     """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
     simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
@@ -49,17 +47,11 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
 
     format: Literal["humanoid_sim.regress/1"] = "humanoid_sim.regress/1"
     name: str
-    """Name of the policy: unique within a run."""
     source: str
-    """The file that it came from."""
     sha256: str
-    """Digest of that file."""
     suite: str
-    """The suite's name."""
     case_digests: Mapping[str, str]
-    """By case the SHA-256 of all that its episodes depend on beside policy and seed: only equals are compared."""
     episodes: tuple[Episode, ...]
-    """Case by case in the suite's order, within a case seed by seed."""
     definitions: Mapping[str, str] = {}
     """Meanings of its figures, as `humanoid_sim.evaluation.failure` had it: only equals are compared."""
     versions: Mapping[str, str] = {}
@@ -91,7 +83,6 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     candidate: float | None = None
     change: float | None = None
     low: float | None = None
-    """Lower end of the confidence interval of the change."""
     high: float | None = None
     tolerance: float | None = None
     """The worsening that the suite lets pass, a positive number."""
@@ -128,7 +119,6 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     run: PolicyRun
     comparisons: tuple[Comparison, ...] = ()
-    """Empty without a baseline."""
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -145,7 +135,6 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Everything that one call of `regress` found."""
 
     suite: Suite
-    """As it was run."""
     robot: str
     baseline: PolicyRun | None
     candidates: tuple[Candidate, ...]

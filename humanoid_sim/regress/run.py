@@ -45,10 +45,7 @@ def regress(config: RegressConfig) -> int:
 
 
 def tested(config: RegressConfig) -> Results:
-    """Run policies over a suite, and write the files that were requested.
-
-    Raises `InputError` if what was given cannot be used.
-    """
+    """Run policies over a suite, and write the files that were requested."""
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
@@ -81,7 +78,6 @@ def tested(config: RegressConfig) -> Results:
 
 
 def _run_all(policies: Sequence[TestedPolicy], config: RegressConfig) -> list[PolicyRun]:
-    """Run every episode of each policy."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
     versions = {"humanoid_sim": __version__, **packages, "platform": platform.platform()}
     console, runs = Console(stderr=True, emoji=False), []

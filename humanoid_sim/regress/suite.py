@@ -60,9 +60,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Worsening against the baseline that a metric may have: the larger of the two."""
 
     relative: float = 0.0
-    """Share of the baseline."""
     absolute: float = 0.0
-    """Worsening in the metric's unit."""
 
 
 class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -75,7 +73,6 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
     cases: tuple[Case, ...]
     seeds: Annotated[int, msgspec.Meta(ge=1)]
-    """Number of seeds of each case."""
     first_seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
@@ -139,7 +136,6 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
 
 
 def _problems(suite: Suite) -> Iterator[str]:
-    """Yield what types cannot say, each as `place: what is wrong`."""
     names = [case.name for case in suite.cases]
     if not names or len(set(names)) < len(names):
         yield f"cases: are named {', '.join(names) or 'nothing'}, expected one or more, each with a name of its own"

@@ -106,7 +106,6 @@ def survey(machine_type: type[StackMachine]) -> None:
 
 
 def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
-    """Yield every level and flag from every one of up to three sources; the others are well."""
     for count in range(1, len(_SOURCES) + 1):
         for i, level, flag in product(range(count), SafetyLevel, SafetyFlag):
             statuses = [SafetyStatus(SafetyLevel.OK, SafetyFlag.NONE, source, "") for source in _SOURCES[:count]]

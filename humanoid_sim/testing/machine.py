@@ -89,7 +89,6 @@ class StackMachine(RuleBasedStateMachine):
         return output
 
     def _follow(self, command: MITCommand) -> FloatArray:
-        """Return where joints go, within their limits; one without stiffness stays."""
         position, guards = command.position, self.stack.guards
         if guards is not None:
             position = np.clip(position, guards.lower, guards.upper)
