@@ -41,8 +41,6 @@ class RegressConfig:
     """A contract.yaml for all the checkpoints. Default: the one beside each."""
     seeds: int | None = None
     """Seeds per case. Default: the suite's."""
-    first_seed: int | None = None
-    """The first of them. Default: the suite's."""
     only: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None
     """Run only the cases whose name contains this text."""
     write_baseline: Path | None = None

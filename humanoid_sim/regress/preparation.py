@@ -26,7 +26,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot, shippe
 from humanoid_sim.simulation.kinematics import InverseKinematics
 
 _TASKS = {"tracking": "tracking", "locomotion": "velocity", "piano": "piano"}  # of suites, by a policy's task_type
-_NOT_IN_DIGEST = ("name", "summary", "robot", "cases", "seeds", "first_seed", "tolerances")
+_NOT_IN_DIGEST = ("name", "summary", "robot", "cases", "seeds", "tolerances")
 _IK_DAMPING = 1e-3  # m/rad: the poses of a motion can be reached, and the joints are to be exact
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 

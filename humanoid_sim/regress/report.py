@@ -55,7 +55,7 @@ def _failures(run: PolicyRun) -> list[str]:
 def report_page(results: Results) -> str:
     """Return a self-contained HTML page; the same results give the same page, to the byte."""
     suite, title = results.suite, f"Regression: {results.suite.name}"
-    cases = f"{len(suite.cases)} cases × {suite.seeds} seeds from {suite.first_seed}, on {results.robot}"
+    cases = f"{len(suite.cases)} cases × {suite.seeds} seeds, on {results.robot}"
     verdict = "PASSED" if results.passed else "FAILED"
     runs = [*([] if results.baseline is None else [results.baseline]), *(c.run for c in results.candidates)]
     lines = [

@@ -114,7 +114,7 @@ def _executor(config: RegressConfig) -> Iterator[Executor]:
     """
     address = config.ray
     if address is None:
-        yield lambda policy: (run_episodes(c, c.suite.seed_numbers, threads=config.threads) for c in policy.cases)
+        yield lambda policy: (run_episodes(c, range(c.suite.seeds), threads=config.threads) for c in policy.cases)
         return
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdecimal():  # Ray itself would try for minutes
@@ -136,7 +136,7 @@ def _run_on_ray(ray: Any, policy: TestedPolicy) -> Iterator[list[Episode]]:
     suite, task = policy.prepared.suite, ray.remote(num_cpus=1)(run_seeds)
     file, contract = Path(policy.checkpoint.source).resolve(), policy.checkpoint.contract_file
     parcel = ray.put((policy.prepared, file, contract and contract.resolve()))
-    seeds = [suite.seed_numbers[at : at + _CHUNK] for at in range(0, suite.seeds, _CHUNK)]
+    seeds = [range(suite.seeds)[at : at + _CHUNK] for at in range(0, suite.seeds, _CHUNK)]
     for running in [task.remote(parcel, i, chunk) for i in range(len(suite.cases)) for chunk in seeds]:
         yield ray.get(running)
 
@@ -178,8 +178,8 @@ def stored_baseline(prepared: PreparedSuite, path: Path) -> PolicyRun:
                 f"{path}: its case '{name}' was run under other conditions: suite, motion or robot have changed since; "
                 + _AGAIN
             )
-        if not of_case.keys() >= set(prepared.suite.seed_numbers):
-            raise InputError(f"{path}: has the seeds {min(of_case)} to {max(of_case)}; see --seeds and --first-seed")
+        if not of_case.keys() >= set(range(prepared.suite.seeds)):
+            raise InputError(f"{path}: has the seeds {min(of_case)} to {max(of_case)}; see --seeds")
     lacking = [metric.name for metric in prepared.suite.metrics if metric.name not in episodes[0].metrics]
     if lacking:
         raise InputError(f"{path}: was made before {', '.join(lacking)} could be measured; {_AGAIN}")

@@ -73,7 +73,6 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
     cases: tuple[Case, ...]
     seeds: Annotated[int, msgspec.Meta(ge=1)]
-    first_seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     start: Start = Start()
@@ -84,11 +83,6 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
     implicit: bool = False
     """Integrate the motors' damping implicitly, in longer steps: faster, not exact."""
-
-    @property
-    def seed_numbers(self) -> tuple[int, ...]:
-        """The seeds that every case is run with."""
-        return tuple(range(self.first_seed, self.first_seed + self.seeds))
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -126,13 +120,9 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     if not cases:
         raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {names}")
     seeds = suite.seeds if config.seeds is None else config.seeds
-    first = suite.first_seed if config.first_seed is None else config.first_seed
-    chosen = msgspec.structs.replace(suite, cases=cases, seeds=seeds, first_seed=first)
-    if first < 0:
-        raise InputError(f"--first-seed: is {first}, expected at least 0")
     if seeds < (1 if config.baseline is None else FEWEST_SEEDS):
         raise InputError(f"--seeds: is {seeds}, expected at least 1, and {FEWEST_SEEDS} with a --baseline")
-    return chosen
+    return msgspec.structs.replace(suite, cases=cases, seeds=seeds)
 
 
 def _problems(suite: Suite) -> Iterator[str]:

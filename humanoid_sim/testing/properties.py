@@ -25,10 +25,7 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, RemoteCommand, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
 
-MODE_NUMBER: Mapping[str, int] = {
-    **{ZERO_TORQUE: 0, DAMPING: 1, STANDBY_A: 2, STANDBY_B: 2, RL_POLICY: 3, REMOTE_POLICY: 4}
-}
-"""Mode of each controller, as on the wire."""
+MODE_NUMBER = {ZERO_TORQUE: 0, DAMPING: 1, STANDBY_A: 2, STANDBY_B: 2, RL_POLICY: 3, REMOTE_POLICY: 4}  # on the wire
 SAFE = (ZERO_TORQUE, DAMPING)
 EDGES: Mapping[Intent, tuple[tuple[str, ...], str]] = {
     Intent.DAMP: ((ZERO_TORQUE,), DAMPING),

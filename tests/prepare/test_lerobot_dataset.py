@@ -58,11 +58,7 @@ def write(root, *episodes, fps=50, version="v3.0"):
         (JOINTS | IN_WORLD, [], "forward kinematics"),
         (IN_BASE, [], "inverse kinematics"),
         (JOINTS, [], "note: without body poses"),
-        (
-            JOINTS | {"measured": Q},
-            ["--joint-order", "robot", "--features", "joint_pos=measured"],
-            "note",
-        ),
+        (JOINTS | {"measured": Q}, ["--joint-order", "robot", "--features", "joint_pos=measured"], "note"),
     ],
 )
 def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, options, method):

@@ -32,17 +32,8 @@ def parts(motion):
 
 
 def prepare(path, *options):
-    given = [
-        "--policy",
-        str(POLICY),
-        "--robot",
-        str(ROBOT),
-        "--motion",
-        str(path),
-        "--output",
-        str(path.parent / "out"),
-    ]
-    return run_program(main, [*given, *options])
+    given = ["--policy", str(POLICY), "--robot", str(ROBOT), "--motion", str(path)]
+    return run_program(main, [*given, "--output", str(path.parent / "out"), *options])
 
 
 def test_the_saved_motion_is_the_graph_s_with_steady_quaternions(tmp_path, waltz):

@@ -23,10 +23,7 @@ GUIDE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text(encoding="
         (testing.any_states(14, 3.0), lambda s: np.isinf(s.joint_velocity).sum() == 1),
         (testing.any_states(14, 3.0), lambda s: "anchor_pose" in s.extern),
         (testing.clock_jumps(), lambda t: t < -1e5),
-        (
-            testing.any_tick_inputs(14, 3.0),
-            lambda t: t.safety and t.intents and t.remote is not None,
-        ),
+        (testing.any_tick_inputs(14, 3.0), lambda t: t.safety and t.intents and t.remote is not None),
     ],
 )
 def test_what_must_be_drawn_sometimes(strategy, wanted):
