@@ -111,7 +111,8 @@ class DampingStability:
         longest = self._timestep * REFUSED_ABOVE / value
         remedy = "no physics step makes it stable"
         if longest > _SHORTEST_STEP:
-            remedy = f"use less than {longest:.2g} s, such as {_round_step_below(longest):g} s"
+            where = "as timestep of the MJCF or simulation.physics_timestep of the robot's file"
+            remedy = f"use less than {longest:.2g} s, such as {_round_step_below(longest):g} s, {where}"
         raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, {remedy}")
 
     def check_description(self) -> tuple[str, ...]:
