@@ -37,10 +37,7 @@ def doctor(config: DoctorConfig) -> int:
 
 
 def examine(config: DoctorConfig, console: Console) -> dict[str, Any]:
-    """Search, with progress on a console, and return the document of the result.
-
-    Raises `InputError` if checkpoint, robot, motion or trace is refused.
-    """
+    """Search, with progress on a console, and return the document of the result."""
     robot = load_robot(config.robot)
     subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
     with Progress(console=console, transient=True) as bar:

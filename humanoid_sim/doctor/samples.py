@@ -144,10 +144,7 @@ class Samples:
         return float(np.median(moved[fast] / mean[fast])) if mean.any() else 0.0
 
     def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
-        """Return how far predicted joint velocities are from the trace's, over how far those changed; inf if unknown.
-
-        Single policy steps are simulated, each from the trace's state and with its action.
-        """
+        """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown."""
         description, trace = self._subject.description, self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
         if "qpos" not in self._file:

@@ -102,10 +102,7 @@ def _predicted(samples: Samples, edits: Sequence[Edit], simulations: Simulations
 
 
 def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
-    """Try every edit in one simulated episode, without support, that walks and turns, or follows the motion.
-
-    `progress` is called with how many episodes are done, and of how many.
-    """
+    """Try every edit in one simulated episode, without support; `progress` gets the episodes done, and of how many."""
     contract, walks = subject.contract, subject.contract.task_type == "locomotion"
     commands = [_within(command, contract) for command in (_COMMANDS if walks else _COMMANDS[:1])]
     whole = _PHASE * len(commands) if walks else subject.motion_seconds
@@ -131,9 +128,7 @@ def search_episodes(subject: Subject, progress: Callable[[int, int], None] | Non
 def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
     """Rank the edits by their errors, and decide whether the first one is a finding.
 
-    Args:
-        now: of the contract as it is, in the episode of the edits.
-        long: of the contract as it is, with every command.
+    `now` and `long` are of the contract as it is, in the episode of the edits and with every command.
     """
 
     def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:

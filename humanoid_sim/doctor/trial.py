@@ -100,13 +100,9 @@ class Subject:
 def load_subject(
     path: Path, description: RobotDescription, contract_file: Path | None = None, motion: str | None = None
 ) -> Subject:
-    """Return a checkpoint on a robot, however wrong its contract.
+    """Return a checkpoint on a robot, however wrong its contract; by default with the motion that it carries.
 
     Raises `InputError` if it cannot run at all: unreadable, widths that do not fit, no motion, a live input.
-
-    Args:
-        contract_file: a contract.yaml; None: the one beside the model, if there is one.
-        motion: name or file; None: the motion that the model carries.
     """
     checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     contract = checkpoint.contract
@@ -170,12 +166,7 @@ class Simulations:
         return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
 
     def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
-        """Run a contract once; one that cannot run is lost at 0 s. The same contract gives the same outcome.
-
-        Args:
-            seconds: length of the episode.
-            commands: velocity commands, for equal shares of the time.
-        """
+        """Run a contract once, each command for an equal share of the time; one that cannot run is lost at 0 s."""
         try:
             loaded = self._subject.load(contract)
             bodies = contract.body_names if "motion_body_pos_b" in loaded.reference.terms else ()

@@ -22,9 +22,7 @@ _MOST_POSES = 120  # frames for which joint positions are sought
 def check(motion: SourceMotion, skeleton: Skeleton, tolerance: float) -> list[str]:
     """Return what a user should know about a motion that fits; raises `InputError` for one that does not.
 
-    Args:
-        motion: with joints in the robot's order, and bodies in the base frame.
-        tolerance: m, largest distance of a body from where kinematics puts it.
+    Its joints are in the robot's order, its bodies in the base frame; `tolerance` is m, of a body's place.
     """
     lines: list[str] = []
     if motion.bodies is not None:

@@ -225,11 +225,7 @@ def dataset_folder(name: str) -> Path:
 
 
 def read_dataset(folder: Path, episode: int | None, options: Sequence[str], joints: tuple[str, ...]) -> SourceMotion:
-    """Read one episode of a dataset; LeRobot itself is not needed.
-
-    Args:
-        options: ROLE=FEATURE for the features that their names do not tell.
-    """
+    """Read one episode of a dataset; `options` are ROLE=FEATURE where names do not tell. LeRobot is not needed."""
     with needing("pyarrow", "lerobot", "reading a LeRobot dataset"):
         from pyarrow import compute, parquet  # noqa: PLC0415 - optional
     with blaming(f"{folder}: cannot be read as a LeRobot dataset", (OSError, ValueError, KeyError, TypeError)):

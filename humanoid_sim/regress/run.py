@@ -155,11 +155,7 @@ def json_of(value: msgspec.Struct) -> bytes:
 
 
 def stored_baseline(prepared: PreparedSuite, path: Path) -> PolicyRun:
-    """Return the part of a file of `--write-baseline` that the suite's cases are compared with.
-
-    Raises `InputError` if it is no such file, lacks a case, a seed or a metric of the suite, or was run under other
-    conditions or definitions.
-    """
+    """Return the part of a file of `--write-baseline` that the suite's cases are compared with."""
     data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)").read_bytes()
     try:
         baseline = msgspec.json.decode(data, type=PolicyRun)

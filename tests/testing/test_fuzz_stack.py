@@ -38,10 +38,8 @@ class Counted:
 class Stack:
     """A sound stack whose defect is in `after` or `before` a tick. Its children have one each."""
 
-    make = staticmethod(SOUND)
-
     def __init__(self, policy):
-        self.sound = self.make(policy)
+        self.sound = SOUND(policy)
         self.joints, self.controllers, self.guards = self.sound.joints, self.sound.controllers, self.sound.guards
         self.policies, self.calls = self.sound.policies, 0
 
@@ -98,15 +96,6 @@ class IgnoresTheSecondSource(Stack):
 class IgnoresDampWithQuit(Stack):
     def before(self, memory, given):
         return replace(given, intents=()) if {Intent.DAMP, Intent.QUIT} <= set(given.intents) else given
-
-
-class NegativeGainInRemote(Stack):
-    make = staticmethod(lambda policy: rig.two_policies(policy, policy))
-
-    def after(self, memory, given, output):
-        if output.control_mode.mode is Mode.REMOTE and output.command.damping.max() > 50.0:
-            output = changed(output, damping=-output.command.damping)
-        return memory, output
 
 
 class RemembersOutsideItsMemory(Stack):
@@ -176,7 +165,6 @@ def strong_commands_to_blocked_joints(kind):
         (DependsOnTheInstance, survey, "the same inputs gave"),
         (RemembersOutsideItsMemory, survey, "captured at activation"),
         (SleepingGuards, strong_commands_to_blocked_joints, "although a guard has tripped"),
-        (NegativeGainInRemote, strong_commands_to_blocked_joints, "expected no negative gain"),
     ],
 )
 def test_a_planted_defect_is_found(build, attack, message):
