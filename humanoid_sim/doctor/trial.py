@@ -36,7 +36,7 @@ Command = tuple[float, float, float]
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
 _TIMESTEP = 0.005  # s, of physics in episodes, at most: damping is integrated implicitly, so any gains are stable
-PREDICTION_TIMESTEP = 0.001  # s, where single steps are compared with the trainer's: light joints need it
+PREDICTION_TIMESTEPS = (_TIMESTEP, 0.001)  # s, where single steps are compared with a trainer's, of any step of its own
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean

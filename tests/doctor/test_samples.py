@@ -14,7 +14,7 @@ from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.report import examine
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import search_trace
-from humanoid_sim.doctor.trial import PREDICTION_TIMESTEP, Simulations, load_subject
+from humanoid_sim.doctor.trial import Simulations, load_subject
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import EXTERN_WIDTHS
@@ -32,7 +32,7 @@ def walker():
 def walk(walker):
     """Return the arrays of a trace."""
     loaded = walker.load(walker.contract)
-    robot = Simulations(walker).robots(walker.contract, 1, timestep=PREDICTION_TIMESTEP)
+    robot = Simulations(walker).robots(walker.contract, 1)
     wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
     robot.reset()
     velocity = np.array([[0.3, 0.1, 0.2]])
