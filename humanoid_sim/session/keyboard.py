@@ -129,7 +129,7 @@ class Keyboard(IntentSource):
         if not select.select([self._fd], [], [], 0.0)[0]:
             return ()
         try:
-            text = os.read(self._fd, 64).decode(errors="replace")
+            text = os.read(self._fd, 4096).decode(errors="replace")  # all that a terminal holds: no DAMP stays behind
         except OSError:  # a terminal that has hung up, or is another program's by now
             text = ""
         if not text and not self._is_in_foreground():
