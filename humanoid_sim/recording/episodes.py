@@ -63,7 +63,9 @@ def _sample(recording: Recording, stretch: list[TickRecord], fps: float | None) 
     rate = natural if fps is None else fps
     step = max(1, round(control / rate))
     if not math.isclose(control / rate, step, rel_tol=1e-6):
-        raise InputError(f"{recording.path}: its {control:g} ticks per second cannot be sampled {rate:g} times: --fps")
+        possible = ", ".join(f"{control / k:g}" for k in range(1, 9) if math.isclose(control / k, round(control / k)))
+        problem = f"its {control:g} ticks per second cannot be sampled {rate:g} times"
+        raise InputError(f"{recording.path}: {problem}; --fps: {possible}")
     chosen = stretch[::step]
     if len(chosen) < 2:
         return

@@ -180,7 +180,7 @@ def test_three_episodes_with_videos(recorded):
         shape = dataset.features[f"observation.images.{camera}"]["shape"]
         assert tuple(shape) == (HEIGHT, WIDTH, 3)
         before, after = (item[f"observation.images.{camera}"].numpy() for item in (first, last))
-        assert before.std() > 0.05
+        assert before.std() > 0.02  # there is something to see
         assert camera == "ego" or np.abs(after - before).max() > 0.2  # the arms have moved
 
 
