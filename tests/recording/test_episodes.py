@@ -54,7 +54,7 @@ def test_another_rate(record):
     every, fifth = episodes(recording, fps=50.0)[0], episodes(recording, fps=10.0)[0]
     assert len(every) == len(in_mode(ticks, Mode.LOCOMOTION))
     assert [tick.index for tick in fifth.ticks] == [tick.index for tick in every.ticks[::5]]
-    with pytest.raises(InputError, match=r"its 50 ticks per second cannot be sampled 20 times: --fps"):
+    with pytest.raises(InputError, match=r"its 50 ticks per second cannot be sampled 20 times; --fps: 50, 25, 10"):
         episodes(recording, fps=20.0)
 
 
