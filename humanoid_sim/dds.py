@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         telemetry = Telemetry(attachment, participant, is_local=is_local, taken=frozenset(reader.topics))
         ready(f"domain {participant.domain} on {participant.interface}, for {attachment}")
         if not is_local:
-            ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
+            ready(f"warning: anybody on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):
             ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
         while attachment.is_running():

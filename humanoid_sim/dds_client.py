@@ -114,10 +114,10 @@ class RobotClient:
             if left <= 0.0:
                 return None
             self._states.reader.wait(left)
-        told = taken[-1]
-        self.joint_names = tuple(told["name"])
-        position, velocity, effort = (frozen_array("JointStates", name, told[name]) for name in JOINT_ARRAYS)
-        return JointStates(self.joint_names, position, velocity, effort, stamp_ns(told))
+        message = taken[-1]
+        self.joint_names = tuple(message["name"])
+        position, velocity, effort = (frozen_array("JointStates", name, message[name]) for name in JOINT_ARRAYS)
+        return JointStates(self.joint_names, position, velocity, effort, stamp_ns(message))
 
     def command(self, command: MITCommand) -> bool:
         """Send a command for REMOTE, one value per joint in each field; whether it left.
@@ -140,45 +140,45 @@ class RobotClient:
     def control_mode(self) -> ControlMode | None:
         """Return the mode, who is in control, and the latest word to the operator.
 
-        None while nothing was heard, and while the robot is in a mode that is not known here: `problems` says so.
+        None before the first message, and while the robot is in a mode that is not known here: `problems` says so.
         """
-        told = self._topics[ros.CONTROL_MODE_TOPIC].look()
-        if told is None:
+        message = self._topics[ros.CONTROL_MODE_TOPIC].look()
+        if message is None:
             return None
-        if told["mode"] not in list(Mode):
+        if message["mode"] not in list(Mode):
             self._topics[ros.CONTROL_MODE_TOPIC].refuse(
-                f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}"
+                f"mode {message['mode']} is not known here, expected 0 to {max(Mode)}"
             )
             return None
-        return ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
+        return ControlMode(Mode(message["mode"]), message["controller_name"], message["status_message"])
 
     def imu(self) -> Imu | None:
-        """Return the newest IMU sample; None while nothing was heard."""
-        told = self._topics[ros.IMU_TOPIC].look()
-        return None if told is None else Imu.of(told)
+        """Return the newest IMU sample; None before the first message."""
+        message = self._topics[ros.IMU_TOPIC].look()
+        return None if message is None else Imu.of(message)
 
     def standby(self) -> StandbyState | None:
-        """Return how far the latest standby pose has come; None while nothing was heard."""
-        told = self._topics[ros.STANDBY_TOPIC].look()
+        """Return how far the latest standby pose has come; None before the first message."""
+        message = self._topics[ros.STANDBY_TOPIC].look()
         fields = ("current_segment", "total_segments", "progress", "is_finished")
-        return None if told is None else StandbyState(*(told[name] for name in fields))
+        return None if message is None else StandbyState(*(message[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level that is not known here is CRITICAL."""
         topic = self._topics[ros.SAFETY_TOPIC]
-        for told in topic.take():
-            level = min(told["level"], SafetyLevel.CRITICAL)
-            if level != told["level"]:
-                topic.refuse(f"level {told['level']} is not known here, expected 0 to {SafetyLevel.CRITICAL:d}")
-            self._safety[told["source"]] = SafetyStatus(
-                SafetyLevel(level), SafetyFlag(told["flags"]), told["source"], told["message"]
+        for message in topic.take():
+            level = min(message["level"], SafetyLevel.CRITICAL)
+            if level != message["level"]:
+                topic.refuse(f"level {message['level']} is not known here, expected 0 to {SafetyLevel.CRITICAL:d}")
+            self._safety[message["source"]] = SafetyStatus(
+                SafetyLevel(level), SafetyFlag(message["flags"]), message["source"], message["message"]
             )
         return dict(self._safety)
 
     def description(self) -> str | None:
-        """Return the robot as URDF; None while nothing was heard."""
-        told = self._topics[ros.DESCRIPTION_TOPIC].look()
-        return None if told is None else str(told["data"])
+        """Return the robot as URDF; None before the first message."""
+        message = self._topics[ros.DESCRIPTION_TOPIC].look()
+        return None if message is None else str(message["data"])
 
     def ask(self, word: str, timeout: float = 2.0) -> Answer:
         """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...

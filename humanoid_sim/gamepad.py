@@ -46,7 +46,7 @@ class GamepadConfig:
 
 
 class Driver:
-    """From what the gamepads show to what a session is asked for; `step` once a period."""
+    """From what the gamepads show to what is requested of a session; `step` once a period."""
 
     def __init__(self, intake: Intake, config: GamepadConfig, *, speeds: FloatArray | None, is_hardware: bool) -> None:
         """Choose no gamepad yet.
@@ -67,14 +67,14 @@ class Driver:
         """Act on one poll of the gamepads; lines for the operator. Raises `SessionError` if the session has ended."""
         self._polled, self._now = self._now, monotonic_ns()  # what this poll has found came after the one before
         lines = [*self._answer(), *self._choose(pads)]
-        asked: list[Intent] = []
+        requested: list[Intent] = []
         for pad in pads:
             for before, buttons in pad.changes:
                 intents = pressed_intents(self._config.joy, buttons, before)
-                asked += [intent for intent in intents if pad is self._pad or intent is Intent.DAMP]
-        if Intent.DAMP in asked or self._is_damp_lost():
-            asked = [Intent.DAMP]
-        for intent in asked:
+                requested += [intent for intent in intents if pad is self._pad or intent is Intent.DAMP]
+        if Intent.DAMP in requested or self._is_damp_lost():
+            requested = [Intent.DAMP]
+        for intent in requested:
             self._ask(intent)
         if self._pad is not None:
             if self._polls % _HEARTBEAT_EVERY == 0:

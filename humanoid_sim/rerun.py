@@ -85,16 +85,16 @@ def _show(source: Source, *, is_page: bool) -> None:
         log = RerunLog(library, stream, source.header.joint_names, body, names, _PERIOD)
         ready(f"{serves}, for {source}")
         # What waits for the viewer is kept short: the library's queue would grow without end.
-        keeps_up, told = True, 0.0
+        keeps_up, reported = True, 0.0
         while viewer.poll() is None and source.is_running():
             for tick in source.ticks(_PERIOD):
                 if keeps_up:
                     log.tick(tick.record)
-            if time.monotonic() - told > _STATUS_PERIOD:
+            if time.monotonic() - reported > _STATUS_PERIOD:
                 text = status_text(source.latest_record, source.lateness(), time.strftime("%H:%M:%S"))
                 if keeps_up:
                     stream.log("status", library.TextDocument(text, media_type=library.MediaType.MARKDOWN), static=True)
-                keeps_up, told = _has_taken(stream), time.monotonic()
+                keeps_up, reported = _has_taken(stream), time.monotonic()
         if viewer.poll():
             raise InputError(f"rerun: its viewer ended with status {viewer.poll()}")
         stream.disconnect()

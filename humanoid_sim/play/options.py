@@ -76,7 +76,7 @@ class PlayConfig:
     """On a real bus: do without a gamepad."""
     dds: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[INTERFACE]")] = None
     """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there.
-    INTERFACE, such as eth1, starts a second one for another computer: whoever is on that network can command REMOTE."""
+    INTERFACE, such as eth1, starts a second one for another computer: anybody on that network can command REMOTE."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
     PORT is part of its port's name, or the path of a raw MIDI device such as /dev/snd/midiC1D0."""

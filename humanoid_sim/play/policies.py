@@ -30,7 +30,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot, with_c
 
 @dataclass(frozen=True, slots=True)
 class PolicyChoice:
-    """The policy of a run, and what the user must be told about it."""
+    """The policy of a run, and what the user must know about it."""
 
     loaded: LoadedPolicy | None = None
     """None in a run without a policy."""
@@ -234,5 +234,5 @@ def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[M
     """Return a song as `_chosen_motion` returns a motion."""
     song, dropped = named_song(name, description)
     why = "left out of the song, beyond reach or more notes at a time than fingers"
-    told = (f"{why}: {left_out(dropped)}",) if dropped else ()
-    return song_motion(song, policy_dt, description), song_path(name), told
+    notes = (f"{why}: {left_out(dropped)}",) if dropped else ()
+    return song_motion(song, policy_dt, description), song_path(name), notes

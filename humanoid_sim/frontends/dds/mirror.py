@@ -103,10 +103,10 @@ class Mirror(Source):
         self._states.reader.wait(timeout)
         for topic in (self._mode, self._imu, self._frames):
             topic.look()
-        told = self._states.look()
-        if told is self._newest or told is None:
+        states = self._states.look()
+        if states is self._newest or states is None:
             return []
-        self._newest = told
+        self._newest = states
         record = self._record()
         if record is None:
             return []
@@ -116,13 +116,13 @@ class Mirror(Source):
 
     def _record(self) -> TickRecord | None:
         """Return the robot as it is; None for joint states that are not this robot's."""
-        told, mode = self._newest, self._mode.latest
+        states, mode = self._newest, self._mode.latest
         assert mode is not None
-        places = {name: place for place, name in enumerate(told["name"])}
-        if set(places) != set(self._names) or any(len(told[name]) != len(places) for name in JOINT_ARRAYS):
+        places = {name: place for place, name in enumerate(states["name"])}
+        if set(places) != set(self._names) or any(len(states[name]) != len(places) for name in JOINT_ARRAYS):
             return None
         order = [places[name] for name in self._names]
-        position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in JOINT_ARRAYS)
+        position, velocity, effort = (np.asarray(states[name], np.float64)[order] for name in JOINT_ARRAYS)
         unknown = np.full(len(order), np.nan)  # commands are not on the network
         words = [mode["status_message"]]
         if mode["mode"] in list(Mode):
@@ -134,7 +134,9 @@ class Mirror(Source):
         if self._imu.latest is not None:
             sample = Imu.of(self._imu.latest)
             imu = (sample.quaternion, sample.angular_velocity, sample.linear_acceleration)
-        state = MITState(1e-9 * (stamp_ns(told) - self._start), position, velocity, effort, np.zeros(len(order)), *imu)
+        state = MITState(
+            1e-9 * (stamp_ns(states) - self._start), position, velocity, effort, np.zeros(len(order)), *imu
+        )
         command = MITCommand(unknown, unknown, unknown, unknown, unknown)
         tick_input, output = TickInput(state, (_SAFETY,)), TickOutput(command, shown)
         return TickRecord(self._count, tick_input, output, 0.0, False, self._qpos(position))
