@@ -165,7 +165,7 @@ def evaluate(
     `homing_offset = ½ · ((lowest - lower) + (highest - upper)) · direction`, after the sweep was moved by whole turns
     to where its middle is nearest to that of the limits: a motor does not know its turn since it was switched on.
     `tolerance`: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
-    `any_offset`: the motors' zeros were never set, and a sweep outside the limits is no flipped direction.
+    `any_offset`: accept any zero. A sweep outside the limits then does not count as a flipped direction.
     """
     if sweep.width < THRESHOLD:
         return Verdict.UNSWEPT, None

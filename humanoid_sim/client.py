@@ -591,8 +591,8 @@ def ask_sessions(
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
     """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, none waiting for another.
 
-    Yields each session and its answer, or why there is none, as they come. Raises `SessionError` if there is no such
-    session.
+    Yields each session with its answer, or with the error in its place, as they arrive. Raises `SessionError` if no
+    such session runs.
     """
     sessions = running_sessions() if word == "damp" and process is None else []
     sessions = sessions or [find_session(process)]
@@ -628,9 +628,9 @@ _NOT_LOOPED = b"".join(
 def network_on(device: str, *, from_here: bool = True) -> Iterator[None]:
     """Bind the network sockets that a library opens within to a device, such as `lo`: nothing comes or goes by another.
 
-    Without `from_here` they receive nothing that this machine itself sends to others there (multicast). The address
-    that a socket is bound to is no such limit: DDS libraries bind some to all addresses. Raises `OSError` if there is
-    no such device, or the kernel (before Linux 5.7) allows this to root alone.
+    Without `from_here` they do not receive this machine's own multicast. Binding to an address would not do: DDS
+    libraries bind some sockets to all addresses. Raises `OSError` if there is no such device, or the kernel (before
+    Linux 5.7) allows this to root alone.
     """
     before = _open_sockets()
     yield

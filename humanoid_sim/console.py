@@ -78,7 +78,7 @@ def _serve(source: Source, config: ConsoleConfig) -> None:
                 shown = monotonic()
                 gate.shown = panel.show()
         gate.shown = {**gate.shown, "ended": True}
-        sleep(0.2)  # s, until the pages were told
+        sleep(0.2)  # s, until every page has received that
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """A mock Sito motor.
 
-There is no public manual. Assumed, and compared with no motor: a disabled motor takes gains and commands; both outlive
-a reset and not the power; its two feedback frames leave together while it is enabled; its encoder is absolute within
-one turn; a motor that protects itself goes limp and silent; nothing stops a motor whose host has fallen silent.
+There is no public manual. Assumptions, none verified on a motor: a disabled motor accepts gains and commands; both
+survive a reset but not a power cycle; its two feedback frames leave together while it is enabled; its encoder is
+absolute within one turn; a motor that protects itself goes limp and silent; nothing stops a motor whose host has fallen
+silent.
 """
 
 from __future__ import annotations

@@ -241,7 +241,7 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
 
 
 def _addressee(parts: Identifier, models: Mapping[int, MotorModel], host_id: int) -> str:
-    """Return to whom a frame is, if it is no reply to this host; empty: it is one."""
+    """Classify the addressee of a frame; empty for a reply to this host."""
     kind, _, motor_id, destination = parts
     if kind == FrameType.GET_DEVICE_ID and destination in {messages.BROADCAST_ID, host_id}:
         return ""

@@ -110,7 +110,7 @@ class Calibrate:
     tolerance: float = 0.2
     """rad by which a sweep may differ from the joint's range."""
     any_offset: bool = False
-    """The motors' zeros were never set: a sweep outside a joint's limits is not a flipped direction."""
+    """Accept any zero, for motors whose zeros were never set: a sweep outside the limits is not a flipped direction."""
     duration: float | None = None
     """s after which the sweep ends by itself."""
     yes: _Yes = False
