@@ -23,23 +23,10 @@ def advance_phase(
         standing value; NaN where that is None.
     """
     standing, before = _is_standing(rule, command), np.asarray(walked)
-    after = before + _step(rule, policy_dt)
+    after = before + 2.0 * np.pi * policy_dt / rule.period
     value = np.nan if rule.standing_value is None else rule.standing_value
     shown = np.where(standing[..., None], value, _feet(rule, after if rule.advance_first else before))
     return np.where(standing & rule.standing_restarts, 0.0, after), shown
-
-
-def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float) -> FloatArray:
-    """Return the phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
-
-    Arguments as of `advance_phase`, of the memory with that observation.
-    """
-    shown = np.asarray(walked) - (0.0 if rule.advance_first else _step(rule, policy_dt))
-    return np.where(_is_standing(rule, command)[..., None], np.nan, _feet(rule, shown))
-
-
-def _step(rule: PhaseRule, policy_dt: float) -> float:
-    return 2.0 * np.pi * policy_dt / rule.period
 
 
 def _feet(rule: PhaseRule, walked: FloatArray) -> FloatArray:
