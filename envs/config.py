@@ -25,7 +25,7 @@ from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.own import read_contract_file
-from humanoid_sim.policy.song import named_song, song_motion
+from humanoid_sim.policy.song import load_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.simulation.model import SimConfig, build_model
@@ -214,8 +214,7 @@ def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDe
         return [cast("Named | Motion", _with_songs(one, contract, robot)) for one in motion]
     if str(motion) not in sample_songs() and not str(motion).endswith((".mid", ".midi")):
         return motion
-    song, _ = named_song(str(motion), robot, what="motion")
-    return song_motion(song, contract.policy_dt, robot)
+    return song_motion(load_song(str(motion), robot, what="motion"), contract.policy_dt, robot)
 
 
 def read_policy(checkpoint: Checkpoint, motion: Motions | None, motion_source: str = "motion") -> LoadedPolicy:

@@ -24,7 +24,7 @@ from humanoid_sim.policy.describe import assumptions
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
-from humanoid_sim.policy.song import left_out, named_song, song_motion
+from humanoid_sim.policy.song import load_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 
 
@@ -232,7 +232,7 @@ def _chosen_motion(
 
 def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[Motion, Path, tuple[str, ...]]:
     """Return a song as `_chosen_motion` returns a motion."""
-    song, dropped = named_song(name, description)
+    song = load_song(name, description)
     why = "left out of the song, beyond reach or more notes at a time than fingers"
-    notes = (f"{why}: {left_out(dropped)}",) if dropped else ()
+    notes = (f"{why}: {song.names_left_out}",) if song.left_out else ()
     return song_motion(song, policy_dt, description), song_path(name), notes

@@ -54,10 +54,6 @@ class PrepareOptions:
     """Largest distance, in m, between a body and where forward kinematics puts it."""
     song: str | None = None
     """MIDI file (.mid), or a sample song's name: what the robot can reach of it becomes a piano policy's goals."""
-    tracks: tuple[int, ...] = ()
-    """Tracks of the song to play, counted from 0. Default: all."""
-    transpose: int = 0
-    """Semitones by which the song is played higher."""
     output: Annotated[str, tyro.conf.arg(aliases=["--out-dir"])] = "prepared"
     """Folder for the motion (.mcap), and for a checkpoint from W&B; created if it is missing."""
     name: str | None = None

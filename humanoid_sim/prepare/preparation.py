@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from humanoid_sim.assets import policy_path, song_path
+from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, motion_bytes
-from humanoid_sim.policy.song import left_out, playable, read_song, song_motion, transpose
+from humanoid_sim.policy.song import load_song, song_motion
 from humanoid_sim.prepare import PrepareOptions, sources
 from humanoid_sim.prepare.check import check
 from humanoid_sim.prepare.convert import Skeleton, at_rate, convert, interpret
@@ -31,7 +31,7 @@ def prepare(options: PrepareOptions) -> int:
     checkpoint = _checkpoint(options, folder, robot)
     if options.song is not None:
         policy_dt = 1.0 / (options.fps or _SONG_RATE) if checkpoint is None else checkpoint.contract.policy_dt
-        motion, lines, name = _song(options, song_path(options.song), policy_dt, robot)
+        motion, lines, name = _song(options.song, policy_dt, robot)
     elif checkpoint is None:
         raise InputError("--policy: is missing; it, --wandb-run-path or --song is needed")
     elif checkpoint.motion is not None and options.motion is None:
@@ -73,19 +73,13 @@ def _checkpoint(options: PrepareOptions, folder: Path, robot: RobotDescription) 
     return checkpoint
 
 
-def _song(
-    options: PrepareOptions, path: Path, policy_dt: float, robot: RobotDescription
-) -> tuple[Motion, list[str], str]:
+def _song(name: str, policy_dt: float, robot: RobotDescription) -> tuple[Motion, list[str], str]:
     """Return the goals of a song, a row every `policy_dt` s, what to print of it, and its name."""
-    whole = read_song(path, tracks=options.tracks or None)
-    song, dropped = playable(transpose(whole, options.transpose), robot)
-    if not song.notes:
-        raise InputError(f"{path}: none of its notes is within reach of '{robot.name}': {left_out(dropped)}")
-    lines = ["tracks: " + ", ".join(f"{i} {name or 'unnamed'}" for i, name in enumerate(whole.tracks))]
-    lines.append(f"{len(song.notes)} of {len(whole.notes)} notes, {song.seconds:.1f} s")
-    if dropped:
-        lines.append(f"left out, beyond reach or too many at a time: {left_out(dropped)}; --transpose moves the song")
-    return song_motion(song, policy_dt, robot), lines, path.stem
+    song = load_song(name, robot)
+    lines = [f"{len(song.notes)} of {len(song.notes) + len(song.left_out)} notes"]
+    if song.left_out:
+        lines.append(f"left out, beyond reach or too many at a time: {song.names_left_out}")
+    return song_motion(song, policy_dt, robot), lines, Path(name).stem
 
 
 def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescription) -> tuple[Motion, list[str], str]:

@@ -20,7 +20,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
-from humanoid_sim.policy.song import Song, named_song, song_motion
+from humanoid_sim.policy.song import Song, load_song, song_motion
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 from humanoid_sim.simulation.kinematics import InverseKinematics
@@ -85,7 +85,7 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
         beside = folder / case.motion
         with blaming(f"case '{case.name}'", InputError):
             if case.song:
-                motions[case.name], _ = named_song(case.song, description, folder, "song")
+                motions[case.name] = load_song(case.song, description, folder, "song")
             else:
                 file = beside if beside.is_file() or not case.motion else motion_path(case.motion)
                 motions[case.name] = read_motion(file) if case.motion else None

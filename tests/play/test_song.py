@@ -64,7 +64,7 @@ def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd)
         (["--song", "twinkl"], "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, "),
         ([], "--song: is missing; "),
         (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),
-        (["--song", "HIGH"], "is within the reach of 'lite_piano', D1 to G7; prepare --transpose moves them"),
+        (["--song", "HIGH"], "has no note that 'lite_piano' can reach: A7, B7, C8"),
     ],
 )
 def test_mistakes_are_one_line(run, policy, tmp_path, words, message):
