@@ -20,7 +20,7 @@ twice = $(1) || $(1)
 # The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: play test test-integration test-lerobot test-ros test-peers soak picture notebooks bench lint format types clean
+.PHONY: play test test-integration test-lerobot test-ros test-peers soak notebooks bench lint format types clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -52,11 +52,7 @@ test-ros: $(VENV)/test.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in ne
 test-peers: $(VENV)/peers.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export, and other programs; installs about 3 GB at the first time
 	$(BIN)/python -m pytest -m peers $(ARGS)
 
-picture: $(VENV)/integration.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
-	$(BIN)/python docs/moving_picture.py
-	$(BIN)/python docs/console_pictures.py
-
-notebooks: $(VENV)/integration.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
+notebooks: $(VENV)/integration.done  ## run the notebooks, and store what they show in them; ARGS names some, or has --check
 	$(BIN)/python notebooks/store.py $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures

@@ -7,26 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.files import is_file
 
 if __name__ != "humanoid_sim.assets":
     raise ImportError("import this package as 'humanoid_sim.assets', not as 'assets'")
-
-__all__ = [
-    "ASSETS",
-    "PIANO_POLICY",
-    "SAMPLE_MOTION",
-    "SAMPLE_POLICY",
-    "SAMPLE_SONG",
-    "WALKING_POLICY",
-    "asset_path",
-    "motion_path",
-    "policy_path",
-    "sample_policy",
-    "sample_songs",
-    "shipped",
-    "song_path",
-]
 
 ASSETS = Path(__file__).parent
 SAMPLE_POLICY = ASSETS / "policies" / "lite_tracking.onnx"
@@ -52,6 +35,11 @@ def shipped(kind: str) -> tuple[str, ...]:
     return tuple(_samples(kind, _ENDS[kind]))
 
 
+def sample_songs() -> tuple[str, ...]:
+    """Return the names of the sample songs."""
+    return shipped("songs")
+
+
 def _samples(kind: str, end: str) -> dict[str, Path]:
     return {path.name.removesuffix(end): path for path in sorted((ASSETS / kind).glob(f"*{end}"))}
 
@@ -59,14 +47,10 @@ def _samples(kind: str, end: str) -> dict[str, Path]:
 def _chosen(what: str, name: str | Path, samples: Mapping[str, Path], also: Sequence[str] = ()) -> Path:
     """Return a file of this name where there is one, else the sample of this name.
 
-    What cannot be a name (it has a folder or a suffix) is a path, and opening it says what is wrong with it.
-
-    Args:
-        what: the option that names it, and what it is, for the message: `--policy: unknown policy`.
-        also: other names that the option takes, for the message.
+    What has a folder or a suffix is a path: opening it says what is wrong with it. Raises `InputError` for another name.
     """
     path = Path(name)
-    if not is_file(path) and str(name) in samples:
+    if not os.path.isfile(path) and str(name) in samples:
         return samples[str(name)]
     if path.suffix or len(path.parts) > 1 or os.path.exists(path):
         return path
@@ -84,10 +68,7 @@ def policy_path(
 ) -> Path:
     """Return the file of a policy by path, or a sample policy by name. Raises `InputError` if it is neither.
 
-    Args:
-        option: that names it, for the message.
-        also: other names that the option takes, for the message.
-        contracts: samples of contracts alone are policies too.
+    `also` has other names that the option takes; with `contracts`, samples of contracts alone are policies too.
     """
     beside = _samples("policies", ".contract.yaml") if contracts else {}
     return _chosen(f"{option}: policy", name, beside | _samples("policies", ".onnx"), also)
@@ -96,8 +77,3 @@ def policy_path(
 def song_path(name: str | Path, option: str = "--song") -> Path:
     """Return a MIDI file by path, or a sample song by name. Raises `InputError` if it is neither."""
     return _chosen(f"{option}: song", name, _samples("songs", ".mid"))
-
-
-def sample_songs() -> tuple[str, ...]:
-    """Names of the sample songs."""
-    return shipped("songs")
