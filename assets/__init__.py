@@ -47,7 +47,7 @@ def _samples(kind: str, end: str) -> dict[str, Path]:
 def _chosen(what: str, name: str | Path, samples: Mapping[str, Path], also: Sequence[str] = ()) -> Path:
     """Return a file of this name where there is one, else the sample of this name.
 
-    What has a folder or a suffix is a path: opening it says what is wrong with it. Raises `InputError` for another name.
+    What has a folder or a suffix is a path: opening it says what is wrong with it.
     """
     path = Path(name)
     if not os.path.isfile(path) and str(name) in samples:

@@ -1,14 +1,10 @@
-"""Guards: what watches the joints while a controller drives them. A trip is a fault of that controller.
+"""Guards: watch the joints in STANDBY, LOCOMOTION and REMOTE. A trip is a fault of the controller that drives them.
 
 | guard | trips where, for its time and without a pause |
 |---|---|
 | following | K_p times the position error is near the effort limit, and the joint comes no nearer |
 | limit | a joint is beyond its limits by more than a margin, and still pushed outward |
 | speed | a joint is faster than its limit |
-
-They see what a motor sees: the state of this tick, and the command that is about to leave. In DAMPING and ZERO_TORQUE
-nothing is watched, because nothing pushes there: K_p and effort are 0, and what K_d gives takes energy away whichever
-way a joint is wired and wherever its zero is.
 """
 
 from __future__ import annotations
@@ -126,7 +122,7 @@ class Guards:
         return replace(memory, held=held)
 
     def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
-        """Return the `problem` of each robot of a batch for which a guard has tripped, by its index (0 for the one)."""
+        """Return the `problem` of each robot of a batch for which a guard has tripped, by its index, 0 for the one."""
         tripped = self.tripped(memory)
         if not tripped.ndim:
             return {0: self.problem(memory, state, command)} if tripped else {}

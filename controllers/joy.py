@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING
 
@@ -35,15 +35,8 @@ class JoyBindings:
                 raise FieldError(f"JoyBindings.{first}: {other}, expected combinations that exclude each other")
 
     def combos(self) -> dict[str, tuple[int, ...]]:
-        """Return the buttons of each field, all of which must be down; in the order of the intents."""
-        return {
-            "damp_button": (self.damp_button,),
-            "load_combo_a": self.load_combo_a,
-            "load_combo_b": self.load_combo_b,
-            "start_combo_locomotion": self.start_combo_locomotion,
-            "start_combo_remote": self.start_combo_remote,
-            "quit_button": (self.quit_button,),
-        }
+        """Return the buttons of each field, all of which must be down."""
+        return {name: (value,) if isinstance(value, int) else value for name, value in asdict(self).items()}
 
     def check(self, button_count: int) -> None:
         """Raise `FieldError` if a gamepad lacks a bound button: an operator must not find out while pressing DAMP."""
@@ -57,15 +50,14 @@ def pressed_intents(
 ) -> tuple[Intent, ...]:
     """Return the intents whose last missing button went down between two readings of the buttons.
 
-    Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: buttons that are
-    already down do not count as pressed, except those of DAMP.
+    Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: of buttons that are
+    already down only those of DAMP count.
     """
     from humanoid_sim.messages import Intent  # noqa: PLC0415 - NumPy stays out of `play --help`
 
+    intents = (Intent.DAMP, Intent.QUIT, Intent.LOAD_A, Intent.LOAD_B, Intent.START_LOCOMOTION, Intent.START_REMOTE)
     now = {i for i, down in enumerate(buttons) if down}
     then = {i for i, down in enumerate(before) if down}
-    return tuple(
-        intent
-        for intent, combo in zip(Intent, map(set, bindings.combos().values()), strict=True)
-        if combo <= now and not combo <= then and (before or intent is Intent.DAMP)
-    )
+    combos = zip(intents, map(set, bindings.combos().values()), strict=True)
+    pressed = [intent for intent, combo in combos if combo <= now and not combo <= then]
+    return tuple(intent for intent in pressed if before or intent is Intent.DAMP)

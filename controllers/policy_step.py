@@ -13,10 +13,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
+from humanoid_sim.controllers.contract import JOINT_LIMITS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.controllers.phase import advance_phase
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.terms import TermInput, anchor_quaternion, live_command
 from humanoid_sim.errors import FieldError
@@ -34,12 +33,11 @@ from humanoid_sim.mit import (
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
 ACTION_LIMIT = 100.0
-"""Largest magnitude of a raw action unless another is given: most trained policies stay within a few units, and beyond
-this one has diverged."""
+"""Largest magnitude of a raw action unless another is given: trained policies stay within a few units."""
 
 
 def action_limit_of(contract: PolicyContract, given: float | None = None) -> float:
-    """Return the largest magnitude of a raw action: what was given, or else the contract's, or else `ACTION_LIMIT`."""
+    """Return the largest magnitude of a raw action: the one given, the contract's, or `ACTION_LIMIT`."""
     return next(limit for limit in (given, contract.action_limit, ACTION_LIMIT) if limit is not None)
 
 
@@ -81,11 +79,7 @@ class PolicyWiring:
         put("takes_velocity_command", self.contract.takes_velocity_command)
 
     def activate(self, state: MITState, frame: Frame | None = None) -> PolicyMemory:
-        """Start with no last action, and with the reference aligned with the robot.
-
-        Without anchor poses there is nothing to align; a pose that is not known makes the first observation NaN.
-        `frame`, shape (...), is that of the reference to begin with; None: 0.
-        """
+        """Start with no last action, the reference aligned with the robot, at frame `frame`, shape (...), or 0."""
         batch = state.joint_position.shape[:-1]
         begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
@@ -98,10 +92,7 @@ class PolicyWiring:
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
-        """Return the observation, shape (..., N), and the memory with it.
-
-        Raises `FieldError` if a live input has another shape than it was resolved with.
-        """
+        """Return the observation, shape (..., N), and the memory with it; `FieldError` for a live input's shape."""
         rule, walked, phase = self.contract.phase, memory.walked, np.empty(0)
         if rule is not None:
             command = live_command(state, self.contract)
@@ -113,7 +104,7 @@ class PolicyWiring:
         return observation, PolicyMemory(memory.frame, memory.last_action, history, walked, memory.alignment)
 
     def observation_problem(self, observation: Float32Array) -> str:
-        """Return why one observation, shape (N,), must not reach the policy: a value is not finite; '' if it may."""
+        """Return why one observation, shape (N,), must not reach the policy; '' if it may."""
         finite = np.isfinite(observation)
         if finite.all():
             return ""
@@ -123,7 +114,7 @@ class PolicyWiring:
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> BoolArray:
-        """Return whether every value of a raw action, shape (..., m), is finite and within the limit: shape (...)."""
+        """Return whether all values of raw actions, shape (..., m), are finite and within the limit: shape (...)."""
         return np.asarray(self._within(action).all(axis=-1))
 
     def action_problem(self, action: Float32Array) -> str:
@@ -139,14 +130,31 @@ class PolicyWiring:
         return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
     def _within(self, action: Float32Array) -> BoolArray:
-        within: BoolArray = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
-        return within
+        return np.asarray(np.abs(action) <= np.float64(self.limit))  # in float32 1e300 is infinite
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
         """Return the command of an action, shape (..., m), and the memory with it, one frame on."""
         frame = self.reference.following(memory.frame)
         advanced = PolicyMemory(frame, action, memory.history, memory.walked, memory.alignment)
         return advanced, action_command(self.action_map, action)
+
+
+def advance_phase(
+    rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Advance the gait clock by one policy step, in s.
+
+    Takes `walked`, shape (...), rad since activation or standing, and the velocity command, shape (..., 3). Returns
+    `walked` of the next step, and the phase to show, shape (..., k), rad in [-π, π); the standing value, NaN for None.
+    """
+    speed = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
+    standing = np.asarray(speed < rule.standing_threshold)
+    before = np.asarray(walked)
+    after = before + 2.0 * np.pi * policy_dt / rule.period
+    shown = after if rule.advance_first else before
+    phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
+    value = np.nan if rule.standing_value is None else rule.standing_value
+    return np.where(standing & rule.standing_restarts, 0.0, after), np.where(standing[..., None], value, phase)
 
 
 def _anchor_pose(state: MITState) -> FloatArray | None:

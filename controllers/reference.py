@@ -62,11 +62,11 @@ class MotionReference:
         return cls(sum(lengths), terms, lengths)
 
     def first(self, frame: Frame) -> Frame:
-        """Return the first frame of the motion that a frame belongs to."""
+        """Return the first frame of the same motion."""
         return self._bound(0, frame)
 
     def last(self, frame: Frame) -> Frame:
-        """Return the last frame of the motion that a frame belongs to."""
+        """Return the last frame of the same motion."""
         return self._bound(1, frame)
 
     def _bound(self, side: int, frame: Frame) -> Frame:

@@ -20,8 +20,7 @@ def _rows(rows: list[list[FloatArray]]) -> FloatArray:
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    unit: FloatArray = vector / np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
-    return unit
+    return np.asarray(vector / np.sqrt((vector * vector).sum(axis=-1, keepdims=True)))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -31,8 +30,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def conjugate(quaternion: FloatArray) -> FloatArray:
     """Return the inverse rotation of a unit quaternion."""
-    inverse: FloatArray = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def continuous(quaternion: FloatArray) -> FloatArray:
@@ -93,15 +91,13 @@ def matrix(quaternion: FloatArray) -> FloatArray:
 def heading(quaternion: FloatArray) -> FloatArray:
     """Shape (...), rad, of the body's x axis in the horizontal plane, -π to π."""
     w, x, y, z = _parts(quaternion)
-    angle: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return angle
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def yaw_quaternion(quaternion: FloatArray) -> FloatArray:
     """Return the heading alone: the rotation about the vertical that is closest to `quaternion`."""
     half = 0.5 * heading(quaternion)
-    zero = np.zeros_like(half)
-    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+    return np.stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)], axis=-1)
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
@@ -139,8 +135,7 @@ def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π]."""
     # |A - B| = 2√2 sin(angle / 2) in the Frobenius norm: unlike the arc cosine of the trace it is accurate near zero.
     norm = np.sqrt(((a - b) ** 2).sum(axis=(-2, -1)))
-    angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
-    return angle
+    return np.asarray(2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0)))
 
 
 def rotation_6d(rotation: FloatArray) -> FloatArray:

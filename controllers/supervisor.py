@@ -1,7 +1,7 @@
 """The whole control stack as one pure function: `step(memory, tick_input) -> (memory, tick_output)`.
 
-Whatever fails inside a tick, the command that leaves it is finite, complete and from exactly one controller, and the
-tick in which a controller fails already carries its fallback's command. A guard that trips is such a failure.
+Whatever fails inside a tick, the command that leaves it is finite, complete and from one controller: the tick in which
+a controller fails, or a guard trips, already carries the fallback's command.
 """
 
 from __future__ import annotations

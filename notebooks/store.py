@@ -1,4 +1,4 @@
-"""Execute notebooks and store what they show: `make notebooks`, or `python notebooks/store.py [--check] [NOTEBOOK ...]`.
+"""Execute notebooks and store what they show: `make notebooks`, or `python notebooks/store.py [--check] [FILE ...]`.
 
 With `--check` nothing is written. What belongs to a machine or a day is left out: paths, times of cells, widgets.
 """

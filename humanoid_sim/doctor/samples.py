@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import advance_phase
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, advance_phase
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term

@@ -6,7 +6,7 @@ import rig
 
 from humanoid_sim.controllers import policy_step
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
-from humanoid_sim.controllers.phase import advance_phase
+from humanoid_sim.controllers.policy_step import advance_phase
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
