@@ -12,7 +12,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.frontends.attach import Attachment, Source, ready
+from humanoid_sim.frontends.attach import Attachment, Source
 from humanoid_sim.frontends.dds.mirror import Watched
 
 _LOCAL = "127.0.0.1"
@@ -61,10 +61,10 @@ def _serve(source: Source, config: ConsoleConfig) -> None:
             stack.callback(operator.close)
         panel = Panel(source, scene, operator)
         if operator is not None:
-            ready(f"console on {gate.control}")
-        ready(f"to watch only: {gate.watch}")
+            print(f"console on {gate.control}", flush=True)
+        print(f"to watch only: {gate.watch}", flush=True)
         if host != _LOCAL:
-            ready(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted")
+            print(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted", flush=True)
         drawn = shown = 0.0
         while source.is_running():
             for tick in source.ticks(_TICK):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import SessionError
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import attached, ready
+from humanoid_sim.frontends.attach import attached
 from humanoid_sim.frontends.dds.commands import CommandReader
 from humanoid_sim.frontends.dds.telemetry import Telemetry
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
@@ -48,11 +48,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reader = CommandReader(attachment, participant, is_local=is_local, safety=is_local or config.safety)
         stack.callback(reader.close)
         telemetry = Telemetry(attachment, participant, is_local=is_local, taken=frozenset(reader.topics))
-        ready(f"domain {participant.domain} on {participant.interface}, for {attachment}")
+        print(f"domain {participant.domain} on {participant.interface}, for {attachment}", flush=True)
         if not is_local:
-            ready(f"warning: anybody on the network at {config.interface} can command the robot in REMOTE")
+            print(f"warning: anybody on the network at {config.interface} can command the robot in REMOTE", flush=True)
         if is_wireless(config.interface):
-            ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
+            print(
+                f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment", flush=True
+            )
         while attachment.is_running():
             try:
                 reader.poll(_POLL)

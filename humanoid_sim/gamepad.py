@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
-from time import sleep
 
 import numpy as np
 
-from humanoid_sim.cli import parse, run_program
+from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
-from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.attach import attached, ready, steps
-from humanoid_sim.frontends.gamepad.device import Pad, Pads
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout, policy_speeds, stick_velocity
+from humanoid_sim.frontends.attach import attached, run_steps
+from humanoid_sim.frontends.joy import chosen_bindings, policy_speeds, stick_velocity
+from humanoid_sim.frontends.pads import Pad, Pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import FloatArray
 
 _PERIOD = 0.01  # s between two polls
-_HEARTBEAT_EVERY = 2  # polls
-_ANSWER, _REPEAT = 0.001, 0.1  # s that an answer is waited for in a poll, and after which DAMP is sent again
+_REPEAT = 10  # polls after which DAMP is sent again
+_ANSWER = 0.001  # s that an answer is waited for in a poll
 _MOVED = 0.02  # m/s or rad/s by which a stick must move to claim the velocity
 
 
@@ -46,85 +45,68 @@ class GamepadConfig:
 
 
 class Driver:
-    """From what the gamepads show to what is requested of a session; `step` once a period."""
+    """Requests of a session what gamepads show; `step` once a period."""
 
-    def __init__(self, intake: Intake, config: GamepadConfig, *, speeds: FloatArray | None, is_hardware: bool) -> None:
+    def __init__(
+        self, intake: Intake, joy: JoyBindings, *, speeds: FloatArray | None, is_hardware: bool, device: str = ""
+    ) -> None:
         """Choose no gamepad yet.
 
         Args:
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
+            device: part of the name of the gamepad that drives.
         """
-        self._intake, self._config, self._speeds, self._is_hardware = intake, config, speeds, is_hardware
+        self._intake, self._joy, self._speeds = intake, joy, speeds
+        self._is_hardware, self._device = is_hardware, device.lower()
         self._pad: Pad | None = None
-        self._refused: set[Pad] = set()
         self._velocity = np.zeros(3)
-        self._polls, self._polled, self._now = 0, 0, monotonic_ns()
-        self._waiting: tuple[str, Intent, int] | None = None
-        """Token of the latest request, and when it was posted, ns; None once it is answered."""
+        self._polls, self._polled = 0, monotonic_ns()
+        self._token, self._damped_at = "", 0
+        """Token of the latest request, and the poll of its DAMP; empty and 0 once it is answered."""
 
     def step(self, pads: Sequence[Pad]) -> list[str]:
         """Act on one poll of the gamepads; lines for the operator. Raises `SessionError` if the session has ended."""
-        self._polled, self._now = self._now, monotonic_ns()  # what this poll has found came after the one before
-        lines = [*self._answer(), *self._choose(pads)]
-        requested: list[Intent] = []
+        seen, self._polled = self._polled, monotonic_ns()  # what this poll has found came after the one before
+        self._polls += 1
+        lines = self._answer()
+        requested = [Intent.DAMP] if self._damped_at and self._polls - self._damped_at >= _REPEAT else []
+        if self._pad not in pads:
+            requested += self._choose(pads, lines)
         for pad in pads:
             for before, buttons in pad.changes:
-                intents = pressed_intents(self._config.joy, buttons, before)
+                intents = pressed_intents(self._joy, buttons, before)
                 requested += [intent for intent in intents if pad is self._pad or intent is Intent.DAMP]
-        if Intent.DAMP in requested or self._is_damp_lost():
-            requested = [Intent.DAMP]
+        if Intent.DAMP in requested:
+            requested, self._damped_at = [Intent.DAMP], self._polls
         for intent in requested:
-            self._ask(intent)
+            self._token = self._intake.post(intent.value, seen=seen)
         if self._pad is not None:
-            if self._polls % _HEARTBEAT_EVERY == 0:
-                self._intake.heartbeat()
+            self._intake.heartbeat()
             self._steer(self._pad)
-        self._polls += 1
         return lines
 
-    def _choose(self, pads: Sequence[Pad]) -> list[str]:
-        """Choose another gamepad where the chosen one is gone."""
-        if self._pad in pads:
-            return []
-        lines = []
+    def _choose(self, pads: Sequence[Pad], lines: list[str]) -> list[Intent]:
+        """Choose another gamepad; returns DAMP if the one before was lost on hardware."""
+        lost = self._pad is not None
         if self._pad is not None:
-            lines.append(f"{self._pad} is gone")
-            self._pad, self._velocity = None, np.zeros(3)
-            if self._is_hardware:
-                self._ask(Intent.DAMP)
-        for pad in pads:
-            problem = _problem(pad, self._config.joy)
-            if self._config.device.lower() not in pad.name.lower() or pad in self._refused:
-                continue
-            if problem:
-                self._refused.add(pad)
-                lines.append(f"{pad.name} is not used: {problem}")
-                continue
-            self._pad = pad
-            lines.append(f"{pad} drives")
-            break
-        return lines
-
-    def _ask(self, intent: Intent) -> None:
-        self._waiting = self._intake.post(intent.name.lower(), seen=self._polled), intent, monotonic_ns()
+            lines.append(f"{self._pad.name} is gone")
+        usable = [pad for pad in pads if pad.is_known and self._device in pad.name.lower()]
+        self._pad, self._velocity = next(iter(usable), None), np.zeros(3)
+        if self._pad is not None:
+            lines.append(f"{self._pad.name} drives")
+        return [Intent.DAMP] if lost and self._is_hardware else []
 
     def _answer(self) -> list[str]:
-        """Return the session's answer to the intent before, if it has come."""
-        if self._waiting is None:
+        """Return the session's answer to the latest request, if it has come."""
+        if not self._token:
             return []
         try:
-            text = self._intake.answer(self._waiting[0], _ANSWER).text
+            text = self._intake.answer(self._token, _ANSWER).text
         except SessionError:
             return []
-        self._waiting = None
+        self._token, self._damped_at = "", 0
         return [text]
-
-    def _is_damp_lost(self) -> bool:
-        """Return whether DAMP is to be sent again: the session has not answered."""
-        if self._waiting is None or self._waiting[1] is not Intent.DAMP:
-            return False
-        return 1e-9 * (monotonic_ns() - self._waiting[2]) > _REPEAT
 
     def _steer(self, pad: Pad) -> None:
         if self._speeds is None:
@@ -139,42 +121,26 @@ class Driver:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GamepadConfig, "gamepad", arguments)
-    config = replace(config, joy=chosen_layout(config.mapping, PadLayout(config.joy), "--mapping").joy)
-    pads = Pads()
-    try:
+    joy = chosen_bindings(config.mapping, config.joy, "--mapping")
+    with closing(Pads()) as pads:
         if config.list:
-            return _list(pads, config.joy)
+            return _list(pads)
         with attached(config.session, "gamepad") as attachment:
-            speeds = policy_speeds(attachment.walking_contract)
-            driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=attachment.is_hardware)
-            found = pads.poll()
-            ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
-            for _ in steps(attachment, lambda: driver.step(pads.poll())):
-                sleep(_PERIOD)
-        return 0
-    finally:
-        pads.close()
+            speeds, hardware = policy_speeds(attachment.walking_contract), attachment.is_hardware
+            driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware, device=config.device)
+            print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
+            run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)
+    return 0
 
 
-def _list(pads: Pads, joy: JoyBindings) -> int:
-    """Print each gamepad, and why it cannot be used; 1 if none can."""
-    found = {pad: _problem(pad, joy) for pad in pads.poll()}
-    for pad, problem in found.items():
-        print(f"{pad.name}{problem and f' cannot be used: {problem}'}")
+def _list(pads: Pads) -> int:
+    """Print each gamepad, and if it cannot be used; 1 if none can."""
+    found = pads.poll()
+    for pad in found:
+        print(pad.name if pad.is_known else f"{pad.name} cannot be used: its layout is not known, expected XInput's")
     if not found:
-        print(pads.missing_reason())
-    return 0 if "" in found.values() else 1
-
-
-def _problem(pad: Pad, joy: JoyBindings) -> str:
-    """Return why a gamepad cannot be used with these bindings; empty if it can."""
-    if not pad.is_known:
-        return "its layout is not known; many have a switch for Xbox pads (XInput)"
-    try:
-        joy.check(len(pad.buttons))
-    except FieldError as error:
-        return str(error)
-    return ""
+        print("no gamepad is plugged in, as /dev/input/js* that this user may read")
+    return ExitStatus.of(any(pad.is_known for pad in found))
 
 
 if __name__ == "__main__":

@@ -14,15 +14,13 @@ from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion
+from humanoid_sim.recording.reader import open_recording
 
 
 @dataclass(frozen=True)
 class PianoConfig:
-    """Score a recording: which keys were down against those that the song asks for.
-
-    Per time step as RoboPianist defines precision, recall and F1, and per note: a stroke counts if it begins within
-    --onset-tolerance of a note of its key.
-    """
+    """Score a recording: which keys were down against those of the song, per time step and per note."""
 
     recording: tyro.conf.Positional[Path]
     """A recording (.mcap) in which a piano policy ran, or live keys were played while one ran."""
@@ -47,23 +45,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("                precision  recall     F1")
         for name, ratio in (("per time step", result.steps), ("per note", result.notes)):
             print(f"{name:<15} {ratio.precision:9.3f} {ratio.recall:7.3f} {ratio.f1:6.3f}")
-        print(
-            f"{result.hit_count} of {result.note_count} notes were struck in time; {result.false_count} wrong strokes"
-        )
+        print(f"{result.hit_count} of {result.note_count} notes struck in time; {result.false_count} wrong strokes")
     return 0
 
 
 def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
-    """Return the keys of a recording, and those that its song asks for.
+    """Return the keys of a recording beside those of its song, or of another `song`.
 
     Raises `InputError` if there is no policy's step, no keys or no song in it, or their numbers differ.
-
-    Args:
-        song: the goals, in place of those in the recording.
     """
-    from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion  # noqa: PLC0415 - heavy
-    from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
-
     run = open_recording(recording)
     if song is not None:
         motion = read_motion(song)

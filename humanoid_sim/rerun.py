@@ -21,11 +21,12 @@ from urllib.parse import quote
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Source, ready
+from humanoid_sim.frontends.attach import Source
 from humanoid_sim.frontends.dds.mirror import Watched
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.topics import read_labels
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
@@ -81,9 +82,9 @@ def _show(source: Source, *, is_page: bool) -> None:
         stream.connect_grpc(address)
         has_keys = source.description.piano is not None or KEY_PRESSED in source.live_inputs
         stream.send_blueprint(_blueprint(has_keys=has_keys))
-        names = () if source.contract is None else source.contract.action_joint_names
+        names = read_labels(source.header).action
         log = RerunLog(library, stream, source.header.joint_names, body, names, _PERIOD)
-        ready(f"{serves}, for {source}")
+        print(f"{serves}, for {source}", flush=True)
         # What waits for the viewer is kept short: the library's queue would grow without end.
         keeps_up, reported = True, 0.0
         while viewer.poll() is None and source.is_running():

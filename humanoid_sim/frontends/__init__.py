@@ -1,7 +1,7 @@
 """Programs beside the loop: each reads a session's ticks, sends intents and data, and may die at any time.
 
-A front end is a row of `humanoid_sim.cli.FRONT_ENDS` and a module `humanoid_sim/<name>.py`; its parts are a package
-here. `play` starts it as a child process; anybody else starts it later with `python -m humanoid_sim.<name>`.
+A front end is a row of `humanoid_sim.cli.FRONT_ENDS` and a module `humanoid_sim/<name>.py`; its parts are here. `play`
+starts it as a child process, anybody else later with `python -m humanoid_sim.<name>`; its first line says that it runs.
 """
 
 from __future__ import annotations
@@ -23,15 +23,10 @@ class Wanted:
     """Options of its command line; `--session` is added."""
     label: str = ""
     """Label of one that runs twice; empty: its name."""
-    restarts: int = 0
-    """Number of times that it is started again if it ends with an error while the session goes on."""
 
 
 def require_packages(name: str) -> None:
-    """Refuse a front end whose packages are not installed, before anything is started.
-
-    Raises `MissingPackageError` naming the first.
-    """
+    """Raise `MissingPackageError` for a front end whose packages are not installed."""
     front_end = FRONT_ENDS[name]
     for package in front_end.packages:
         if importlib.util.find_spec(package) is None:

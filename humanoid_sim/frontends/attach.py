@@ -1,4 +1,4 @@
-"""What a front end reads and writes: the ticks of a session on this machine, or of a robot elsewhere."""
+"""Input and output of a front end: the ticks of a session on this machine, or of a robot elsewhere."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CHECK_PERIOD = 0.5  # s between two checks that the session is still there
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A tick, and when it came."""
+    """A tick, and its arrival."""
 
     record: TickRecord
     stamp: int
@@ -47,14 +47,14 @@ class Tick:
 
 
 class Source:
-    """Ticks of a robot, and what it takes to understand them."""
+    """Ticks of a robot, and what interprets them."""
 
     header: SessionHeader
     latest: Tick | None = None
-    """Newest tick that `ticks` has given."""
+    """Newest tick that `ticks` has returned."""
     is_hardware = False
     live_inputs: Mapping[str, int] = {}
-    """Names and widths of the live inputs that the session takes from other programs."""
+    """Names and widths of the live inputs that the session receives from other programs."""
 
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
         """Return the ticks that are new since the last call; waits up to `timeout` s for one."""
@@ -65,11 +65,11 @@ class Source:
         raise NotImplementedError
 
     def is_running(self) -> bool:
-        """Return whether more ticks may come."""
-        raise NotImplementedError
+        """Return True while more ticks may come."""
+        return True
 
     def status(self) -> Mapping[str, Any]:
-        """Return what a session says beside its ticks, twice a second."""
+        """Return what a session sends beside its ticks, twice a second."""
         return {}
 
     def events(self) -> list[Event]:
@@ -86,18 +86,8 @@ class Source:
         """The robot."""
         return RobotDescription.from_json(self.header.documents["robot"])
 
-    @cached_property
-    def contract(self) -> PolicyContract | None:
-        """The policy's; None without one."""
-        return recorded_contract(self.header)
-
-    @property
-    def walking_contract(self) -> PolicyContract | None:
-        """Contract of the first policy that takes a velocity command; None if none does."""
-        return next((one for one in recorded_contracts(self.header) if one.takes_velocity_command), None)
-
     def lateness(self) -> str:
-        """Return what a viewer must say if the newest tick is not the present; empty if it is."""
+        """Return what a viewer must show if the newest tick is not the present; empty if it is."""
         age = 0.0 if self.latest is None else self.latest.age
         return f"BEHIND: this was {age:.1f} s ago" if age > max(_LATE, 3 * self.header.control_period) else ""
 
@@ -119,8 +109,17 @@ class Attachment(Source):
     def __str__(self) -> str:
         return str(self.session)
 
+    @cached_property
+    def contract(self) -> PolicyContract | None:
+        """The policy's; None without one."""
+        return recorded_contract(self.header)
+
+    @property
+    def walking_contract(self) -> PolicyContract | None:
+        """Contract of the first policy that takes a velocity command; None if none does."""
+        return next((one for one in recorded_contracts(self.header) if one.takes_velocity_command), None)
+
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
-        """Return new ticks."""
         if timeout > 0.0:
             self.feed.wait(self._number, timeout)
         samples = self.feed.since(self._number)
@@ -131,28 +130,24 @@ class Attachment(Source):
         return ticks
 
     def model(self) -> mujoco.MjModel:
-        """Return the model. Raises `InputError` if another version of MuJoCo compiled it."""
         with blaming(f"{self.session}: its model cannot be loaded", (ValueError, mujoco.FatalError)):
             return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
 
     def is_running(self) -> bool:
-        """Return whether the session goes on; asks the system twice a second."""
         if time.monotonic() - self._checked > _CHECK_PERIOD:
             self._checked, self._runs = time.monotonic(), self.feed.is_running()
         return self._runs
 
     def status(self) -> Mapping[str, Any]:
-        """Return the newest status."""
         return self.feed.status()
 
     def events(self) -> list[Event]:
-        """Return new events."""
         events = [event for event in self.feed.status().get("events", ()) if event[0] > self._event]
         self._event = events[-1][0] if events else self._event
         return [Event(time, text, EventKind(kind)) for _, time, text, kind in events]
 
     def send(self, command: MITCommand, stamp: int) -> bool:
-        """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if it was sent."""
+        """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if sent."""
         fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
         return self.intake.remote(self.header.joint_names, *fields, stamp=stamp)
 
@@ -175,8 +170,8 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
         raise InputError(str(error)) from None
 
 
-def steps(attachment: Attachment, step: Callable[[], list[str]]) -> Iterator[list[str]]:
-    """Step until the session ends, print the lines of each step and yield them.
+def run_steps(attachment: Attachment, step: Callable[[], list[str]], period: float) -> None:
+    """Step every `period` s until the session ends, and print the lines of each step.
 
     On hardware no other program keeps the device waiting: it would look lost, and a DAMP come late.
     """
@@ -188,9 +183,4 @@ def steps(attachment: Attachment, step: Callable[[], list[str]]) -> Iterator[lis
                 return
             for line in lines:
                 print(line, flush=True)
-            yield lines
-
-
-def ready(serves: str) -> None:
-    """Print that the front end works and what it serves, such as an address: one line, which `play` shows too."""
-    print(serves, flush=True)
+            time.sleep(period)

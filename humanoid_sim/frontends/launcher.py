@@ -1,4 +1,4 @@
-"""Starts front ends as child processes of a session, shows what they print, and restarts those that may be."""
+"""Starts front ends as child processes of a session, shows what they print, and ends them with it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from time import monotonic
 
 from humanoid_sim.errors import InputError
@@ -22,26 +21,20 @@ _READY = 30.0  # s that children get to print their first line; the session begi
 _ERROR = "error: "
 """Beginning of the line with which a failed program ends."""
 _GRACE = 2.0  # s that a child gets to end after SIGTERM
-_RESTART_AFTER = 1.0  # s between the end of a child and its next start
 
 
 @dataclass(slots=True)
 class _Child:
-    wanted: Wanted
+    name: str
     process: subprocess.Popen[str]
     last: str = ""
     """The latest line that it printed."""
-    is_ready: bool = False
-    """It printed something other than an error."""
-    has_ended: threading.Event = field(default_factory=threading.Event)
-
-    @property
-    def name(self) -> str:
-        return self.wanted.label or self.wanted.name
+    is_ready: threading.Event = field(default_factory=threading.Event)
+    """It printed something other than an error, or has ended."""
 
 
 class FrontEnds(Sink):
-    """A sink that takes no ticks: it starts the front ends with the session and ends them with it."""
+    """A sink that ignores ticks: it starts the front ends with the session and ends them with it."""
 
     def __init__(
         self,
@@ -67,8 +60,6 @@ class FrontEnds(Sink):
         self._children: list[_Child] = []
         self._threads: list[threading.Thread] = []
         self._stop = threading.Event()
-        self.error: Exception | None = None
-        """Error that ended the supervision of a child; None while all is well."""
 
     @property
     def running(self) -> Mapping[str, int]:
@@ -78,17 +69,12 @@ class FrontEnds(Sink):
     def start(self, header: SessionHeader) -> SessionHeader:
         """Start them, and wait until they are ready: a run that needs a producer does not begin without it.
 
-        Raises `InputError` if one cannot be started, or has ended at once.
+        Raises `InputError` if one ends at once.
         """
-        try:
-            for wanted in self._wanted:
-                self._children.append(_Child(wanted, _launched(wanted)))
-        except OSError as error:
-            self.close()
-            raise InputError(f"--{wanted.name}: cannot be started: {error.strerror}") from None
+        self._children = [_Child(wanted.label or wanted.name, _launched(wanted)) for wanted in self._wanted]
         self._run(self._send_status)  # a child reads there that it runs
         for child in self._children:
-            self._run(partial(self._supervise, child))
+            self._run(self._read_output, child)
         self._wait_until_ready()
         header = self._begin(header)
         self._feed.status(self._status())
@@ -108,8 +94,8 @@ class FrontEnds(Sink):
         for thread in self._threads:
             thread.join(_GRACE)
 
-    def _run(self, target: Callable[[], None]) -> None:
-        self._threads.append(threading.Thread(target=target, name="front ends", daemon=True))
+    def _run(self, target: Callable[..., None], *arguments: object) -> None:
+        self._threads.append(threading.Thread(target=target, args=arguments, name="front ends", daemon=True))
         self._threads[-1].start()
 
     def _send_status(self) -> None:
@@ -118,52 +104,40 @@ class FrontEnds(Sink):
             if self._stop.wait(_STATUS_PERIOD):
                 return
 
+    def _read_output(self, child: _Child) -> None:
+        assert child.process.stdout is not None
+        with child.process.stdout as output:
+            for line in output:
+                text = "".join(c if c.isprintable() else " " for c in line).strip()
+                if text:
+                    child.last = text
+                    self._show(f"{child.name}: {text}")
+                    if not text.startswith(_ERROR):
+                        child.is_ready.set()
+        status = child.process.wait()
+        child.is_ready.set()
+        if not self._stop.is_set():
+            self._note(f"front end {child.name} ended with status {status}")
+
     def _wait_until_ready(self) -> None:
         deadline = monotonic() + _READY
         if self._children:
             self._show(f"waiting for {', '.join(child.name for child in self._children)} ...")
         for child in self._children:
-            while not child.is_ready and not self._is_ending() and monotonic() < deadline:
-                if child.has_ended.wait(0.02) and not child.is_ready:
-                    self.close()
-                    reason = child.last.removeprefix(_ERROR) or f"status {child.process.returncode}"
-                    raise InputError(f"front end {child.name}: ended before it was ready: {reason}")
-        silent = ", ".join(child.name for child in self._children if not child.is_ready)
-        if silent and not self._is_ending():
-            self._note(f"not ready after {_READY:g} s: {silent}")
-
-    def _supervise(self, child: _Child) -> None:
-        restarts = 0
-        while True:
-            assert child.process.stdout is not None
-            with child.process.stdout as output:
-                for line in output:
-                    text = "".join(c if c.isprintable() else " " for c in line).strip()
-                    if text:
-                        child.last = text
-                        self._show(f"{child.name}: {text}")
-                        child.is_ready = child.is_ready or not text.startswith(_ERROR)
-            status = child.process.wait()
-            child.has_ended.set()
-            if self._stop.is_set():
-                return
-            self._note(f"front end {child.name} ended with status {status}")
-            if not status or restarts == child.wanted.restarts or self._stop.wait(_RESTART_AFTER):
-                return
-            restarts += 1
-            try:
-                child.process = _launched(child.wanted)
-            except OSError as error:
-                self.error = error
-                return
-            self._note(f"front end {child.name} was started again, {restarts} of {child.wanted.restarts} times")
+            while not child.is_ready.wait(0.02) and not self._is_ending() and monotonic() < deadline:
+                pass
+            if child.process.poll() is not None:
+                self.close()
+                reason = child.last.removeprefix(_ERROR) or f"status {child.process.returncode}"
+                raise InputError(f"front end {child.name}: ended before the session began: {reason}")
+            if not child.is_ready.is_set():
+                self._note(f"front end {child.name} is not ready")
 
 
 def _launched(wanted: Wanted) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options]
-    scheduling = os.sched_getscheduler(0), os.sched_getparam(0)
-    if scheduling[0] != os.SCHED_OTHER:  # children inherit SCHED_FIFO, and must not compete with the loop
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # a child must not compete with the loop
     try:
         # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
         return subprocess.Popen(
@@ -177,5 +151,4 @@ def _launched(wanted: Wanted) -> subprocess.Popen[str]:
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
     finally:
-        if scheduling[0] != os.SCHED_OTHER:
-            os.sched_setscheduler(0, *scheduling)
+        os.sched_setscheduler(0, policy, parameters)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted, require_packages
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
+from humanoid_sim.frontends.joy import chosen_bindings, joy_options
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from humanoid_sim.play.policies import PolicyChoice
 
 _LOOK_WITHIN = 20.0  # s for the program that looks for a gamepad
-_BRIDGE_RESTARTS = 3  # of a DDS bridge that dies: nobody at the robot needs to act then
 _OPEN_END = 10.0  # s that a policy without a motion runs when nothing else ends the run
 
 
@@ -53,8 +52,8 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         (config.remote == "gravity", Wanted("gravity")),
         (config.console, Wanted("console")),
         (config.needs_gamepad, Wanted("gamepad", layout)),
-        (config.dds is not None, Wanted("dds", restarts=_BRIDGE_RESTARTS)),
-        (bool(interface), Wanted("dds", ("--interface", interface), f"dds {interface}", _BRIDGE_RESTARTS)),
+        (config.dds is not None, Wanted("dds")),
+        (bool(interface), Wanted("dds", ("--interface", interface), f"dds {interface}")),
         (config.midi is not None, Wanted("midi", keys)),
         (shows_window(config), Wanted("viewer")),
         (config.viewer == "rerun", Wanted("rerun")),
@@ -76,10 +75,7 @@ def _one(values: tuple[str, ...] | None, option: str, what: str) -> str:
 def _pad_layout(config: PlayConfig) -> tuple[str, ...]:
     """Return the options of the gamepad's program that say where the buttons are."""
     file = _one(config.gamepad, "--gamepad", "file (.yaml)")
-    layout = chosen_layout(Path(file) if file else None, PadLayout(config.joy), "--gamepad").options()
-    if layout and not config.needs_gamepad:
-        raise InputError(f"{layout[0]}: means nothing without --gamepad")
-    return layout
+    return joy_options(chosen_bindings(Path(file) if file else None, config.joy, "--gamepad"))
 
 
 def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:

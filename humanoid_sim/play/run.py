@@ -100,7 +100,6 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("recording", recorder and recorder.error),
         ("final table", run.monitor.error),
         ("console", run.console.error),
-        ("front ends", run.front_ends.error),
         ("robot", setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]

@@ -3,7 +3,7 @@
 import os
 import struct
 
-from humanoid_sim.frontends.gamepad.device import Described, Pads
+from humanoid_sim.frontends.pads import Described, Pads
 
 XBOX = {"A": 0x130, "B": 0x131, "X": 0x133, "Y": 0x134, "L1": 0x136, "R1": 0x137, "BACK": 0x13A, "START": 0x13B}
 """Key codes of xpad, the driver of Xbox pads."""

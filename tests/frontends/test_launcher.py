@@ -1,5 +1,4 @@
 import os
-import signal
 import subprocess
 import sys
 
@@ -23,14 +22,14 @@ STUBBORN = "import signal, time; signal.signal(15, signal.SIG_IGN); print('up', 
 def launch(local, monkeypatch):
     """Starts front ends whose program is a line of Python."""
 
-    def start(*programs, restarts=0):
+    def start(*programs):
         def popen(command, **options):
             assert command[3:5] == ["--session", str(os.getpid())]
             return POPEN([sys.executable, "-c", programs[int(command[2].rpartition("_")[2])]], **options)
 
         monkeypatch.setattr(launcher.subprocess, "Popen", popen)
         front_ends = FrontEnds(
-            [Wanted(f"fake_{i}", restarts=restarts) for i in range(len(programs))],
+            [Wanted(f"fake_{i}") for i in range(len(programs))],
             local.feed,
             show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),
@@ -54,22 +53,10 @@ def test_they_end_with_the_session_however_stubborn(launch, local, monkeypatch):
         os.kill(process, 0)
 
 
-def test_one_that_may_is_started_again_up_to_a_limit_and_its_end_is_recorded(launch, local, monkeypatch):
-    monkeypatch.setattr(launcher, "_RESTART_AFTER", 0.1)
-    front_ends = launch(STAYS, restarts=1)
-    for count in (1, 2):
-        until(lambda: local.told.count("fake_0: up") == count)  # noqa: B023 - waited for here
-        os.kill(*front_ends.running.values(), signal.SIGKILL)
-    until(lambda: local.told.count("recorded: front end fake_0 ended with status -9") == 2)
-    assert [line for line in local.told if "again" in line] == [
-        "recorded: front end fake_0 was started again, 1 of 1 times"
-    ]
-
-
 def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launch):
-    with pytest.raises(InputError, match="front end fake_1: ended before it was ready: no display"):
+    with pytest.raises(InputError, match="front end fake_1: ended before the session began: no display"):
         launch(STAYS, "import sys; print('error: no display', file=sys.stderr); sys.exit(2)")
-    with pytest.raises(InputError, match="front end fake_0: ended before it was ready: status 3"):
+    with pytest.raises(InputError, match="front end fake_0: ended before the session began: status 3"):
         launch("raise SystemExit(3)")
 
 

@@ -31,7 +31,8 @@ from onnx import helper, numpy_helper
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Feed, Intake, SessionError, find_session, monotonic_ns
-from humanoid_sim.gamepad import Driver, GamepadConfig
+from humanoid_sim.controllers.joy import JoyBindings
+from humanoid_sim.gamepad import Driver
 from humanoid_sim.messages import (
     Event,
     Intent,
@@ -452,7 +453,7 @@ class PadDesk:
         registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "")
         self._other = stack.enter_context(OtherProgram("operator"))
         intake = stack.enter_context(Intake(find_session(os.getpid()), "gamepad"))
-        self._driver = Driver(intake, GamepadConfig(), speeds=None, is_hardware=is_hardware)
+        self._driver = Driver(intake, JoyBindings(), speeds=None, is_hardware=is_hardware)
         self._kept = _Kept()
         watch = [DeviceWatch("gamepad", lambda: data.heartbeats, lambda _: None)] if is_hardware else []
         self._session = Session(

@@ -18,7 +18,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment, Tick
 from humanoid_sim.frontends.console.gate import Gate
 from humanoid_sim.frontends.console.sliders import JointSliders
-from humanoid_sim.frontends.gamepad.layout import policy_speeds
+from humanoid_sim.frontends.joy import policy_speeds
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
 from humanoid_sim.session.intent_socket import MARK

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.attach import Attachment, ready
+from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.domain import Participant
@@ -186,5 +186,5 @@ class CommandReader:
         """Count a sample that is not accepted, and say so once a second."""
         self._refused += 1
         if time.monotonic() - self._told > 1.0:
-            ready(f"refused: {topic}: {problem}; {self._refused} samples so far")
+            print(f"refused: {topic}: {problem}; {self._refused} samples so far", flush=True)
             self._told = time.monotonic()

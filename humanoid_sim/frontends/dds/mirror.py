@@ -18,7 +18,7 @@ from humanoid_sim.client import monotonic_ns
 from humanoid_sim.dds_client import JOINT_ARRAYS, Imu, stamp_ns
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Source, Tick, attached, ready
+from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import (
     QPOS_DOCUMENT,
     URDF_DOCUMENT,
@@ -63,7 +63,7 @@ class Mirror(Source):
         self._mode, self._described, self._imu, self._frames = (
             Subscription(participant, name, ros.TOPICS[name]) for name in names
         )
-        ready(f"waiting for a robot with {states} on {participant.interface}, domain {participant.domain}")
+        print(f"waiting for a robot with {states} on {participant.interface}, domain {participant.domain}", flush=True)
         while None in [topic.look() for topic in (self._states, self._mode, self._described)]:
             time.sleep(_POLL)
         assert self._described.latest is not None

@@ -15,15 +15,14 @@ _BUTTON, _AXIS, _INITIAL = 1, 2, 0x80
 _GET_NAME, _GET_AXES, _GET_BUTTONS = 0x80806A13, 0x80016A11, 0x80016A12  # JSIOCGNAME(128), JSIOCGAXES, JSIOCGBUTTONS
 _GET_AXIS_MAP, _GET_BUTTON_MAP = 0x80406A32, 0x84006A34  # JSIOCGAXMAP, JSIOCGBTNMAP
 _FULL = 32767.0
-_SOUTH, _EAST, _C, _NORTH, _WEST, _TL, _TR, _TL2, _SELECT, _START = (
-    *(0x130, 0x131, 0x132, 0x133, 0x134),
-    *(0x136, 0x137, 0x138, 0x13A, 0x13B),
-)  # <linux/input-event-codes.h>
+_SOUTH, _EAST, _C, _NORTH, _WEST = range(0x130, 0x135)  # <linux/input-event-codes.h>
+_TL, _TR, _TL2, _SELECT, _START = 0x136, 0x137, 0x138, 0x13A, 0x13B
 _X, _Y, _Z, _RX, _RY, _RZ = range(6)
+BUTTON_COUNT = 8
 
 
 class Described(NamedTuple):
-    """Facts that a driver tells of its device."""
+    """Facts that a driver reports of its device."""
 
     name: str
     buttons: tuple[int, ...]
@@ -33,16 +32,16 @@ class Described(NamedTuple):
 
 
 def describe(handle: int) -> Described:
-    """Return what the driver of an open device says."""
-    name, counts = bytearray(128), [bytearray(1), bytearray(1)]
-    fcntl.ioctl(handle, _GET_NAME, name)
-    fcntl.ioctl(handle, _GET_BUTTONS, counts[0])
-    fcntl.ioctl(handle, _GET_AXES, counts[1])
+    """Return what the driver of an open device reports."""
+    name, button_count, axis_count = bytearray(128), bytearray(1), bytearray(1)
     buttons, axes = array.array("H", bytes(1024)), bytearray(64)
+    fcntl.ioctl(handle, _GET_NAME, name)
+    fcntl.ioctl(handle, _GET_BUTTONS, button_count)
+    fcntl.ioctl(handle, _GET_AXES, axis_count)
     fcntl.ioctl(handle, _GET_BUTTON_MAP, buttons)
     fcntl.ioctl(handle, _GET_AXIS_MAP, axes)
     text = name.partition(b"\0")[0].decode(errors="replace")
-    return Described(text, tuple(buttons[: counts[0][0]]), tuple(axes[: counts[1][0]]))
+    return Described(text, tuple(buttons[: button_count[0]]), tuple(axes[: axis_count[0]]))
 
 
 class Pad:
@@ -63,22 +62,18 @@ class Pad:
         self._buttons = {codes.index(code): place for place, code in enumerate(wanted)} if self.is_known else {}
         right = (_RX, _RY) if _RX in axes else (_Z, _RZ)
         self._axes = {axes.index(code): place for place, code in enumerate((_X, _Y, *right)) if code in axes}
-        self.buttons = (False,) * len(wanted)
+        self.buttons = (False,) * BUTTON_COUNT
         """A, B, X, Y, L1, R1, BACK, START: True while it is down."""
         self.changes: list[tuple[tuple[bool, ...], tuple[bool, ...]]] = []
         """Buttons before and after each press or release since the poll before."""
         self.axes = [0.0] * 4
         """Left stick x and y, right stick x and y, -1 to 1; left and up are -1."""
 
-    def __str__(self) -> str:
-        return self.name if self.is_known else f"{self.name} (its layout is not known)"
-
     def close(self) -> None:
-        """Close it."""
         os.close(self._handle)
 
     def poll(self) -> bool:
-        """Take what has come; False if it is gone."""
+        """Read its new events; False if it is gone."""
         self.changes = []
         try:
             data = os.read(self._handle, 64 * _EVENT.size)
@@ -101,12 +96,11 @@ class Pads:
     """The gamepads of this machine."""
 
     def __init__(self, folder: Path = Path("/dev/input"), describe: Callable[[int], Described] = describe) -> None:
-        """Open none yet; a test brings a `folder` of FIFOs, and how to `describe` them."""
         self._folder, self._describe = folder, describe
         self._open: dict[str, Pad] = {}
 
     def poll(self) -> tuple[Pad, ...]:
-        """Return those that are there, by the number of their device, with what has come."""
+        """Return those that are there, by the number of their device, with their new events."""
         for path in sorted(self._folder.glob("js*")):
             if path.name not in self._open:
                 try:
@@ -120,20 +114,5 @@ class Pads:
         return tuple(self._open.values())
 
     def close(self) -> None:
-        """Close all."""
         while self._open:
             self._open.popitem()[1].close()
-
-    def missing_reason(self) -> str:
-        """Return why no gamepad is found: device nodes that are not there, or not readable and whose they are."""
-        closed = [node for node in sorted(self._folder.glob("js*")) if not os.access(node, os.R_OK)]
-        if not closed:
-            return f"no gamepad is plugged in: {self._folder} has no js*"
-        try:
-            group = closed[0].group()
-        except KeyError:  # a group without a name
-            group = str(closed[0].stat().st_gid)
-        return (
-            f"no gamepad is plugged in that can be read: {closed[0]} is for group '{group}'; join it "
-            f"(sudo usermod -aG {group} $USER) and log in again"
-        )

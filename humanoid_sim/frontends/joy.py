@@ -1,0 +1,83 @@
+"""Buttons and sticks of a gamepad: bindings from a file, and the velocity that sticks command."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joy import JoyBindings
+from humanoid_sim.errors import FieldError, InputError, blaming, require_known
+from humanoid_sim.frontends.pads import BUTTON_COUNT
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.strict_yaml import read_yaml
+
+_MODEST = ((-0.3, 0.5), (-0.2, 0.2), (-0.5, 0.5))  # m/s, m/s, rad/s: for a policy that does not say which it knows
+_DEAD_ZONE = 0.15  # part of a stick's way, from its middle, that counts as none
+_FORWARD, _LEFT, _TURN = 1, 0, 2  # axes: left stick up, left stick left, right stick left, where they are -1
+
+
+def policy_speeds(contract: PolicyContract | None) -> FloatArray | None:
+    """Return lowest and highest vx, vy (m/s) and yaw rate (rad/s), shape (3, 2); None if the policy takes none."""
+    if contract is None or not contract.takes_velocity_command:
+        return None
+    known = np.array(_MODEST if contract.command_ranges is None else contract.command_ranges, dtype=np.float64)
+    return np.stack([np.minimum(known[:, 0], 0.0), np.maximum(known[:, 1], 0.0)], axis=1)
+
+
+def stick_velocity(axes: Sequence[float], speeds: FloatArray) -> FloatArray:
+    """Return the velocity that sticks command, shape (3,), m/s, m/s, rad/s.
+
+    Beyond the dead zone it grows linearly from zero, to the end of `speeds`, shape (3, 2), at the end of the way.
+    """
+    pushed = -np.array([axes[_FORWARD], axes[_LEFT], axes[_TURN]])
+    beyond = np.clip((np.abs(pushed) - _DEAD_ZONE) / (1.0 - _DEAD_ZONE), 0.0, 1.0)
+    velocity: FloatArray = np.where(pushed > 0.0, speeds[:, 1], -speeds[:, 0]) * np.sign(pushed) * beyond
+    return velocity
+
+
+def joy_options(joy: JoyBindings) -> tuple[str, ...]:
+    """Return the options of `python -m humanoid_sim.gamepad` that make these bindings of the default ones."""
+    words: list[str] = []
+    for name, value in dataclasses.asdict(joy).items():
+        if value != getattr(JoyBindings(), name):
+            values = value if isinstance(value, tuple) else (value,)
+            words += [f"--joy.{name.replace('_', '-')}", *map(str, values)]
+    return tuple(words)
+
+
+def chosen_bindings(file: Path | None, given: JoyBindings, option: str) -> JoyBindings:
+    """Return the bindings of a file, or those given by options; `option` names the file.
+
+    Raises `InputError` if both are given, if the file holds none, or for a button that no gamepad has.
+    """
+    if file is None:
+        with blaming("--joy", FieldError):
+            given.check(BUTTON_COUNT)
+        return given
+    if given != JoyBindings():
+        raise InputError(f"{option} and {joy_options(given)[0]}: both bind the buttons, expected one of them")
+    with blaming(file, (msgspec.ValidationError, FieldError)):
+        fields = _joy_fields(file)
+        require_known("field of joy", fields, [item.name for item in dataclasses.fields(JoyBindings)], f"{file}: ")
+        joy = msgspec.convert(fields, JoyBindings)
+        joy.check(BUTTON_COUNT)
+    return joy
+
+
+def _joy_fields(file: Path) -> dict[str, Any]:
+    """Return what is below `joy:`, or `joy.*` of `mode_manager` in a ROS 2 parameter file."""
+    document = msgspec.convert(read_yaml(file), dict[str, dict[str, Any]])
+    fields = document.get("joy", {})
+    for node in ("/**", "mode_manager"):  # a node's own parameters override those of every node
+        parameters = msgspec.convert(document.get(node, {}).get("ros__parameters", {}), dict[str, Any])
+        fields |= msgspec.convert(parameters.get("joy", {}), dict[str, Any])
+        fields |= {name.removeprefix("joy."): value for name, value in parameters.items() if name.startswith("joy.")}
+    if not fields:
+        raise InputError(f"{file}: binds no buttons, expected a mapping joy: with damp_button: N and its like")
+    return fields

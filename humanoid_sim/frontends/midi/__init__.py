@@ -1,1 +1,0 @@
-"""A MIDI keyboard for a running session: from its bytes to the keys that are down."""
