@@ -9,22 +9,20 @@ from dataclasses import dataclass
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.robots.schema import RobotDescription
 
-FAULTS: dict[str, tuple[float, float, float] | None] = {
+FAULTS: dict[str, tuple[float, float, float]] = {
     "silent": (1.0, 0.0, 1.0),  # probability with which a frame of the motor is lost
     "late": (0.3, 0.0, 10.0),  # s by which its frames are late
     "garbage": (7, 0, 8),  # bytes to which its frames are cut
     "wrong_id": (126, 1, 127),  # id that it has
-    "reset": None,  # it leaves run mode without a fault bit
-    "motor_fault": None,  # it reports a phase overcurrent and stops
+    "motor_fault": (1, 1, 1),  # it reports a phase overcurrent and stops
     "over_temperature": (150.0, 0.0, 500.0),  # °C
-    "brown_out": (11.0, 0.0, 100.0),  # V of the supply; below 6 V the motor is off and boots later
-    "stuck": None,  # the joint is jammed
+    "brown_out": (11.0, 0.0, 48.0),  # V of the supply; below 6 V the motor is off and boots later
+    "stuck": (1, 1, 1),  # the joint is jammed
     "encoder_jump": (1.0, -100.0, 100.0),  # rad by which the measured angle jumps, without a fault bit
     "second_master": (50.0, 0.1, 1e3),  # Hz at which another computer commands zero torque to every motor
-    "bus_off": None,  # the CAN controller reports bus-off; no frame passes any more
-    "tx_full": None,  # the driver refuses every frame for want of buffer space; in this process only
+    "bus_off": (1, 1, 1),  # the CAN controller reports bus-off; no frame passes any more
 }
-"""By kind of fault, its value: default, lowest and highest; None: it takes none."""
+"""By kind of fault, its value: default, lowest and highest."""
 _SYNTAX = re.compile(
     r"(?P<kind>\w+)(?:=(?P<value>[-+.\w]+?))?(?::(?P<joints>[^@]+))?(?:@(?P<start>[\d.]*)(?:\+(?P<duration>[\d.]+))?)?"
 )
@@ -35,8 +33,7 @@ class Fault:
     """A fault, the motors that it affects, and its time."""
 
     kind: str
-    joints: tuple[str, ...] = ()
-    """Joints of the motors; empty: all. A fault of a channel affects the channels of these motors."""
+    joints: tuple[str, ...] = ()  # of the motors; empty: all. A fault of a channel affects these motors' channels
     start: float = 0.0  # s, on the motors' clock
     duration: float = math.inf  # s
     value: float | None = None  # None: the default of its kind
@@ -44,7 +41,7 @@ class Fault:
     @property
     def amount(self) -> float:
         """The value, or the default of its kind."""
-        return (FAULTS[self.kind] or (0.0,))[0] if self.value is None else self.value
+        return FAULTS[self.kind][0] if self.value is None else self.value
 
     def affects(self, joint: str) -> bool:
         """Return whether it is a fault of this joint's motor."""
@@ -63,11 +60,9 @@ def parse_fault(text: str, description: RobotDescription) -> Fault:
     except ValueError:
         raise InputError(f"{field}expected KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s") from None
     require_known("fault", (kind,), FAULTS, field)
-    if value is not None:
-        _, lowest, highest = FAULTS[kind] or (0.0, math.inf, -math.inf)
-        if not lowest <= value <= highest:  # NaN too
-            accepted = f"{lowest:g} to {highest:g}" if FAULTS[kind] else "no value"
-            raise InputError(f"{field}value is {value:g}, expected {accepted}")
+    _, lowest, highest = FAULTS[kind]
+    if value is not None and not lowest <= value <= highest:  # NaN too
+        raise InputError(f"{field}value is {value:g}, expected {lowest:g} to {highest:g}")
     joints = tuple(name.strip() for name in (found["joints"] or "").split(",") if name)
     require_known("joint", joints, description.joint_names, field)
     return Fault(kind, joints, start, duration, value)

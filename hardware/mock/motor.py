@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 ROOM_TEMPERATURE = 25.0  # °C
 SUPPLY_VOLTAGE = 48.0  # V
+LOWEST_VOLTAGE = 12.0  # V, below which a motor stops: the Robstride manuals' limit, assumed for Sito motors
 
 
 @dataclass(slots=True)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import count
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from humanoid_sim.robots.motors import motor_model
 from humanoid_sim.robots.schema import RobotDescription
 
 FACTORY_ID = 127  # id with which Robstride motors are delivered
-MockMotor: TypeAlias = RobstrideMotor | SitoMotor
 Log = Callable[[float, str], None]  # takes s on the motors' clock, and a line for a person
 _REPLY_DELAY = 0.0003  # s from a command to its reply; frames take 131 to 160 µs, and none waits for another
 _CHECK_PERIOD = 0.002  # s between two checks of the motors' protections, timeouts and reports
@@ -56,7 +55,7 @@ class MockMotors:
         *,
         homing_offset: Mapping[str, float] = MappingProxyType({}),
         alone: str = "",
-        log: Log | None = None,
+        log: Log = lambda *_: None,
     ) -> None:
         """Power everything on.
 
@@ -68,33 +67,39 @@ class MockMotors:
         """
         self.plant = plant = MotorPlant(description, homing_offset)
         self.names = description.joint_names
+        require_known("joint", [alone] if alone else [], self.names)
         buses = 1 + max(motor.bus for motor in plant.motors)
         if bus_count not in (1, buses):
             raise InputError(f"{description.name}: {bus_count} channels, expected 1 or {buses}")
         self.bus_count = bus_count
         self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in plant.motors]
-        self.motors = _make_motors(plant, alone)
+        self.motors: list[RobstrideMotor | SitoMotor] = []
+        for joint, motor in zip(self.names, plant.motors, strict=True):
+            model = motor_model(motor.model)
+            if model.family == "sito":
+                self.motors.append(SitoMotor(model, motor.can_id))
+            else:
+                uid = hashlib.sha256(f"{description.name}/{joint}".encode()).digest()[:8]
+                self.motors.append(RobstrideMotor(model, FACTORY_ID if alone else motor.can_id, uid))
         self.has_power = [alone in ("", name) for name in self.names]
         self.time = 0.0  # s, the time up to which everything has happened
         self._log = log
         self._random = random.Random(0)
         self._faults: list[Fault] = []  # those in force
-        self._off: set[int] = set()  # buses that are off
         self._true_ids = [motor.can_id for motor in self.motors]
         self._serial = count()
         self._due: list[tuple[float, int, Callable[[], None]]] = []  # events to come
         self._arrivals: list[Arrival] = []
         self._reported = [(False, "")] * len(self.motors)
         self._jump = np.zeros(len(self.motors))
-        self._drives = np.zeros((len(Drive._fields), len(self.motors)))  # rows as `Drive`: the commands in force
-        self._command: MITCommand | None = None  # their first five rows; None: changed since
+        self._drives = np.zeros((len(Drive._fields), len(self.motors)))  # rows as `Drive`
         self._range = np.array([motor.model.position for motor in self.motors])
         self._steps = 0
         self._check_steps = max(round(_CHECK_PERIOD / plant.timestep), 1)
-        for i, motor in enumerate(self.motors):
+        for i, powered in enumerate(self.motors):
             self._measure(i)
-            motor.power_on()
-            self._drives[:, i] = motor.drive()
+            powered.power_on()
+            self._changed(i)
 
     def submit(self, bus: int, frame: Frame, time: float) -> None:
         """Take a frame that the computer sends at `time`, s; the past counts as now."""
@@ -120,7 +125,6 @@ class MockMotors:
 
     def inject(self, fault: Fault) -> None:
         """Schedule a fault; one whose start is past begins now."""
-        require_known("joint", fault.joints, self.names, f"fault '{fault.kind}': ")
         start = max(fault.start, self.time)
         self._at(start, partial(self._switch, fault, True))
         if math.isfinite(fault.duration):
@@ -131,45 +135,36 @@ class MockMotors:
         for fault in tuple(self._faults):
             self._switch(fault, False)
 
-    def host_fault(self, bus: int) -> str:
-        """Return the fault of the computer's end of a bus: `bus_off`, `tx_full` or none (empty)."""
-        if bus in self._off:
-            return "bus_off"
-        return "tx_full" if any(fault.kind == "tx_full" and bus in self._buses(fault) for fault in self._faults) else ""
-
     def set_power(self, i: int, is_on: bool) -> None:
-        """Cut a motor's power, or boot it: it then announces itself, as drivers report of real ones."""
+        """Cut a motor's power, or boot it."""
         self.has_power[i] = is_on
         self._measure(i)
-        frames = self.motors[i].power_on()
-        self._report(f"{self.names[i]}: power {'on' if is_on else 'off'}")
-        if is_on:
-            self._send(i, frames, self.time)
+        self.motors[i].power_on()
+        self._log(self.time, f"{self.names[i]}: power {'on' if is_on else 'off'}")
 
     def _buses(self, fault: Fault) -> set[int]:
         return {bus for bus, name in zip(self.bus_of, self.names, strict=True) if fault.affects(name)}
 
+    def _is_off(self, bus: int) -> bool:
+        return any(fault.kind == "bus_off" and bus in self._buses(fault) for fault in self._faults)
+
     def _switch(self, fault: Fault, begins: bool) -> None:
-        """Begin or end a fault; those of a motor's frames act in `_send`, `tx_full` in `host_fault`."""
+        """Begin or end a fault; those of a motor's frames act in `_send`."""
         if begins:
             self._faults.append(fault)
+            for bus in self._buses(fault):
+                if fault.kind == "second_master":
+                    self._interfere(fault, bus)
+                elif fault.kind == "bus_off":
+                    self._arrivals.append(Arrival(self.time, bus, _BUS_OFF))
         elif fault in self._faults:
             self._faults.remove(fault)
         else:
             return
-        self._report(f"fault{'' if begins else ' over'}: {fault.kind} of {', '.join(fault.joints) or 'all'}")
+        self._log(self.time, f"fault{'' if begins else ' over'}: {fault.kind} of {', '.join(fault.joints) or 'all'}")
         for i, name in enumerate(self.names):
             if fault.affects(name):
                 self._switch_motor(fault, i, begins)
-        for bus in self._buses(fault):
-            match fault.kind:
-                case "second_master" if begins:
-                    self._interfere(fault, bus)
-                case "bus_off" if begins:
-                    self._arrive(bus, _BUS_OFF)
-                    self._off.add(bus)
-                case "bus_off":
-                    self._off.discard(bus)
 
     def _switch_motor(self, fault: Fault, i: int, begins: bool) -> None:
         motor, amount = self.motors[i], fault.amount
@@ -188,8 +183,6 @@ class MockMotors:
                 self._jump[i] += amount if begins else -amount
             case "wrong_id":
                 motor.can_id = int(amount) if begins else self._true_ids[i]
-            case "reset" if begins:
-                motor.reset()
         self._changed(i)
 
     def _interfere(self, fault: Fault, bus: int) -> None:
@@ -212,9 +205,7 @@ class MockMotors:
 
     def _step(self) -> None:
         """Do one physics step, and the motors' own work where it is due."""
-        plant, (*rows, limit, origin) = self.plant, self._drives
-        if self._command is None:
-            self._command = MITCommand(*rows)
+        plant, (*_, limit, origin) = self.plant, self._drives
         position = (plant.shaft + self._jump - origin + self._range) % (2.0 * self._range) - self._range
         plant.step(mit_torque(self._command, position, plant.velocity, limit))
         self._steps += 1
@@ -238,17 +229,13 @@ class MockMotors:
         """Put a motor's command in force, and report changes of its mode and faults."""
         motor = self.motors[i]
         self._drives[:, i] = motor.drive()
-        self._command = None
+        self._command = MITCommand(*self._drives[:5])
         was_running, had = self._reported[i]
         self._reported[i] = is_running, faults = motor.is_running, motor.faults()
         if is_running is not was_running:
-            self._report(f"{self.names[i]}: {'enabled' if is_running else 'disabled'}")
+            self._log(self.time, f"{self.names[i]}: {'enabled' if is_running else 'disabled'}")
         if faults != had:
-            self._report(f"{self.names[i]}: {faults or 'faults cleared'}")
-
-    def _report(self, text: str) -> None:
-        if self._log is not None:
-            self._log(self.time, text)
+            self._log(self.time, f"{self.names[i]}: {faults or 'faults cleared'}")
 
     # --- frames
 
@@ -256,8 +243,10 @@ class MockMotors:
         heapq.heappush(self._due, (max(time, self.time), next(self._serial), action))
 
     def _reach_motors(self, bus: int, frame: Frame) -> None:
+        if self._is_off(bus):
+            return
         for i, motor in enumerate(self.motors):
-            if self.bus_of[i] == bus and bus not in self._off and self.has_power[i] and motor.is_for(frame):
+            if self.bus_of[i] == bus and self.has_power[i] and motor.is_for(frame):
                 self._measure(i)
                 self._send(i, motor.receive(frame, self.time), self.time + _REPLY_DELAY)
                 self._changed(i)
@@ -271,19 +260,5 @@ class MockMotors:
                 self._at(time + (late or 0.0), partial(self._arrive, self.bus_of[i], sent))
 
     def _arrive(self, bus: int, frame: Frame) -> None:
-        if bus not in self._off:
+        if not self._is_off(bus):
             self._arrivals.append(Arrival(self.time, bus, frame))
-
-
-def _make_motors(plant: MotorPlant, alone: str) -> list[MockMotor]:
-    """Return one motor per joint, in order."""
-    robot, motors = plant.description, list[MockMotor]()
-    require_known("joint", [alone] if alone else [], robot.joint_names)
-    for joint, motor in zip(robot.joint_names, plant.motors, strict=True):
-        model = motor_model(motor.model)
-        if model.family == "sito":
-            motors.append(SitoMotor(model, motor.can_id))
-        else:
-            uid = hashlib.sha256(f"{robot.name}/{joint}".encode()).digest()[:8]
-            motors.append(RobstrideMotor(model, FACTORY_ID if alone else motor.can_id, uid))
-    return motors

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 
-from msgspec.structs import replace
-
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.mock.motor import Drive, Sensed
+from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID, decode_command, encode_command, encode_reply
 from humanoid_sim.hardware.robstride.firmware import emulated_version
@@ -29,8 +27,6 @@ from humanoid_sim.hardware.robstride.parameters import (
 )
 from humanoid_sim.robots.motors import MotorModel
 
-_VOLTAGES = 12.0, 60.0  # V, the manuals' limits
-
 
 class RobstrideMotor:
     """A motor's firmware without a bus and without physics."""
@@ -42,8 +38,8 @@ class RobstrideMotor:
         self.zero = 0.0  # rad, the shaft's angle, up to whole turns, that counts as 0
         self.power_on()
 
-    def power_on(self) -> tuple[Frame, ...]:
-        """Boot, disabled, at 0..2π, or ±π with `zero_sta` 1; returns the frames that it sends."""
+    def power_on(self) -> None:
+        """Boot, disabled, at 0..2π, or ±π with `zero_sta` 1."""
         limits = {"limit_torque": self.model.peak_torque, "limit_cur": self.model.peak_current}
         defaults = {name: known.default or 0.0 for name, known in PARAMETERS.items() if known.is_writable}
         self.parameters = defaults | limits | self.stored
@@ -51,13 +47,11 @@ class RobstrideMotor:
         self.origin = self.sensed.shaft - lowest - (self.sensed.shaft - self.zero - lowest) % (2.0 * math.pi)
         self.host_id = messages.DEFAULT_HOST_ID
         self.received = -math.inf
-        self.status_faults, self.fault_bits, self.warnings = StatusFault(0), FaultBit(0), WarningBit(0)
+        self.status_faults, self.fault_bits = StatusFault(0), FaultBit(0)
         self.next_report = math.inf
-        self.reset()
-        return (encode_reply(messages.DeviceId(self.can_id, self.uid), self.model),)
+        self._reset()
 
-    def reset(self) -> None:
-        """Leave run mode, without a fault."""
+    def _reset(self) -> None:
         self.is_running = False
         self.command: messages.OperationControl | None = None
 
@@ -81,13 +75,13 @@ class RobstrideMotor:
     def advance(self, time: float) -> tuple[Frame, ...]:
         """Check protections and timeouts at a time, s; returns the frames that it sends unasked."""
         replies: list[messages.Reply] = []
-        before = self.fault_bits, self.warnings
+        before = self.fault_bits
         self._protect()
-        if (self.fault_bits, self.warnings) != before:
-            replies.append(messages.FaultReport(self.can_id, self.host_id, self.fault_bits, self.warnings))
+        if self.fault_bits != before:
+            replies.append(messages.FaultReport(self.can_id, self.host_id, self.fault_bits, WarningBit(0)))
         ticks = int(self.parameters["canTimeout"])
         if self.is_running and 0.0 < CanTimeout.to_seconds(ticks) <= time - self.received:
-            self.reset()  # the mode bits show it, no fault bit
+            self._reset()  # the mode bits show it, no fault bit
         if time >= self.next_report:
             replies.append(self._status(is_report=True))
             self.next_report += self._report_interval()
@@ -95,7 +89,8 @@ class RobstrideMotor:
 
     def drive(self) -> Drive:
         """Return the command of its control loop."""
-        command, limit = self.command, self._torque_limit()
+        command = self.command
+        limit = min(max(self.parameters["limit_torque"], 0.0), self.model.peak_torque)  # assumed to hold in operation
         if command is None:
             return Drive(limit=limit, origin=self.origin)
         target = command.position, command.velocity, command.effort
@@ -119,29 +114,20 @@ class RobstrideMotor:
     def _report_interval(self) -> float:
         return report_interval(max(int(self.parameters["EPScan_time"]), 1))
 
-    def _torque_limit(self) -> float:
-        """Return the limit in operation mode, N·m: no manual states that `limit_torque` holds there."""
-        return min(max(self.parameters["limit_torque"], 0.0), self.model.peak_torque)
-
     def _protect(self) -> None:
         """Latch the present faults; a motor with any fault stops."""
         sensed = self.sensed
         if sensed.temperature >= self.model.fault_temperature:
-            self._latch(StatusFault.MOTOR_OVERTEMPERATURE, FaultBit.MOTOR_OVERTEMPERATURE)
-        if sensed.voltage < _VOLTAGES[0]:
-            self._latch(StatusFault.UNDERVOLTAGE, FaultBit.UNDERVOLTAGE)
-        if sensed.voltage > _VOLTAGES[1]:
-            self._latch(StatusFault(0), FaultBit.OVERVOLTAGE)
+            self.status_faults |= StatusFault.MOTOR_OVERTEMPERATURE
+            self.fault_bits |= FaultBit.MOTOR_OVERTEMPERATURE
+        if sensed.voltage < LOWEST_VOLTAGE:
+            self.status_faults |= StatusFault.UNDERVOLTAGE
+            self.fault_bits |= FaultBit.UNDERVOLTAGE
         if sensed.overcurrent:
-            self._latch(StatusFault.PHASE_OVERCURRENT, FaultBit.PHASE_A_OVERCURRENT)
-        is_warm = sensed.temperature >= self.model.warning_temperature
-        self.warnings = WarningBit.MOTOR_OVERTEMPERATURE_WARNING if is_warm else WarningBit(0)
+            self.status_faults |= StatusFault.PHASE_OVERCURRENT
+            self.fault_bits |= FaultBit.PHASE_A_OVERCURRENT
         if self.is_running and self.fault_bits:
-            self.reset()
-
-    def _latch(self, in_status: StatusFault, in_report: FaultBit) -> None:
-        self.status_faults |= in_status
-        self.fault_bits |= in_report
+            self._reset()
 
     def _execute(self, command: messages.Command, time: float) -> messages.Reply | None:  # noqa: PLR0912 - one for each
         match command:
@@ -158,14 +144,13 @@ class RobstrideMotor:
                 if not (self.is_running or self.fault_bits or self.parameters["run_mode"]):
                     self.is_running, self.command = True, None
             case messages.Stop(clear_fault=clear):
-                self.reset()
+                self._reset()
                 if clear:
                     self.status_faults, self.fault_bits = StatusFault(0), FaultBit(0)
                     self._protect()
             case messages.SetZero():
                 if self.parameters["run_mode"] != RunMode.PROFILE_POSITION:
                     self.origin = self.sensed.shaft
-                    self.command = None if self.command is None else replace(self.command, position=0.0)
             case messages.WriteParameter(index=index, payload=payload):
                 self._write(index, payload)
             case messages.SaveParameters():

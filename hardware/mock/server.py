@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,8 +23,6 @@ _TRUTH_PERIOD = 0.002  # s between two snapshots of the truth: 500 Hz, the rate 
 _MOST_AT_ONCE = 256  # frames read from one channel before time goes on: a flood must not stop the motors
 _MOST_ECHOES = 1024  # frames of motors that are remembered until they are received again
 _MOST_BEHIND = 0.05  # s that the motors may be behind; their clock stands still for the rest
-_JOIN = 5.0  # s that closing waits for the thread
-_HOST_FAULTS = {"tx_full": errno.ENOBUFS, "bus_off": errno.ENETDOWN}  # as SocketCAN reports them
 
 
 class MockServer:
@@ -37,17 +34,13 @@ class MockServer:
     def __init__(
         self,
         description: RobotDescription,
-        addresses: Sequence[BusAddress | str],
+        addresses: Sequence[BusAddress | str],  # one for all motors, or one for each of the robot's buses, in order
         *,
         homing_offset: Mapping[str, float] = MappingProxyType({}),
         alone: str = "",
-        log: Log | None = None,
+        log: Log = lambda *_: None,
     ) -> None:
-        """Power the motors on, see `MockMotors`; `log` is called on the motors' thread.
-
-        Args:
-            addresses: one channel for all motors, or one for each of the robot's buses, in order.
-        """
+        """Power the motors on, see `MockMotors`; `log` is called on the motors' thread."""
         self.addresses = tuple(parse_address(one) if isinstance(one, str) else one for one in addresses)
         self._motors = MockMotors(description, len(self.addresses), homing_offset=homing_offset, alone=alone, log=log)
         with contextlib.ExitStack() as opened:
@@ -90,29 +83,13 @@ class MockServer:
         """True while the support holds a floating base."""
         return self._motors.plant.supported
 
-    def open_bus(self, address: BusAddress) -> can.BusABC:
-        """Open the computer's end of a channel; one of these motors' channels with the faults of that end."""
-        bus = open_bus(address)
-        if address in self.addresses:
-            index, send = self.addresses.index(address), bus.send
-
-            def faulty_send(msg: can.Message, timeout: float | None = None) -> None:
-                if fault := self._motors.host_fault(index):
-                    raise can.CanOperationError(f"Failed to transmit: {fault}", _HOST_FAULTS[fault])
-                send(msg, timeout)
-
-            bus.send = faulty_send  # type: ignore[method-assign]
-        return bus
-
     def close(self) -> None:
         """Stop the thread and close the motors' ends of the channels. Raises what ended the thread."""
-        if self._closing.is_set():
-            return
         self._closing.set()
-        with self._opened:
-            self._thread.join(_JOIN)
-            if self.failure is not None:
-                raise self.failure
+        self._thread.join()
+        self._opened.close()
+        if self.failure is not None:
+            raise self.failure
 
     def __enter__(self) -> Self:
         return self

@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.mock.motor import Drive, Sensed
+from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.sito import protocol
 from humanoid_sim.robots.motors import MotorModel
 
-_VOLTAGES = 12.0, 60.0  # V, assumed as for the other motors of the robot
 _HOTTEST = 120.0  # °C, assumed
 
 
@@ -27,19 +26,17 @@ class SitoMotor:
         self.sensed = Sensed()
         self.power_on()
 
-    def power_on(self) -> tuple[Frame, ...]:
+    def power_on(self) -> None:
         """Boot, disabled: the first position is in ±π."""
         self.origin = self.sensed.shaft - math.remainder(self.sensed.shaft, 2.0 * math.pi)
         self.gains = protocol.Gains(self.can_id, 0.0, 0.0)
         self.command = protocol.Command(self.can_id, 0.0, 0.0, 0.0)
-        self.intervals = (0.0, 0.0)  # s between two frames of feedback 1 and 2; 0: none
-        self.reset()
-        return ()
+        self.interval = 0.0  # s between two frames of one kind of feedback; 0: none
+        self._reset()
 
-    def reset(self) -> None:
-        """Leave run mode, without a fault."""
+    def _reset(self) -> None:
         self.is_running = False
-        self.next_feedback = [math.inf, math.inf]
+        self.next_feedback = math.inf
 
     def is_for(self, frame: Frame) -> bool:
         """Return whether a frame names this motor."""
@@ -49,11 +46,11 @@ class SitoMotor:
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
         """Execute a frame that names it, at a time, s; nothing is answered."""
         match protocol.decode(frame, self.model):
-            case protocol.SelectMode(mode=protocol.Mode.MIT, intervals=(first, second, _)) if not self.faults():
-                self.is_running, self.intervals = True, (first / 1000.0, second / 1000.0)
-                self.next_feedback = [time + interval if interval else math.inf for interval in self.intervals]
-            case protocol.Reset() | protocol.SelectMode():
-                self.reset()
+            case protocol.Enable(interval=interval) if not self.faults():
+                self.is_running, self.interval = True, interval / 1000.0
+                self.next_feedback = time + self.interval if interval else math.inf
+            case protocol.Reset():
+                self._reset()
             case protocol.Gains() as gains:
                 self.gains = gains
             case protocol.Command() as command:
@@ -63,20 +60,17 @@ class SitoMotor:
     def advance(self, time: float) -> tuple[Frame, ...]:
         """Check protections at a time, s; returns the feedback that is due."""
         if self.is_running and self.faults():
-            self.reset()
+            self._reset()
+        if time < self.next_feedback:
+            return ()
+        periods = math.ceil((time - self.next_feedback) / self.interval + 1e-9)
+        self.next_feedback += self.interval * periods
         sensed, model = self.sensed, self.model
-        frames: list[Frame] = []
         velocity = min(max(sensed.velocity, -model.velocity), model.velocity)
         torque = min(max(sensed.torque, -model.effort), model.effort)
         feedback = protocol.Feedback(self.can_id, velocity, torque)
         position = protocol.PositionFeedback(self.can_id, sensed.shaft - self.origin)
-        messages: tuple[protocol.MotorMessage, ...] = (feedback, position)
-        for i, message in enumerate(messages):
-            if time >= self.next_feedback[i]:
-                frames.append(protocol.encode(message, model))
-                periods = math.ceil((time - self.next_feedback[i]) / self.intervals[i] + 1e-9)
-                self.next_feedback[i] += self.intervals[i] * periods
-        return tuple(frames)
+        return protocol.encode(feedback, model), protocol.encode(position, model)
 
     def drive(self) -> Drive:
         """Return the command of its control loop. Gains without a command hold position 0."""
@@ -90,8 +84,8 @@ class SitoMotor:
     def faults(self) -> str:
         """Return its faults in words; empty without any."""
         sensed = self.sensed
-        is_powered = _VOLTAGES[0] <= sensed.voltage <= _VOLTAGES[1]
-        return "" if is_powered and sensed.temperature < _HOTTEST and not sensed.overcurrent else "protects itself"
+        is_sound = sensed.voltage >= LOWEST_VOLTAGE and sensed.temperature < _HOTTEST and not sensed.overcurrent
+        return "" if is_sound else "protects itself"
 
     def zero_torque(self) -> tuple[Frame, ...]:
         """Return the frames with which another computer commands no torque."""

@@ -7,7 +7,7 @@ clock; whether it accepted a command shows in its feedback only. A watchdog brak
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +18,15 @@ from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
 from humanoid_sim.hardware.sito import protocol
-from humanoid_sim.hardware.sito.protocol import Command, Gains, MessageType, SelectMode, damping_frames, encode
+from humanoid_sim.hardware.sito.protocol import Command, Enable, Gains, MessageType, damping_frames, encode
 from humanoid_sim.hardware.sito.watchdog import SOURCE, Watchdog, WatchedMotor
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
 _LISTENING = 0.3
 """s in which a motor that is enabled, or another host, is received: feedback comes every 255 ms at the latest."""
-_FIRST_FEEDBACK = 0.5  # s at most from enabling to the first feedback of both kinds
-_SETTLE = 0.1  # s in which feedback is checked before anything is commanded
+_FIRST_FEEDBACK = 0.5  # s at most from enabling to enough feedback
+_ENOUGH = 6  # frames of feedback, three of each kind, that are checked before anything is commanded
 _STRAY_EFFORT = 0.5  # N·m that a motor without gains or current may report: noise of the current's measurement
 _ROUND = 0.02  # s between two rounds of frames while feedback is awaited
 _RESETS = 3  # rounds of resets: none is acknowledged
@@ -42,7 +42,6 @@ class _Slot:
     position: tuple[float, protocol.PositionFeedback] | None = None
     invalid: Note = NEVER
     reports: int = 0  # frames of feedback 1 and 2
-    largest_effort: float = 0.0  # N·m, since enabling began
 
     @property
     def row(self) -> tuple[float, ...] | None:
@@ -59,7 +58,6 @@ class SitoMotors(MotorLink):
     knows_positions = False
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
-        """Send nothing yet."""
         self._line, self.motors, self._terms = line, motors, terms
         self.uids: Mapping[str, bytes] = {}
         self.slots = tuple(_Slot() for _ in range(motors.count))
@@ -73,39 +71,34 @@ class SitoMotors(MotorLink):
         self._stiffness = np.zeros(motors.count)  # as sent last
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
-        """See `MotorLink`."""
         parts = protocol.split_identifier(frame)
         if parts is None:
             return False
         notes, index, kind = self._line.notes[channel], self._index.get((channel, parts[0])), parts[1]
         if index is None:
             notes.strangers["frame of no motor of this robot"] += 1
-        elif kind in protocol.FROM_MOTOR:
-            slot = self.slots[index]
-            match protocol.decode(frame, self.motors.model[index]):
-                case protocol.Feedback() as feedback:
-                    slot.feedback = time, feedback
-                    slot.reports += 1
-                    slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
-                case protocol.PositionFeedback() as position:
-                    slot.position = time, position
-                    slot.reports += 1
-                case protocol.Malformed(reason=reason):
-                    slot.invalid = Note(time, reason)
-                case _:
-                    notes.strangers["feedback of a kind that was not requested"] += 1
-        elif kind in set(MessageType):
-            name = MessageType(kind).name.lower().replace("_", " ")
-            notes.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")
-        else:
-            notes.strangers["unknown message type"] += 1
+            return True
+        slot = self.slots[index]
+        match protocol.decode(frame, self.motors.model[index]):
+            case protocol.Feedback() as feedback:
+                slot.feedback = time, feedback
+                slot.reports += 1
+            case protocol.PositionFeedback() as position:
+                slot.position = time, position
+                slot.reports += 1
+            case None if kind in (MessageType.FEEDBACK_1, MessageType.FEEDBACK_2):
+                slot.invalid = Note(time, f"feedback with data '{frame.data.hex(' ')}'")
+            case None if kind not in set(MessageType):
+                notes.strangers["unknown message type"] += 1
+            case _:
+                name = MessageType(kind).name.lower().replace("_", " ")
+                notes.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")
         return True
 
     # --- activation
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`: listens only; another master ends it with a `RobotError`."""
-        before = [slot.reports for slot in self.slots]
+        """See `MotorLink`: listens only."""
         if self.motors.count:
             self._wait(_LISTENING)
         self._line.check(checks)
@@ -113,7 +106,7 @@ class SitoMotors(MotorLink):
         for i, slot in enumerate(self.slots):
             (device_id, model), source = self._targets[i], self._line.sources[self.motors.channel[i]]
             checks.passed(self.motors.names[i], f"motor {device_id} on {source}, {model.name}: it has no questions")
-            if slot.reports > before[i]:
+            if slot.reports:
                 checks.warn(self.motors.names[i], "sends feedback: another program left it enabled; it is stopped")
 
     def make_ready(self, checks: CheckList) -> None:
@@ -148,39 +141,31 @@ class SitoMotors(MotorLink):
             self._watchdog.enabled()
         for i, slot in enumerate(self.slots):
             slot.feedback = slot.position = None
-            slot.largest_effort = 0.0
+            slot.reports = 0
             (device_id, model), limp = self._targets[i], damping_frames(*self._targets[i], 0.0)
-            select = encode(SelectMode(device_id, protocol.Mode.MIT, (self._interval, self._interval, 0)), model)
             self._enabled.add(i)
-            self._send(i, [*limp, select, *limp])
+            self._send(i, [*limp, encode(Enable(device_id, self._interval), model), *limp])
         self._stiffness[:] = 0.0
-        longest = max(_FIRST_FEEDBACK, 0.005 * self._interval)
-        self._stay_limp(longest, lambda: None not in [slot.row for slot in self.slots])
-        self._stay_limp(_SETTLE, lambda: False)
+        end = self._line.clock() + max(_FIRST_FEEDBACK, 0.005 * self._interval)
+        while self._line.clock() < end and any(slot.reports < _ENOUGH for slot in self.slots):
+            self._wait(_ROUND)
+            for i, slot in enumerate(self.slots):  # again and again: none is acknowledged
+                position = 0.0 if slot.position is None else slot.position[1].position
+                self._send(i, damping_frames(*self._targets[i], 0.0, position))
         for i, slot in enumerate(self.slots):
-            name = self.motors.names[i]
-            if slot.row is None:
+            name, row = self.motors.names[i], slot.row
+            if row is None:
                 missing = "velocity" if slot.feedback is None else "position"
                 checks.problem(name, f"sends no {missing} after it was enabled: is it there, with supply and this id?")
-            elif slot.largest_effort > _STRAY_EFFORT:
-                text = f"reports {slot.largest_effort:.2f} N·m with zero gains and zero current"
+            elif abs(row[3]) > _STRAY_EFFORT:
+                text = f"reports {row[3]:.2f} N·m with zero gains and zero current"
                 checks.problem(name, f"{text}: it ignores them while it is disabled, or another host commands it")
             else:
                 checks.passed(name, f"enabled, limp, feedback every {self._interval} ms")
 
-    def _stay_limp(self, duration: float, is_over: Callable[[], bool]) -> None:
-        """Repeat the frames that make all motors limp, `duration` s at most: none is acknowledged."""
-        end = self._line.clock() + duration
-        while self.motors.count and self._line.clock() < end and not is_over():
-            self._wait(_ROUND)
-            for i, slot in enumerate(self.slots):
-                position = 0.0 if slot.position is None else slot.position[1].position
-                self._send(i, damping_frames(*self._targets[i], 0.0, position))
-
-    def _wait(self, duration: float, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Wait until something is over, `duration` s at most, on the robot's clock, as mock motors may be slow."""
-        end = self._line.clock() + duration
-        while self._line.clock() < end and not is_over():
+    def _wait(self, duration: float) -> None:
+        end = self._line.clock() + duration  # s; on the robot's clock, as mock motors may be slow
+        while self._line.clock() < end:
             time.sleep(0.001)
 
     def _send(self, motor: int, frames: Iterable[Frame]) -> None:
@@ -192,7 +177,6 @@ class SitoMotors(MotorLink):
     # --- control
 
     def readings(self) -> Readings:
-        """See `MotorLink`."""
         rows = [slot.row or (np.nan,) * 5 for slot in self.slots]
         return Readings(*np.array(rows).reshape(-1, 5).T)
 
@@ -203,7 +187,6 @@ class SitoMotors(MotorLink):
                 yield Finding(i, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
     def status(self) -> SafetyStatus | None:
-        """See `MotorLink`."""
         return None if self._watchdog is None else self._watchdog.status()
 
     def command(self, values: FloatArray) -> None:
@@ -234,42 +217,33 @@ class SitoMotors(MotorLink):
     # --- the end
 
     def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        """See `MotorLink`. Only feedback that came before and ends confirms a reset, if the resets have left."""
+        """See `MotorLink`. Only feedback that came before and ends confirms a reset."""
         motors = list(motors)
         if self._watchdog is not None and motors:
             if self._watchdog.poll():
                 self._watchdog.enabled()  # nothing is commanded from here on
             else:
                 self._line.forget_queues()
-                self._release_watchdog(confirmed=False)
-        watched = [i for i in motors if i in self._enabled]
-        before = {i: self.slots[i].reports for i in watched}
-        self._wait(_LISTENING, lambda: all(self.slots[i].reports > before[i] for i in watched))
-        left = {i: "no feedback" for i in watched if self.slots[i].reports == before[i]}
-        reporting = self._reset(motors)
-        for i in motors:
-            if i in reporting or (i in self._enabled and (self._channel(i).down or not self._channel(i).flush(0.0))):
-                left.setdefault(i, "sends feedback")
+                self.close()
+        before = {i: self.slots[i].reports for i in motors if i in self._enabled}
+        self._wait(0.003 * self._interval if before else 0.0)
+        left = {i: "no feedback" for i, count in before.items() if self.slots[i].reports == count}
+        left |= dict.fromkeys(self._reset(motors), "sends feedback")
         self._enabled -= set(motors) - left.keys()
         return left
 
     def close(self) -> None:
-        """See `MotorLink`."""
-        self._release_watchdog(confirmed=not self._enabled)
-
-    def _release_watchdog(self, *, confirmed: bool) -> None:
         if self._watchdog is not None:
-            self._watchdog.release(confirmed=confirmed)
+            self._watchdog.release(confirmed=not self._enabled)
             self._watchdog = None
 
     def _reset(self, motors: Iterable[int]) -> list[int]:
         """Make motors limp and disable them; returns those whose feedback goes on."""
         left = list(motors)
-        for number in range(_RESETS if left else 0):
-            if number:
-                self._wait(0.001 * self._interval)
+        for _ in range(_RESETS if left else 0):
             for i in left:
                 self._send(i, protocol.reset_frames(*self._targets[i]))
+            self._wait(0.001 * self._interval)
         for channel in {self._channel(i) for i in left}:
             channel.flush(_SILENCE)
         end = self._line.clock() + _SILENCE

@@ -22,28 +22,19 @@ from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
 
 
 class MessageType(IntEnum):
-    """The lowest byte of an identifier."""
+    """The lowest byte of an identifier; from 0xB0 on a motor's, all others a host's."""
 
     RESET = 0x00
     SELECT_MODE = 0x01
     COMMAND = 0x09
     GAINS = 0x45
-    FEEDBACK_0 = 0xB0
     FEEDBACK_1 = 0xB1
     FEEDBACK_2 = 0xB2
-    FEEDBACK_3 = 0xB3
 
 
-class Mode(IntEnum):
-    """Modes that a motor can be set to."""
-
-    POSITION = 0x08
-    MIT = 0x09  # selecting it enables the motor
-
-
-FROM_MOTOR = frozenset(kind for kind in MessageType if kind >= MessageType.FEEDBACK_0)  # all others are a host's
 LARGEST_INTERVAL = 255  # ms between two frames of one kind of feedback
 _PREFIX = 0x0506
+_MIT = 0x09  # the mode whose selection enables a motor
 _RESET = b"\x55" * 8
 _STIFFNESS_UNIT = 500.0
 """N·m/rad in a gain of 1. Another page of the same authors has 688.58, measured: see `MotorFamily.stiffness_doubt`."""
@@ -53,58 +44,49 @@ _COMMAND, _GAINS = struct.Struct(">hhi"), struct.Struct(">ff")
 _FEEDBACK_1, _FEEDBACK_2 = struct.Struct(">xxhxxh"), struct.Struct(">xxxxi")  # other bytes are not known
 
 
-class Message(msgspec.Struct, frozen=True):
-    """A message to or from one motor; values in rad, s and N·m, motor frame."""
-
+class _Message(msgspec.Struct, frozen=True):
     device_id: int
 
 
-class Reset(Message, frozen=True):
+class Reset(_Message, frozen=True):
     """Disable: the motor goes limp."""
 
 
-class SelectMode(Message, frozen=True):
-    """Selecting MIT enables."""
+class Enable(_Message, frozen=True):
+    """Select MIT mode, which enables, and both kinds of feedback."""
 
-    mode: Mode
-    intervals: tuple[int, int, int]  # ms, of feedback 1, 2 and 3; 0: none
+    interval: int  # ms between two frames of one kind; 0: none
 
 
-class Gains(Message, frozen=True):
+class Gains(_Message, frozen=True):
     """K_p and K_d of the MIT law; they hold until others are sent."""
 
     stiffness: float
     damping: float
 
 
-class Command(Message, frozen=True):
-    """The other three fields of the MIT law."""
+class Command(_Message, frozen=True):
+    """The other three fields of the MIT law, in rad, s and N·m, motor frame."""
 
     position: float
     velocity: float
     effort: float
 
 
-class Feedback(Message, frozen=True):
-    """Feedback 1."""
+class Feedback(_Message, frozen=True):
+    """Feedback 1, in rad/s and N·m, motor frame."""
 
     velocity: float  # not beyond ±3.14
     effort: float  # from the current
 
 
-class PositionFeedback(Message, frozen=True):
-    """Feedback 2."""
+class PositionFeedback(_Message, frozen=True):
+    """Feedback 2, rad, motor frame."""
 
     position: float  # of the output
 
 
-class Malformed(Message, frozen=True):
-    """A frame with a Sito identifier that cannot be read."""
-
-    reason: str
-
-
-HostMessage: TypeAlias = Reset | SelectMode | Gains | Command
+HostMessage: TypeAlias = Reset | Enable | Gains | Command
 MotorMessage: TypeAlias = Feedback | PositionFeedback
 
 
@@ -117,25 +99,23 @@ def split_identifier(frame: Frame) -> tuple[int, int] | None:
 
 def encode(message: HostMessage | MotorMessage, model: MotorModel) -> Frame:
     """Return the frame of a message, unknown bytes zero. A value that does not fit raises; it is never wrapped."""
+    steps = _CURRENT_STEPS / model.effort
     match message:
         case Reset():
             kind, data = MessageType.RESET, _RESET
-        case SelectMode(mode=mode, intervals=intervals):
-            kind, data = MessageType.SELECT_MODE, bytes([mode, *intervals]).ljust(8, b"\0")
+        case Enable(interval=interval):
+            kind, data = MessageType.SELECT_MODE, bytes([_MIT, interval, interval, 0, 0, 0, 0, 0])
         case Gains(stiffness=stiffness, damping=damping):
             kind, data = MessageType.GAINS, _GAINS.pack(stiffness / _STIFFNESS_UNIT, damping / _DAMPING_UNIT)
         case Command(position=position, velocity=velocity, effort=effort):
-            counts = _current(effort, model), _counts(velocity), _counts(position)
+            counts = _rounded(effort * steps), _counts(velocity), _counts(position)
             kind, data = MessageType.COMMAND, _COMMAND.pack(*counts)
         case Feedback(velocity=velocity, effort=effort):
-            kind, data = MessageType.FEEDBACK_1, _FEEDBACK_1.pack(_current(effort, model), _counts(velocity))
+            data = _FEEDBACK_1.pack(_rounded(effort * steps), _counts(velocity))
+            kind = MessageType.FEEDBACK_1
         case PositionFeedback(position=position):
             kind, data = MessageType.FEEDBACK_2, _FEEDBACK_2.pack(_counts(position))
     return Frame(_PREFIX << 16 | message.device_id << 8 | kind, data)
-
-
-def _current(effort: float, model: MotorModel) -> int:
-    return _rounded(effort * (_CURRENT_STEPS / model.effort))
 
 
 def _counts(angle: float) -> int:
@@ -147,35 +127,31 @@ def _rounded(value: float) -> int:
     return int(math.copysign(math.floor(abs(value) + 0.5), value))
 
 
-def decode(  # noqa: PLR0911 - one for each message
-    frame: Frame, model: MotorModel
-) -> HostMessage | MotorMessage | Malformed | None:
-    """Return the message of a frame from or to a motor of this model; never raises. None: not one of these types."""
-    parts = split_identifier(frame)
-    if parts is None or parts[1] not in set(MessageType) - {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}:
+def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | None:  # noqa: PLR0911 - one for each
+    """Return the message of a frame from or to a motor of this model; never raises. None: it cannot be read."""
+    parts, data = split_identifier(frame), frame.data
+    if parts is None or len(data) != 8:
         return None
-    (device_id, kind), data, effort_unit = parts, frame.data, model.effort / _CURRENT_STEPS
-    malformed = Malformed(device_id, f"{MessageType(kind).name.lower().replace('_', ' ')} with data '{data.hex(' ')}'")
-    if len(data) != 8:
-        return malformed
+    (device_id, kind), current_unit = parts, model.effort / _CURRENT_STEPS
     match kind:
-        case MessageType.RESET:
-            return Reset(device_id) if data == _RESET else malformed
-        case MessageType.SELECT_MODE:
-            is_known = data[0] in tuple(Mode)
-            return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3])) if is_known else malformed
+        case MessageType.RESET if data == _RESET:
+            return Reset(device_id)
+        case MessageType.SELECT_MODE if data[0] == _MIT:
+            return Enable(device_id, data[1])
         case MessageType.GAINS:
             stiffness, damping = _GAINS.unpack(data)
-            is_sound = 0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf  # NaN is not
-            return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT) if is_sound else malformed
+            if 0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf:  # NaN is not
+                return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
         case MessageType.COMMAND:
             current, velocity, position = _COMMAND.unpack(data)
             angles = position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD
-            return Command(device_id, *angles, current * effort_unit)
+            return Command(device_id, *angles, current * current_unit)
         case MessageType.FEEDBACK_1:
             current, velocity = _FEEDBACK_1.unpack(data)
-            return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * effort_unit)
-    return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
+            return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * current_unit)
+        case MessageType.FEEDBACK_2:
+            return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
+    return None
 
 
 def damping_frames(device_id: int, model: MotorModel, damping: float, position: float = 0.0) -> tuple[Frame, ...]:

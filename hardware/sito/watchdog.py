@@ -1,9 +1,9 @@
 """A child process that brakes motors without a timeout of their own when the loop's process dies or falls silent.
 
 Loop and child share a socket. The loop sends ENABLED before a motor may be enabled, BEAT with every set of commands
-that left, and RELEASED or ABANDONED at the end; the child answers each byte, so that its own death shows. It is idle,
-then armed, then released. After a timeout without a BEAT, or when the socket closes, it sends TAKEN, damps the motors
-for 3 s and resets them. A loop that resumes finds TAKEN and sends nothing more.
+that left, and RELEASED at the end. The child is idle, then armed, then released. After a timeout without a BEAT, or
+when the socket closes before RELEASED, it sends TAKEN, damps the motors for 3 s and resets them. A loop that resumes
+finds TAKEN, answers SEEN and sends nothing more.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import can
@@ -34,14 +34,10 @@ TIMEOUT = 0.1  # s without a beat after which the child takes over
 DAMPING_TIME = 3.0  # s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile
 _PERIOD = 0.02  # s between two rounds of frames
 _RESETS = 5  # rounds in which the reset is sent
-_REMINDER = (
-    0.2  # s between further ones, until a stopped loop has seen TAKEN: one last frame of its own may leave before
-)
+_REMINDER = 0.2  # s between further ones, until a stopped loop has seen TAKEN: one last frame of its own may leave
 _START = 10.0  # s that the child may take to start, on a busy computer
-_HUNG = 0.5  # s without an answer to a beat after which the child counts as hung
 _END = 1.0  # s that the child may take to end, beyond what it has to send
-ENABLED, BEAT, RELEASED, ABANDONED, SEEN, TAKEN = b"e", b"b", b"r", b"a", b"s", b"t"
-_UNCONFIRMED = "motors did not confirm that they are disabled"
+ENABLED, BEAT, RELEASED, SEEN, TAKEN = b"e", b"b", b"r", b"s", b"t"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +61,6 @@ class Watchdog:
         self._names = ", ".join(motor.name for motor in motors)
         self._socket, theirs = socket.socketpair()
         self._has_taken_over = self._has_died = False
-        self._beaten = self._answered = time.monotonic()
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", __name__, str(theirs.fileno())],
@@ -98,53 +93,51 @@ class Watchdog:
 
     def beat(self) -> None:
         """Report a set of commands that has left: from here on silence counts."""
-        self._beaten = time.monotonic()
         self._send(BEAT)
 
     def poll(self) -> bool:
         """Return whether the loop may send: the child has not taken over."""
         data = _received(self._socket)
-        if data is not None:
-            if TAKEN in data and not self._has_taken_over:
-                self._has_taken_over = True
-                self._send(SEEN)
-            self._has_died = not data
-            self._answered = time.monotonic()
+        if data is not None and TAKEN in data:
+            self._has_taken_over = True
+            self._send(SEEN)
+        self._has_died = data == b""
         return not self._has_taken_over
 
     def status(self) -> SafetyStatus | None:
-        """Return what is wrong: the child has taken over, has died or hangs."""
+        """Return what is wrong: the child has taken over, or has died."""
         if not self.poll():
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
             return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
-        if not self._has_died and self._beaten - self._answered <= _HUNG:
+        if not self._has_died:
             return None
-        text = f"the watchdog {'has died' if self._has_died else 'hangs'}: nothing would stop {self._names}; reactivate"
+        text = f"the watchdog has died: nothing would stop {self._names}; reactivate"
         return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)
 
     def release(self, *, confirmed: bool) -> None:
         """End the child: at once if its motors are `confirmed` to be off, else after it has braked them."""
-        self._send(RELEASED if confirmed else ABANDONED)
+        if confirmed:
+            self._send(RELEASED)
         is_braking = self._has_taken_over or not confirmed
         self._reap(DAMPING_TIME + _PERIOD * _RESETS + _END if is_braking else _END)
 
     def _send(self, message: bytes) -> None:
-        with contextlib.suppress(OSError):  # a child that hangs or is gone shows in `status`
+        with contextlib.suppress(OSError):  # a child that is gone shows in `status`
             self._socket.send(message)
 
     def _reap(self, patience: float) -> None:
+        self._socket.close()
         try:
             self._process.wait(patience)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._socket.close()
 
 
 def _received(end: socket.socket) -> bytes | None:
     """Return what has come; None: nothing yet, empty: the other end is gone."""
     try:
-        return end.recv(4096)
+        return end.recv(4096, socket.MSG_DONTWAIT)
     except BlockingIOError:
         return None
     except OSError:
@@ -161,31 +154,30 @@ def main(descriptor: int) -> int:
     loop = socket.socket(fileno=descriptor)
     plan = sys.stdin.buffer.read()
     motors, damping_time = msgspec.json.decode(plan, type=tuple[tuple[WatchedMotor, ...], float])
-    buses: dict[BusAddress, can.BusABC] = {}
     with contextlib.ExitStack() as opened:
         try:
-            for channel in dict.fromkeys(motor.channel for motor in motors):
-                buses[channel] = opened.enter_context(open_bus(channel))
-                # It only sends, so no other identifier is received.
-                buses[channel].set_filters([{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}])
+            buses = {one: opened.enter_context(open_bus(one)) for one in {motor.channel for motor in motors}}
         except RobotError as error:
             loop.send(str(error).encode())
             return 1
         opened.enter_context(real_time(ahead=10))  # it runs before the loop
         loop.send(BEAT)
-        if reason := _watch(loop):
-            with contextlib.suppress(OSError):  # before any frame: a loop that resumes must not send
-                loop.send(TAKEN)
-            names = ", ".join(motor.name for motor in motors)
-            _print(f"{reason}: damping {names} for {damping_time:g} s, then reset")
-            for _ in range(max(math.ceil(damping_time / _PERIOD), 1)):
-                _round(buses, ((motor.channel, motor.damping) for motor in motors), _PERIOD)
-            resets = 0
-            while resets < _RESETS or not (reason == _UNCONFIRMED or _has_seen(loop)):
-                resets += 1
-                pause = _PERIOD if resets <= _RESETS else _REMINDER
-                _round(buses, ((motor.channel, motor.reset) for motor in motors), pause)
-            _print(f"damped and reset: {names}")
+        reason = _watch(loop)
+        if not reason:
+            return 0
+        with contextlib.suppress(OSError):  # before any frame: a loop that resumes must not send
+            loop.send(TAKEN)
+        names = ", ".join(motor.name for motor in motors)
+        with contextlib.suppress(OSError):  # stderr may be gone
+            os.write(2, f"watchdog: {reason}: damping {names} for {damping_time:g} s, then reset\n".encode())
+        for _ in range(math.ceil(damping_time / _PERIOD)):
+            _send_all(buses, [(motor.channel, motor.damping) for motor in motors])
+            time.sleep(_PERIOD)
+        resets = 0
+        while resets < _RESETS or not _has_seen(loop):
+            _send_all(buses, [(motor.channel, motor.reset) for motor in motors])
+            resets += 1
+            time.sleep(_PERIOD if resets <= _RESETS else _REMINDER)
     return 0
 
 
@@ -200,39 +192,23 @@ def _watch(loop: socket.socket) -> str:
         data = _received(loop) or b""
         if RELEASED in data:
             return ""
-        if ABANDONED in data:
-            return _UNCONFIRMED
         if not data:
-            return "the loop's process has ended" if is_armed else ""
+            return "the loop has ended" if is_armed else ""
         is_armed = True
         deadline = time.monotonic() + TIMEOUT if data.endswith(BEAT) else math.inf
-        with contextlib.suppress(OSError):
-            loop.send(BEAT)
 
 
 def _has_seen(loop: socket.socket) -> bool:
     """Return whether the loop has seen TAKEN, or is gone."""
-    if not select.select([loop], [], [], 0.0)[0]:
-        return False
     data = _received(loop)
-    return not data or any(end in data for end in (RELEASED, ABANDONED, SEEN))
+    return data is not None and (not data or SEEN in data or RELEASED in data)
 
 
-def _round(
-    buses: dict[BusAddress, can.BusABC], frames: Iterable[tuple[BusAddress, tuple[Frame, ...]]], period: float
-) -> None:
-    """Send the frames of every motor, then wait for the rest of the period, s."""
-    end = time.monotonic() + period
+def _send_all(buses: Mapping[BusAddress, can.BusABC], frames: Iterable[tuple[BusAddress, tuple[Frame, ...]]]) -> None:
     for channel, group in frames:
         for frame in group:
             with contextlib.suppress(Exception):  # a bus that fails must not keep the others from being damped
                 buses[channel].send(message_of(frame), _PERIOD)
-    time.sleep(max(end - time.monotonic(), 0.0))
-
-
-def _print(text: str) -> None:
-    with contextlib.suppress(OSError):  # stderr may be gone
-        os.write(2, f"watchdog: {text}\n".encode())
 
 
 if __name__ == "__main__":  # started by `Watchdog`, never by hand

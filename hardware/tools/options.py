@@ -20,7 +20,7 @@ _CALIBRATION = Path("calibration.yaml")
 
 @dataclass(frozen=True)
 class Discover:
-    """Ask every id who is there, and listen for enabled motors that have no questions (Sito). Reads only.
+    """Ask every id who is there. Reads only; a Sito motor has no questions, and is not found.
 
     Exit status 1 if a motor of --robot is missing, 3 if none answers.
     """
@@ -145,16 +145,12 @@ class Emulate:
     robot: _Robot = "lite"
     fault: Annotated[tuple[str, ...], UseAppendAction] = ()
     """A fault to inject, KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s: over_temperature:left_elbow_pitch@5+2.
-    May be repeated. Kinds: silent late garbage wrong_id reset motor_fault over_temperature brown_out stuck encoder_jump
+    May be repeated. Kinds: silent late garbage wrong_id motor_fault over_temperature brown_out stuck encoder_jump
     second_master bus_off."""
     calibration: Path | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
-    duration: float | None = None
-    """s after which to end; none: never."""
-    quiet: bool = False
-    """Do not print what happens to the motors."""
 
 
 TOOLS = Discover | Ping | Param | Identify | Calibrate | SetId | SetZero | Emulate

@@ -15,7 +15,8 @@ import numpy as np
 
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
-from humanoid_sim.evaluation.failure import describe_fall, has_fallen, rms
+from humanoid_sim.evaluation.errors import rms
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState

@@ -144,7 +144,7 @@ class Run:
         if loaded is not None and is_single:
             self.tracking = MotionErrors.of(description, loaded)
             if motion is not None and motion.task_type == "piano":
-                self.keys = PlayedKeys(motion.frames)
+                self.keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
             ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
         self.console = ConsoleSink(
             console,

@@ -13,7 +13,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
+from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
@@ -80,7 +80,6 @@ def real_robot(
         allow_no_timeout=config.allow_no_timeout,
         can_timeout=config.can_timeout,
         accepted_firmware=config.accept_firmware,
-        open_bus=open_bus if motors is None else motors.open_bus,
     )
     channels = ", ".join(map(str, addresses))
     question = f"Enable the motors of {description.name} on {channels}, without torque?"

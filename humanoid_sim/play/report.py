@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.evaluation.failure import DEFINITIONS
+from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.evaluation.run_figures import describe_effort
 from humanoid_sim.files import finite, whole_file
 from humanoid_sim.play.assembly import Run
@@ -26,8 +28,7 @@ _SHOWN = 10
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
-    plan, monitor = run.plan, run.monitor
-    piano = None if run.keys is None else run.keys.score()
+    plan, monitor, keys = run.plan, run.monitor, run.keys
     return {
         "robot": plan.description.name,
         "policy": None if plan.policy.loaded is None else plan.policy.source,
@@ -46,8 +47,9 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "effort": monitor.joints.effort(),
         "tracking": None if run.tracking is None else run.tracking.summary(),
         "base": None if monitor.base is None else monitor.base.summary(),
-        "piano": None if piano is None else asdict(piano),
+        "piano": None if keys is None or not len(keys.pressed) else asdict(score(keys.pressed, keys.wanted, keys.step)),
         "key_force": plan.setup.key_force(),
+        "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
@@ -73,8 +75,7 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
     if summary["base"]:
         console.print(_table("Base, from its release on", _base(summary["base"])))
     if summary["piano"]:
-        ratios = tuple(f"{value:.3f}" for value in summary["piano"].values())
-        console.print(_table("Song", [ratios], "precision", "recall", "F1"))
+        console.print(_table("Song", _piano(summary["piano"]), "keys", "precision", "recall", "F1"))
     if summary["key_force"]:
         force = summary["key_force"]
         where = f" ({force['key']} at {_s(force['time'])})" if force["key"] else ""
@@ -126,6 +127,14 @@ def _base(base: dict[str, Any]) -> list[tuple[str, str]]:
     if base["tilt_max"] is not None:
         rows.append(("largest tilt after 2 s", f"{np.degrees(base['tilt_max']):.1f}°"))
     return rows
+
+
+def _piano(piano: dict[str, Any]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for name, part in (("per time step", "steps"), ("per note", "notes")):
+        rows.append((name, *(f"{piano[part][ratio]:.3f}" for ratio in ("precision", "recall", "f1"))))
+    struck = f"{piano['hit_count']} of {piano['note_count']} notes struck in time, {piano['false_count']} wrong strokes"
+    return [*rows, (struck,)]
 
 
 def loop_figures(

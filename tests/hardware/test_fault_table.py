@@ -18,7 +18,7 @@ STANDSTILL = 0.3
 AFTERWARDS = 0.08
 """s that are watched after a fault is over."""
 STALL = "host stalls"
-BUS_OFF, RX_TIMEOUT, TX_OVERRUN = SafetyFlag.BUS_OFF, SafetyFlag.RX_TIMEOUT, SafetyFlag.TX_QUEUE_OVERRUN
+BUS_OFF, RX_TIMEOUT = SafetyFlag.BUS_OFF, SafetyFlag.RX_TIMEOUT
 MOTOR_FAULT, TEMPERATURE, INVALID = SafetyFlag.MOTOR_FAULT, SafetyFlag.TEMPERATURE_LIMIT, SafetyFlag.INVALID_FRAME
 
 CASES = {
@@ -27,14 +27,12 @@ CASES = {
     "wrong_id": (Fault("wrong_id", ELBOW), RX_TIMEOUT, 0.24),
     "power lost": (Fault("brown_out", ELBOW, value=3.0), RX_TIMEOUT, 0.24),
     "brown_out": (Fault("brown_out", ELBOW), MOTOR_FAULT, 0.04),
-    "reset": (Fault("reset", ELBOW), MOTOR_FAULT, 0.04),
     "motor_fault": (Fault("motor_fault", ELBOW), MOTOR_FAULT, 0.04),
     "over_temperature": (Fault("over_temperature", ELBOW), TEMPERATURE, 0.04),
     "encoder_jump": (Fault("encoder_jump", ELBOW), MOTOR_FAULT, 0.04),
     "garbage": (Fault("garbage", ELBOW), INVALID, 0.04),
     "second_master": (Fault("second_master"), INVALID, 0.04),
     "bus_off": (Fault("bus_off"), BUS_OFF, 0.04),
-    "tx_full": (Fault("tx_full"), TX_OVERRUN, 0.14),
     STALL: (None, MOTOR_FAULT, STANDSTILL + 0.04),
 }
 """By case: the fault, its flag, and s until DAMPING at most."""
@@ -86,7 +84,7 @@ def test_a_fault_ends_in_damping(name, mode, make_rig, table):
     table.append((name, mode.name, "|".join(each.name for each in flag), f"{1e3 * elapsed:.0f}"))
 
 
-@pytest.mark.parametrize("name", ["wrong_id", "tx_full", "bus_off"])
+@pytest.mark.parametrize("name", ["wrong_id", "bus_off"])
 def test_motors_that_no_command_reaches_stop_by_their_own_timeout(name, make_rig):
     fault = CASES[name][0]
     with make_rig() as rig:

@@ -14,7 +14,7 @@ from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.motor_link import Readings
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.sito import motors as sito_motors
-from humanoid_sim.hardware.sito.protocol import Command, Gains, HostMessage, Mode, Reset, SelectMode, decode
+from humanoid_sim.hardware.sito.protocol import Command, Enable, Gains, HostMessage, Reset, decode
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -46,7 +46,6 @@ def rig(before=lambda _: None, control_period=None):
             [channel],
             calibration=ZEROS,
             control_period=control_period,
-            open_bus=motors.open_bus,
             allow_no_timeout=True,
             can_timeout=1.0,  # a busy machine may not send for a while
             clock=motors.clock,
@@ -105,9 +104,9 @@ def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame
             robot.activate()
             heard = [decode(frame_of(message), TA50) for message in iter(lambda: listener.recv(0.0), None)]
         sent = [message for message in heard if isinstance(message, HostMessage) and message.device_id == 16]
-        (enabling,) = (i for i, message in enumerate(sent) if isinstance(message, SelectMode))
+        (enabling,) = (i for i, message in enumerate(sent) if isinstance(message, Enable))
         limp = [Gains(16, 0.0, 0.0), Gains(16, 0.0, 0.0), Command(16, 0.0, 0.0, 0.0)]
-        assert sent[enabling] == SelectMode(16, Mode.MIT, (20, 20, 0))
+        assert sent[enabling] == Enable(16, 20)
         assert sent[enabling - 3 : enabling] == sent[enabling + 1 : enabling + 4] == limp
         assert all(message in limp or isinstance(message, Reset) for message in sent[:enabling])
         later = [message for message in sent[enabling + 4 :] if isinstance(message, Gains)]

@@ -1,12 +1,11 @@
 """Mock motors without a clock: one by itself, and a Lite's on their buses with a host that speaks in messages."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Arrival, MockMotors
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.robstride import messages
@@ -79,10 +78,8 @@ class Lone:
 class Bench:
     """The motors of a Lite; all that arrives is kept in `log`."""
 
-    def __init__(self, buses: int = 1, faults: Sequence[Fault] = (), **options) -> None:
-        self.mock = MockMotors(LITE, buses, **options)
-        for fault in faults:
-            self.mock.inject(fault)
+    def __init__(self, buses: int = 1) -> None:
+        self.mock = MockMotors(LITE, buses)
         self.log: list[Arrival] = []
 
     def submit(self, command: Command) -> None:

@@ -11,14 +11,7 @@ from humanoid_sim.hardware.mock.faults import Fault, parse_fault
 from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
-from humanoid_sim.hardware.robstride.messages import (
-    DeviceId,
-    Enable,
-    MotorMode,
-    OperationControl,
-    StatusFault,
-    WriteParameter,
-)
+from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, StatusFault
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import SimConfig
@@ -76,12 +69,6 @@ def test_shafts_turn_as_the_calibration_says():
     np.testing.assert_allclose(truth.joint_effort, np.full(14, 3.0), atol=1e-12)
 
 
-def test_the_torque_limit_is_the_written_one(bench):
-    bench.submit(WriteParameter(15, 0x700B, np.float32(4.0).tobytes()))
-    bench.command(duration=0.01, effort=5.0)
-    assert abs(bench.torque()[IDS.index(15)]) == pytest.approx(4.0, rel=1e-6)
-
-
 def test_a_floating_base_is_held_and_let_go():
     motors = MockMotors(load_robot("lite_biped"))
     motors.advance(0.1)
@@ -101,10 +88,9 @@ def test_a_floating_base_is_held_and_let_go():
         (Fault("over_temperature", (ELBOW,), duration=0.05), StatusFault.MOTOR_OVERTEMPERATURE),
         (Fault("brown_out", (ELBOW,), duration=0.05), StatusFault.UNDERVOLTAGE),
         (Fault("motor_fault", (ELBOW,), duration=0.05), StatusFault.PHASE_OVERCURRENT),
-        (Fault("reset", (ELBOW,), duration=0.05), StatusFault(0)),
         (Fault("brown_out", (ELBOW,), duration=0.005, value=3.0), StatusFault(0)),
     ],
-    ids=["hot", "low supply", "overcurrent", "reset", "no supply"],
+    ids=["hot", "low supply", "overcurrent", "no supply"],
 )
 def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(fault, bits, bench):
     bench.mock.inject(fault)
@@ -113,13 +99,6 @@ def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(fault, bits, bench)
         replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
         assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, bits)]
         assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
-
-
-def test_a_motor_without_supply_says_nothing_and_announces_itself_when_it_boots(bench):
-    bench.mock.inject(Fault("brown_out", (ELBOW,), duration=0.1, value=0.0))
-    bench.advance(0.01)
-    assert len(bench.command(duration=0.02)) == 13
-    assert [reply.motor_id for reply in bench.advance(0.1) if isinstance(reply, DeviceId)] == [ELBOW_ID]
 
 
 def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(bench):
@@ -164,23 +143,9 @@ def test_after_bus_off_nothing_passes_on_that_bus():
     bench.mock.inject(Fault("bus_off", (ELBOW,)))
     arrivals = bench.mock.advance(bench.mock.time + 0.01)
     assert [(a.bus, a.frame.is_error, a.frame.arbitration_id) for a in arrivals] == [(0, True, 0x40)]
-    assert (bench.mock.host_fault(0), bench.mock.host_fault(1)) == ("bus_off", "")
     assert sorted(reply.motor_id for reply in bench.command(duration=0.02)) == [21, 22, 23, 24, 25, 26, 27]
     bench.mock.clear_faults()
     assert len(bench.command(duration=0.02)) == 14
-
-
-def test_the_same_frames_and_faults_give_the_same_answers():
-    def run():
-        bench = Bench(faults=[Fault("silent", value=0.3)])
-        bench.ask(Enable)
-        for step in range(20):
-            bench.command(duration=0.005, effort=0.1 * step)
-        return [(arrival.time, arrival.frame) for arrival in bench.log]
-
-    first = run()
-    assert first == run()
-    assert 100 < len(first) < 14 * 21
 
 
 @pytest.mark.parametrize(
@@ -203,7 +168,6 @@ def test_a_fault_is_read(text, fault):
         ("", ["KIND[=VALUE]"]),
         ("silent:left_elbow_pitch@x", ["KIND[=VALUE]"]),
         ("broken", ["broken", "known: silent, late"]),
-        ("stuck=3", ["no value"]),
         ("silent=1.5", ["1.5", "0 to 1"]),
         ("silent=nan", ["nan", "0 to 1"]),
         ("silent:elbow", ["elbow", "left_shoulder_pitch"]),
@@ -213,16 +177,3 @@ def test_a_refused_fault_says_why(text, words):
     with pytest.raises(InputError) as refused:
         parse_fault(text, LITE)
     assert all(word in str(refused.value) for word in [f"--fault '{text}'", *words])
-
-
-@pytest.mark.parametrize(
-    ("buses", "options", "words"),
-    [
-        (1, {"homing_offset": {"elbow": 0.1}}, "elbow"),
-        (1, {"alone": "elbow"}, "elbow"),
-        (3, {}, "3 channels, expected 1 or 2"),
-    ],
-)
-def test_options_that_do_not_fit_the_robot_are_refused(buses, options, words):
-    with pytest.raises(InputError, match=words):
-        MockMotors(LITE, buses, **options)

@@ -70,7 +70,6 @@ def test_the_can_timeout_stops_it_without_a_fault_bit():
     [
         ("temperature", 136.0, StatusFault.MOTOR_OVERTEMPERATURE, FaultBit.MOTOR_OVERTEMPERATURE),
         ("voltage", 11.0, StatusFault.UNDERVOLTAGE, FaultBit.UNDERVOLTAGE),
-        ("voltage", 61.0, StatusFault(0), FaultBit.OVERVOLTAGE),
         ("overcurrent", True, StatusFault.PHASE_OVERCURRENT, FaultBit.PHASE_A_OVERCURRENT),
     ],
 )
@@ -99,13 +98,6 @@ def test_active_reports_have_their_interval():
     assert all(isinstance(report, messages.Status) and report.is_report for report in reports)
     lone.tell(messages.SetActiveReport(ID, False))
     assert lone.wait(0.1) == []
-
-
-def test_set_zero_moves_the_target_as_well():
-    lone = enabled(shaft=1.5)
-    lone.mit(1.5, 50.0)
-    assert lone.status(messages.SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
-    assert lone.motor.drive().position == 0.0
 
 
 def test_a_reported_position_wraps_and_mechpos_does_not():

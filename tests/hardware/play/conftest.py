@@ -27,7 +27,7 @@ def calibrate(folder):
 def emulate(monkeypatch):
     """Let `play` make mock motors with these faults and log; returns the motors that it makes."""
 
-    def replace(faults=(), log=None):
+    def replace(faults=(), log=lambda *_: None):
         made = []
 
         def make(*arguments, **options):

@@ -17,7 +17,6 @@ pytestmark = pytest.mark.soak
 
 FAULTS = {
     "bus_off": "BUS_OFF",
-    "reset:left_elbow_pitch": "MOTOR_FAULT",
     "brown_out:left_elbow_pitch": "MOTOR_FAULT",
 }
 

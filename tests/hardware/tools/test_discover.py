@@ -1,13 +1,10 @@
 import can
 
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.bus.frame import message_of
 from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.sito.protocol import Mode, SelectMode, encode
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import MOTORS
 
 CHANNEL = "virtual:bench-tools"
 
@@ -38,17 +35,6 @@ def test_status_3_where_nothing_answers_with_what_was_received_instead(run):
     assert (status, printed) == (3, "")
     assert "no motor answers on virtual:nobody" in complained
     assert "11-bit" in complained
-
-
-def test_an_enabled_sito_motor_is_received_and_the_others_may_be_there(run):
-    channel = "virtual:bench-sito"
-    with MockServer(load_robot("lite_sito"), [channel]) as motors:
-        with motors.open_bus(motors.addresses[0]) as bus:
-            bus.send(message_of(encode(SelectMode(16, Mode.MIT, (20, 20, 0)), MOTORS["TA40-50"])))
-        status, printed, _ = run("discover", channel, "--robot", "lite_sito")
-    assert status == 0
-    assert f"Sito motor 16 on {channel} sends feedback: it is enabled" in printed
-    assert f"not enabled, or not there: left_wrist_pitch (motor 17 on {channel})" in printed
 
 
 def test_a_channel_in_use_is_refused(run):

@@ -156,4 +156,4 @@ def test_a_motor_without_a_timeout_is_disabled_when_the_tool_is_killed():
         identify.kill()
         said = "".join(identify.communicate(timeout=60.0))
         assert log[-1] == "left_wrist_roll: disabled"
-    assert "watchdog: the loop's process has ended: damping left_wrist_roll for 3 s, then reset" in said
+    assert "watchdog: the loop has ended: damping left_wrist_roll for 3 s, then reset" in said
