@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import signal
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from time import monotonic, sleep
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.frontends.attach import Attachment, Source
+from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.frontends.console.gate import Gate
+from humanoid_sim.frontends.console.operator import Operator
+from humanoid_sim.frontends.console.panel import Panel
+from humanoid_sim.frontends.console.scene import Scene
 from humanoid_sim.frontends.dds.mirror import Watched
 
 _LOCAL = "127.0.0.1"
@@ -35,36 +37,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(ConsoleConfig, "console", arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with config.source("console") as source:
-        _serve(source, config)
-    return 0
-
-
-def _serve(source: Source, config: ConsoleConfig) -> None:
-    # What the packages of the extra provide is imported where it is known that they are there.
-    from humanoid_sim.frontends.console.gate import Gate, checked_host  # noqa: PLC0415
-    from humanoid_sim.frontends.console.operator import Operator  # noqa: PLC0415
-    from humanoid_sim.frontends.console.panel import Panel  # noqa: PLC0415
-    from humanoid_sim.frontends.console.scene import Scene  # noqa: PLC0415
-
-    host = checked_host(config.host)
-    with ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="humanoid_sim-"))
-        socket = Path(folder) / "viser"
-        scene = Scene(socket, source)
+    with config.source("console") as source, ExitStack() as stack:
+        gate = Gate(config.host, config.port)
+        scene = Scene(gate.serve(), source)
         stack.callback(scene.close)
-        operator = Operator(source) if isinstance(source, Attachment) else None
-        gate = Gate(host, config.port, socket, operator.damp if operator else lambda: None)
-        stack.callback(gate.close)
+        operator = Operator(source, gate) if isinstance(source, Attachment) else None
         if operator is not None:
-            operator.gate = gate
             stack.callback(operator.close)
         panel = Panel(source, scene, operator)
-        if operator is not None:
-            print(f"console on {gate.control}", flush=True)
-        print(f"to watch only: {gate.watch}", flush=True)
-        if host != _LOCAL:
-            print(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted", flush=True)
+        print(f"console on {gate.address}", flush=True)
+        if config.host != _LOCAL:
+            print("warning: what goes over the network, the token too, is not encrypted", flush=True)
         drawn = shown = 0.0
         while source.is_running():
             for tick in source.ticks(_TICK):
@@ -79,6 +62,7 @@ def _serve(source: Source, config: ConsoleConfig) -> None:
                 gate.shown = panel.show()
         gate.shown = {**gate.shown, "ended": True}
         sleep(0.2)  # s, until every page has received that
+    return 0
 
 
 if __name__ == "__main__":

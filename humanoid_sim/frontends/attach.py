@@ -16,7 +16,7 @@ import mujoco
 from humanoid_sim.client import Feed, Intake, SessionError, SessionInfo, find_session, monotonic_ns
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.recording.codec import decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
@@ -72,10 +72,6 @@ class Source:
         """Return what a session sends beside its ticks, twice a second."""
         return {}
 
-    def events(self) -> list[Event]:
-        """Return the events that are new since the last call."""
-        return []
-
     @property
     def latest_record(self) -> TickRecord | None:
         """Newest tick's record."""
@@ -103,7 +99,7 @@ class Attachment(Source):
         with blaming(session, HeaderError):
             blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
             self.header = parse_header(fields, documents, blobs)
-        self._number = self._event = 0
+        self._number = 0
         self._checked, self._runs = time.monotonic(), True
 
     def __str__(self) -> str:
@@ -140,11 +136,6 @@ class Attachment(Source):
 
     def status(self) -> Mapping[str, Any]:
         return self.feed.status()
-
-    def events(self) -> list[Event]:
-        events = [event for event in self.feed.status().get("events", ()) if event[0] > self._event]
-        self._event = events[-1][0] if events else self._event
-        return [Event(time, text, EventKind(kind)) for _, time, text, kind in events]
 
     def send(self, command: MITCommand, stamp: int) -> bool:
         """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if sent."""

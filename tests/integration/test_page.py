@@ -23,7 +23,7 @@ OPEN = """(address) => new Promise((resolve) => {
 
 @pytest.fixture
 def address(tmp_path, runtime):
-    """Of the page that commands, of a session that runs in real time."""
+    """Of the page of a session that runs in real time."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
     nothing = ["--viewer", "none", "--html", "none", "--record", "none"]
     with subprocess.Popen(
@@ -39,12 +39,12 @@ def address(tmp_path, runtime):
             said = ""
             for line in process.stdout:
                 said += line
-                addresses = re.findall(r"console: .* (http://\S+)", said)
-                if len(addresses) == 2:  # the second one is for watching
+                found = re.search(r"console: .* (http://\S+)", said)
+                if found:
                     break
             else:
                 pytest.fail(said)
-            yield addresses[0]
+            yield found[1]
         finally:
             process.terminate()
             try:

@@ -1,12 +1,12 @@
 """What the page shows of a robot, without a browser."""
 
-import tempfile
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.attach import Source, Tick
+from humanoid_sim.frontends.console.gate import Gate
 from humanoid_sim.frontends.console.panel import Panel
 from humanoid_sim.frontends.console.scene import Scene
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel, SafetyStatus, TickInput, TickOutput, TickRecord
@@ -29,27 +29,29 @@ class Motors(Source):
         return build_model(LITE)
 
     def status(self):
-        robot = {"temperature": {"left_elbow_pitch": 61.0}, "faults": {"left_elbow_pitch": ["too hot"]}}
-        return {"robot": robot, "owners": {"REMOTE": "gravity (7)"}, "recording": {"file": "r.mcap", "error": None}}
+        return {"owners": {"REMOTE": "gravity (7)"}, "recording": {"file": "r.mcap", "error": None}}
 
 
-def test_a_watched_robot_s_modes_joints_motors_and_safety_are_shown():
+def test_a_watched_robot_s_mode_safety_and_plots_are_shown():
     source, status = Motors(), SafetyStatus(SafetyLevel.FAULT, source="can0", message="<down>")
     output = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.DAMPING, "damping_controller", "DAMP"))
-    state = healthy_state(np.full(LITE.joint_count, 0.25), 3.0)
-    with tempfile.TemporaryDirectory(prefix="hs-") as folder:
-        scene = Scene(Path(folder) / "viser", source)
-        panel = Panel(source, scene, None)
-        assert panel.show() == {"age": 0.0}
+    gate = Gate("127.0.0.1", 0)
+    scene = Scene(gate.serve(), source)
+    panel = Panel(source, scene, None)
+    assert panel.show() == {"age": 0.0}
+    chart = panel._plots.charts["left_elbow_pitch position, rad"]
+    panel._plots._shown.append((chart, SimpleNamespace()))
+    for time in (3.0, 3.001, 3.02, 0.5, 0.52):
+        state = healthy_state(np.full(LITE.joint_count, 0.25), time)
         source.latest = Tick(TickRecord(0, TickInput(state, (status,)), output, 0.0, False), monotonic_ns())
         panel.take(source.latest.record)
-        scene.show(source.latest.record)
-        shown = panel.show()
-        assert (shown["mode"], shown["reason"], shown["stop"]) == ("DAMPING", "DAMP", "")
-        assert shown["stamp"] == str(source.latest.stamp)
-        assert "FAULT · can0 · &lt;down&gt;" in panel._summary.content, "what comes from outside is text"
-        assert "REMOTE from gravity (7)" in panel._summary.content
-        assert "<td>0.25</td>" in panel._joints.content
-        assert "<td>61</td>" in panel._joints.content
-        assert "DAMPING (damping_controller): DAMP" in panel._event_list.content
-        scene.close()
+    scene.show(source.latest.record)
+    shown = panel.show()
+    assert (shown["control"], shown["mode"], shown["reason"]) == (False, "DAMPING", "DAMP")
+    assert shown["stamp"] == str(source.latest.stamp)
+    assert "FAULT · can0 · &lt;down&gt;" in panel._summary.content, "what comes from outside is text"
+    assert "REMOTE from gravity (7)" in panel._summary.content
+    times, position, command = panel._plots._shown[0][1].data
+    assert times.tolist() == [0.5, 0.52], "its clock began again"
+    assert (position.tolist(), command.tolist()) == ([0.25, 0.25], [0.0, 0.0])
+    scene.close()
