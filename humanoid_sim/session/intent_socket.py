@@ -2,7 +2,6 @@
 
 It carries intents, `reactivate`, selections of a policy, pushes of a simulated robot, safety statuses and marks alone,
 so that no flood of data keeps a DAMP waiting: it is drained completely in every tick before anything else comes in.
-Requests that are too old are refused here, before the supervisor sees them: see `sources.Freshness`.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
 
@@ -12,17 +11,17 @@ import contextlib
 import math
 import socket
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from humanoid_sim.client import Answer
+from humanoid_sim.client import Answer, monotonic_ns
 from humanoid_sim.controllers.fsm import granted_intent
-from humanoid_sim.errors import FieldError, InputError, number_in
+from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, RESET, Reactivation
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import Freshness, IntentSource, PolicySelection
+from humanoid_sim.session.sources import IntentSource, PolicySelection, printable
 
 MARK = "mark"  # followed by a text for the recording
 POLICY = "policy"  # followed by the name of a loaded policy
@@ -32,7 +31,6 @@ _INTENTS = {intent.value: intent for intent in Intent}
 _FRESH = frozenset({*_INTENTS, REACTIVATE, RESET, POLICY, PUSH}) - {Intent.DAMP.value}
 """Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14  # bytes; no message is longer
-_LONGEST_NAME = 80  # characters of a sender's or a policy's name
 _MOST_ANSWERS = 64  # senders that are answered in one tick: more are a flood
 _MOST_LINES = 10  # events in a second
 
@@ -57,34 +55,28 @@ class LimitedLog:
 
 def queue_length() -> int:
     """Return the number of datagrams that a Unix socket holds before its senders must wait."""
-    try:
-        return int(Path("/proc/sys/net/unix/max_dgram_qlen").read_text(encoding="ascii"))
-    except (OSError, ValueError):
-        return 512
+    return int(Path("/proc/sys/net/unix/max_dgram_qlen").read_text(encoding="ascii"))
 
 
 def listening(path: Path) -> socket.socket:
     """Return a non-blocking datagram socket at a path. Raises `InputError` if it cannot be opened."""
     end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
     try:
-        end.bind(str(path))
-    except OSError as error:
+        with blaming(f"{path}: cannot listen", OSError):
+            end.bind(str(path))
+    except InputError:
         end.close()
-        raise InputError(f"{path}: cannot listen: {error.strerror or error}") from None
+        raise
     return end
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
+class _Request(NamedTuple):
     word: str
     rest: str
     who: str
-    token: str
-    """The request's own, which its answer repeats."""
-    seen: str
-    """ns, when what its sender had seen was so."""
-    sender: object
-    """Address for the answer."""
+    token: str  # the request's own, which its answer repeats
+    seen: int  # ns, when what its sender had seen was so
+    sender: object  # address for the answer
 
     @property
     def intent(self) -> Intent | None:
@@ -92,10 +84,37 @@ class _Request:
 
 
 def _read(message: bytes, sender: object) -> _Request:
-    lines = "".join(c if c.isprintable() or c == "\n" else "?" for c in message.decode(errors="replace")).split("\n")
+    lines = [printable(line) for line in message.decode(errors="replace").split("\n")]
     text, who, token, seen = (*lines, "", "", "")[:4]
     word, _, rest = text.partition(" ")
-    return _Request(word, rest, who[:_LONGEST_NAME] or "somebody", token, seen, sender)
+    return _Request(word, rest, who[:80] or "somebody", token, int(seen) if seen.isdecimal() else 0, sender)
+
+
+class _Freshness:
+    """Refuses what was requested for the robot as it was some time ago, or before it was last damped."""
+
+    OLDEST = 0.5  # s, of CLOCK_MONOTONIC
+
+    def __init__(self) -> None:
+        self._polled = self._entered = 0
+        self._mode = Mode.ZERO_TORQUE
+
+    def poll(self, output: TickOutput | None) -> None:
+        """Note the mode of the previous tick, before anything is judged."""
+        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, monotonic_ns()
+        if mode is not self._mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
+            # The tick that entered it polled before it was published; a fresh start happens between two ticks.
+            self._entered = now if output is None else self._polled
+        self._mode, self._polled = mode, now
+
+    def problem(self, seen: int) -> str:
+        """Return why a request does not count whose sender saw the robot at `seen`, ns; empty if it does."""
+        age = 1e-9 * (monotonic_ns() - seen)
+        if not 0.0 <= age <= self.OLDEST:
+            return f"too late, meant for the robot of {age:.2f} s ago, at most {self.OLDEST:g} s; look, and ask again"
+        if seen < self._entered:
+            return f"the robot went to {self._mode.name} meanwhile, which its sender had not seen; look, and ask again"
+        return ""
 
 
 class IntentSocket(IntentSource, Sink):
@@ -113,92 +132,79 @@ class IntentSocket(IntentSource, Sink):
         """Open the socket. Raises `InputError` if it cannot be opened.
 
         Args:
-            tell: records a line: who requested what, marks, and safety statuses.
+            tell: records a line: who requested what, and marks.
             push: pushes a simulated robot by vx and vy, m/s, at a body, '' for the base; None for motors.
         """
         self._socket, self._most = listening(path), queue_length() + 1
-        self._reactivation, self._safety, self._push = reactivation or Reactivation(), safety or OutsideSafety(), push
+        self._reactivation, self._safety, self._push = reactivation or Reactivation(), safety or OutsideSafety({}), push
         self._selection = selection or PolicySelection()
         self._time = 0.0
         self._tell = LimitedLog(tell, lambda: self._time)
         self._waiting: list[_Request] = []
         self._reactivating: list[_Request] = []
-        self._freshness = Freshness()
+        self._freshness = _Freshness()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Return all intents since the last call; what else was requested is done, or waits for the tick."""
         self._time = time
-        self._freshness.follow(output)
+        self._freshness.poll(output)
         intents: list[Intent] = []
-        lines: dict[str, None] = {}
         answers: list[tuple[_Request, Answer]] = []
         for _ in range(self._most):
             try:
                 request = _read(*self._socket.recvfrom(_LONGEST))
             except OSError:  # nothing more
                 break
-            answer = self._refusal(request)
-            if answer is not None:
-                lines[f"{answer.text}; requested by {request.who}"] = None
-            elif request.intent is not None:
+            problem = self._freshness.problem(request.seen) if request.word in _FRESH else ""
+            if not problem and request.intent is not None:
                 intents.append(request.intent)
                 self._waiting.append(request)
-                lines[f"{request.intent.name} requested by {request.who}"] = None
-            else:
-                answer = self._serve(request)
+                self._tell(f"{request.intent.name} requested by {request.who}")
+                continue
+            try:
+                answer = self._serve(request, problem)
+            except (FieldError, InputError) as error:
+                answer = Answer(False, f"{request.word[:40].upper()} refused: {error}")
+                self._tell(f"{answer.text}; requested by {request.who}")
             if answer is not None:
                 answers.append((request, answer))
-        for line in lines:
-            self._tell(line)
         _send(answers)
         return intents
 
-    def _refusal(self, request: _Request) -> Answer | None:
-        """Refuse a request that could move the robot and was meant for one that is not like that any more."""
-        if request.word not in _FRESH:
-            return None
-        problem = "its sender does not say what it had seen; update its client.py"
-        if request.seen.isascii() and request.seen.isdecimal():
-            problem = self._freshness.problem(int(request.seen))
-        return Answer(False, f"{request.word.upper()} refused: {problem}") if problem else None
-
-    def _serve(self, request: _Request) -> Answer | None:
+    def _serve(self, request: _Request, problem: str) -> Answer | None:
         """Do what is no intent; None if the answer comes later."""
-        word, rest, who = request.word, request.rest, request.who
+        word, rest = request.word, request.rest
         is_simulated = self._push is not None
+        if problem:
+            raise InputError(problem)
         if word == REACTIVATE or (word == RESET and is_simulated):
             self._reactivation.request(is_reset=word == RESET)
             self._reactivating.append(request)
             return None
         if word == POLICY and rest:
-            self._selection.request(rest)
+            self._selection.wanted = rest
             self._waiting.append(request)
-            self._tell(f"policy {rest[:_LONGEST_NAME]} requested by {who}")
             return None
-        try:
-            if word == _SAFETY:
-                return Answer(True, self._safety.report(rest))
-            if word == PUSH and is_simulated:
-                return self._pushed(rest, who)
-            if word == MARK:
-                is_recorded = self._tell(f"mark of {who}: {rest}".rstrip(": "))
-                return Answer(is_recorded, "marked" if is_recorded else "not marked: too many lines in a second")
-            simulated = (PUSH, RESET) if is_simulated else ()
-            known = ", ".join([*_INTENTS, REACTIVATE, f"{POLICY} NAME", _SAFETY, MARK, *simulated])
-            raise InputError(f"means nothing, expected one of {known}")
-        except (FieldError, InputError) as error:
-            self._tell(f"{word.upper()} refused: {error}; requested by {who}")
-            return Answer(False, f"{word[:40].upper()} refused: {error}")
+        if word == _SAFETY:
+            return Answer(True, self._safety.report(rest))
+        if word == PUSH and is_simulated:
+            return self._pushed(request)
+        if word == MARK:
+            is_recorded = self._tell(f"mark of {request.who}: {rest}".rstrip(": "))
+            return Answer(is_recorded, "marked" if is_recorded else "not marked: too many lines in a second")
+        simulated = (PUSH, RESET) if is_simulated else ()
+        known = ", ".join([*_INTENTS, REACTIVATE, f"{POLICY} NAME", _SAFETY, MARK, *simulated])
+        raise InputError(f"means nothing, expected one of {known}")
 
-    def _pushed(self, rest: str, who: str) -> Answer:
+    def _pushed(self, request: _Request) -> Answer:
         assert self._push is not None
-        first, _, body = rest.strip().partition(" ")
+        first, _, body = request.rest.partition(" ")
         numbers = [number_in(number) for number in first.split(",")]
         if len(numbers) != 2 or any(map(math.isnan, numbers)):
-            raise InputError(f"is '{rest[:40]}', expected VX,VY in m/s, and a body")
+            raise InputError(f"is '{request.rest[:40]}', expected VX,VY in m/s, and a body")
         self._push(numbers[0], numbers[1], body)
         text = f"pushed{body and f' at {body}'} by {first} m/s"
-        self._tell(f"{text}; requested by {who}")
+        self._tell(f"{text}; requested by {request.who}")
         return Answer(True, text)
 
     def tick(self, record: TickRecord) -> None:

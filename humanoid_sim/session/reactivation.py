@@ -21,27 +21,24 @@ class Reactivation:
     def __init__(self, warnings: Callable[[], Sequence[str]] = tuple) -> None:
         """Take `warnings` about the robot once it is active, one line each: encoders that slipped raise no flag."""
         self._warnings = warnings
-        self._requested: tuple[Mode, ...] = ()
-        self.answer: Answer | None = None
-        """To the latest request; None until it is served."""
+        self._allowed: tuple[Mode, ...] = ()
+        self.answer: Answer | None = None  # to the latest request; None until it is served
 
     @property
     def is_requested(self) -> bool:
-        """Return True if a request waits."""
-        return bool(self._requested)
+        """True if a request waits."""
+        return bool(self._allowed)
 
     def request(self, *, is_reset: bool = False) -> None:
         """Request it, also in modes that drive a simulated robot for a reset."""
-        self.answer = None
-        self._requested = tuple(Mode) if is_reset else REACTIVABLE
+        self.answer, self._allowed = None, tuple(Mode) if is_reset else REACTIVABLE
 
     def serve(self, robot: Robot, mode: Mode) -> EventKind:
         """Activate the robot again if the mode allows it; `answer` says what became of it.
 
-        A fresh start follows an activation that failed too: nobody knows what the robot then is, and no torque is the
-        answer to that.
+        A fresh start follows an activation that failed too: nobody knows what the robot then is.
         """
-        allowed, self._requested = self._requested, ()
+        allowed, self._allowed = self._allowed, ()
         if mode not in allowed:
             self.answer = Answer(False, reactivation_refusal(mode))
             return EventKind.NOTE
@@ -63,6 +60,6 @@ def reactivation_refusal(mode: Mode) -> str:
 
 
 def flattened(text: str) -> str:
-    """Return a message that lists what is wrong line by line, for where there is one line only."""
+    """Return a message that lists what is wrong line by line, as one line."""
     first, *items = (line.strip() for line in text.splitlines() or [""])
     return " ".join((first, "; ".join(item.removeprefix("- ") for item in items))).strip()

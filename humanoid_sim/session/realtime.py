@@ -1,14 +1,9 @@
 """Measures that keep a control loop punctual on a common Linux: each is taken where it is permitted, and reported.
 
-- The garbage collector is frozen: what exists when the loop begins is never traversed again (a full collection of a
-  process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz), nor is there a full collection of
-  what has come since. Young objects are collected as ever, in smaller portions.
-- The interpreter hands over between threads ten times as often as it would: otherwise a thread that computes (a
-  recorder that compresses) keeps the control thread waiting for 5 ms.
-- The control thread, and every thread that is started from it while the measures last (those of the buses), run under
-  SCHED_FIFO, and behind it the program's other threads: one that holds the interpreter's lock and is kept from running
-  by another program would keep the control thread waiting as long.
-- Memory is locked: no page that was used once is ever fetched from a disk again.
+- The garbage collector never does a full collection, which takes longer than a tick once MuJoCo is loaded.
+- Threads hand over every 0.5 ms, so that one that computes does not keep the control thread waiting for 5 ms.
+- The control thread, and those that it starts meanwhile (the buses'), run under SCHED_FIFO; other threads behind it.
+- Memory is locked: no page that was used once is fetched from a disk again.
 """
 
 from __future__ import annotations
@@ -32,7 +27,7 @@ _CAP_IPC_LOCK = 14
 
 @contextlib.contextmanager
 def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
-    """Take the measures for as long as the context lasts, on the calling thread; yields one line on each of them.
+    """Take the measures on the calling thread while the context lasts; yields one line on each of them.
 
     `ahead` is the priority before a control loop's, of a process that must run when a loop does not let others run.
     """
@@ -44,12 +39,8 @@ def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
         gc.set_threshold(gc.get_threshold()[0], _MIDDLE, _NEVER)
         undo.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_INTERVAL)
-        yield (
-            "garbage collector frozen",
-            f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms",
-            _fifo(undo, _PRIORITY + ahead),
-            _locked_memory(undo),
-        )
+        switching = f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms"
+        yield "garbage collector frozen", switching, _fifo(undo, _PRIORITY + ahead), _locked_memory(undo)
 
 
 @contextlib.contextmanager
@@ -60,8 +51,6 @@ def punctual_threads(behind: int) -> Iterator[str]:
 
 
 def _fifo(undo: contextlib.ExitStack, priority: int) -> str:
-    if not hasattr(os, "sched_setscheduler"):
-        return "no SCHED_FIFO on this system"
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -83,9 +72,7 @@ def _locked_memory(undo: contextlib.ExitStack) -> str:
 
 
 def _may_lock_memory() -> bool:
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return False
-    held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
-    return bool(int(held, 16) >> _CAP_IPC_LOCK & 1)
+    for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> _CAP_IPC_LOCK & 1)
+    return False

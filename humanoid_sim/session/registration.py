@@ -6,28 +6,21 @@ import fcntl
 import json
 import os
 import shutil
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
 
 from humanoid_sim.client import LOCK, SessionError, is_locked, session_folder
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 
 
-@dataclass(slots=True)
 class Registration:
     """This process's folder, from its creation to `close`, which removes it."""
 
-    path: Path
-    _lock: IO[bytes] | None = field(repr=False)
-
-    @classmethod
-    def create(cls) -> Registration:
+    def __init__(self) -> None:
         """Make the folder, and remove those of killed sessions.
 
         Raises `InputError` if it cannot be made, or others may enter it.
         """
-        try:
+        with blaming("the folder of the session's sockets", (SessionError, OSError)):
             folder = session_folder()
             folder.mkdir(mode=0o700, exist_ok=True)
             session_folder()  # refuses one that others may enter
@@ -36,17 +29,10 @@ class Registration:
                 for path in folder.glob("*/"):
                     if not is_locked(path):
                         shutil.rmtree(path, ignore_errors=True)
-                path = folder / str(os.getpid())
-                if path.exists():  # this process has a session, or one in another namespace
-                    raise InputError(f"{path}: another session has this process id")
-                path.mkdir(mode=0o700)
-                lock = open(path / LOCK, "wb")  # noqa: SIM115 - held until `close`
-                fcntl.flock(lock, fcntl.LOCK_EX)
-        except SessionError as error:
-            raise InputError(str(error)) from None
-        except OSError as error:
-            raise InputError(f"{error.filename}: cannot be made: {error.strerror}") from None
-        return cls(path, lock)
+                self.path = folder / str(os.getpid())
+                self.path.mkdir(mode=0o700)
+                self._lock = open(self.path / LOCK, "wb")  # noqa: SIM115 - held until `close`
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
 
     def register(self, *, robot: str, policy: str, hardware: str) -> None:
         """Let others find the session, whose sockets are open by now."""
@@ -57,7 +43,6 @@ class Registration:
 
     def close(self) -> None:
         """Remove the folder. May be called twice."""
-        if self._lock is not None:
+        if not self._lock.closed:
             shutil.rmtree(self.path, ignore_errors=True)
             self._lock.close()
-            self._lock = None

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from time import perf_counter, sleep
 from typing import TypeAlias
 
@@ -29,7 +30,7 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.losses import Interruption
-from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
+from humanoid_sim.session.pace import LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
@@ -38,6 +39,9 @@ from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelec
 
 _PATIENCE = 0.001  # s between two polls of a sink that lags
 
+SafetyFilter: TypeAlias = Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]]
+"""From the statuses that the robot reports to those that the supervisor sees."""
+
 
 @dataclass(frozen=True, slots=True)
 class SessionResult:
@@ -45,71 +49,48 @@ class SessionResult:
 
     ticks: int
     reason: str
-    duration: float
-    """s on the robot's clock."""
-    wall_time: float
-    """s"""
+    duration: float  # s on the robot's clock
+    wall_time: float  # s
     overruns: int
-    skipped: int
-    """Deadlines that passed while a tick was still running."""
-    jitter: DurationHistogram
-    """Delay of each tick's start after its due time; empty without real time."""
-    measures: tuple[str, ...] = ()
-    """Measures taken for timely scheduling, one line each."""
+    skipped: int  # deadlines that passed while a tick was still running
+    lateness: array[float]  # s, of each tick's start after its due time; empty without real time
+    measures: tuple[str, ...] = ()  # taken for timely scheduling, one line each
     failures: tuple[str, ...] = ()
     """A robot that is not confirmed to be without torque; sinks that raised on the control thread."""
 
 
-SafetyFilter: TypeAlias = Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]]
-"""From the statuses that the robot reports to those that the supervisor sees."""
-
-
+@dataclass(eq=False)
 class Session:
-    """Owns a robot and its loop for one run."""
+    """Owns a robot and its loop for one run; nothing moves before `run`."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        supervisor: Supervisor,
-        settings: LoopSettings,
-        *,
-        header: SessionHeader,
-        intents: Sequence[IntentSource] = (),
-        remote: Callable[[], RemoteCommand | None] = lambda: None,
-        externs: Sequence[ExternSource] = (),
-        sinks: Sequence[Sink] = (),
-        safety_filter: SafetyFilter = lambda statuses: statuses,
-        qpos: Callable[[], FloatArray] | None = None,
-        mode_listener: Callable[[Mode], str] | None = None,
-        reactivation: Reactivation | None = None,
-        interruption: Interruption | None = None,
-        selection: PolicySelection | None = None,
-    ) -> None:
-        """Put the parts together; nothing moves before `run`.
+    robot: Robot
+    supervisor: Supervisor
+    settings: LoopSettings
+    _: KW_ONLY
+    header: SessionHeader
+    intents: Sequence[IntentSource] = ()
+    remote: Callable[[], RemoteCommand | None] = lambda: None
+    externs: Sequence[ExternSource] = ()  # live inputs beside those of the robot
+    sinks: Sequence[Sink] = ()
+    safety_filter: SafetyFilter = lambda statuses: statuses
+    qpos: Callable[[], FloatArray] | None = None  # MuJoCo's generalised position, for viewers
+    mode_listener: Callable[[Mode], str] | None = None
+    """Called with each new mode before its first command is written; returns a line to record."""
+    reactivation: Reactivation | None = None
+    interruption: Interruption | None = None  # notices that the loop stood still; one of `intents` too
+    selection: PolicySelection | None = None
 
-        Args:
-            externs: live inputs beside those of the robot.
-            qpos: MuJoCo's generalised position, for viewers.
-            mode_listener: called with each new mode before its first command is written; returns a line to record.
-            interruption: notices that the loop stood still; one of the sources of `intents` too.
-        """
-        self._robot, self._supervisor, self._settings, self._header = robot, supervisor, settings, header
-        self._intents, self._remote, self._externs = tuple(intents), remote, tuple(externs)
-        self._sinks = SinkGroup(sinks, lambda: self.time)
-        self._safety_filter, self._qpos, self._mode_listener = safety_filter, qpos, mode_listener
-        self._reactivation, self._interruption = reactivation, interruption
-        self._selection = selection or PolicySelection()
+    def __post_init__(self) -> None:
+        self._group = SinkGroup(self.sinks, lambda: self.time)
+        self._pace = Pace(self.settings.control_period, self.settings.realtime)
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
-        self.memory: SupervisorMemory = supervisor.initial()
-        """The control stack's memory after the last tick."""
+        self.memory: SupervisorMemory = self.supervisor.initial()  # the control stack's after the last tick
+        self.state = MITState.unknown(len(self.robot.joints))  # the robot's as last read
         self._output: TickOutput | None = None
-        self._listened: Mode | None = None
-        self.state = MITState.unknown(len(robot.joints))
-        """The robot's state as last read."""
+        self._announced: Mode | None = None
         self._ticks = 0
-        self._pace = Pace(settings.control_period, realtime=settings.realtime)
         self._first_time: float | None = None
 
     @property
@@ -122,14 +103,9 @@ class Session:
         """The mode of the last tick; ZERO_TORQUE before the first."""
         return Mode.ZERO_TORQUE if self._output is None else self._output.control_mode.mode
 
-    @property
-    def is_ending(self) -> bool:
-        """True if something has requested the end."""
-        return bool(self._stop_reason)
-
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
         """Hand something that happened outside the ticks to the sinks, now; may be called from any thread."""
-        self._sinks.event(text, kind)
+        self._group.event(text, kind)
 
     def request_stop(self, reason: str) -> None:
         """End the run through DAMPING. May be called from a signal handler; a second call does not wait for rest."""
@@ -151,38 +127,37 @@ class Session:
         # Left in reverse: the robot is closed before any sink may take its time.
         with contextlib.ExitStack() as stack, contextlib.ExitStack() as robot:
             robot.callback(self._close_robot)
-            with punctual_threads(behind=20) if self._settings.punctual else contextlib.nullcontext():
-                self._sinks.start(self._header, stack)
-            measures = stack.enter_context(real_time()) if self._settings.punctual else ()
+            with punctual_threads(behind=20) if self.settings.punctual else contextlib.nullcontext():
+                self._group.start(self.header, stack)
+            measures = stack.enter_context(real_time()) if self.settings.punctual else ()
             if measures:
-                self._sinks.event(f"real-time settings: {'; '.join(measures)}")
-            self._robot.activate()
+                self.event(f"real-time settings: {'; '.join(measures)}")
+            self.robot.activate()
             try:
                 self._loop()
                 self._rest()
             except BaseException as error:
                 self._damp_now()
-                self._sinks.event(f"ended by {type(error).__name__}: {error}", EventKind.FAILURE)
+                self.event(f"ended by {type(error).__name__}: {error}", EventKind.FAILURE)
                 raise
         first = self.time if self._first_time is None else self._first_time
         return SessionResult(
             ticks=self._ticks,
             reason=self._stop_reason,
-            duration=self.time - first + self._settings.control_period * bool(self._ticks),
+            duration=self.time - first + self.settings.control_period * bool(self._ticks),
             wall_time=perf_counter() - begin,
             overruns=self._pace.overruns,
             skipped=self._pace.skipped,
-            jitter=self._pace.jitter,
+            lateness=self._pace.lateness,
             measures=measures,
-            failures=(*self._failures, *self._sinks.failures),
+            failures=(*self._failures, *self._group.failures),
         )
 
     def _loop(self) -> None:
-        """Ticks until something ends the run."""
-        period, limit = self._settings.control_period, self._settings.duration
+        period, limit = self.settings.control_period, self.settings.duration
         while not self._stop_reason:
-            if self._reactivation is not None and self._reactivation.is_requested:
-                self._begin_afresh(self._reactivation)
+            if self.reactivation is not None and self.reactivation.is_requested:
+                self._begin_afresh(self.reactivation)
             self.tick()
             if self._first_time is None:
                 self._first_time = self.time
@@ -190,21 +165,21 @@ class Session:
                 self._stop_reason = "QUIT"
             elif limit is not None and self.time - self._first_time >= limit - 0.5 * period:
                 self._stop_reason = f"duration of {limit:g} s reached"
-            elif any(source.finished for source in self._intents):
+            elif any(source.finished for source in self.intents):
                 self._stop_reason = "script finished"
 
     def _begin_afresh(self, reactivation: Reactivation) -> None:
         """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
-        kind = reactivation.serve(self._robot, self.mode)
+        kind = reactivation.serve(self.robot, self.mode)
         answer = reactivation.answer
         assert answer is not None
-        if self._interruption is not None:
-            self._interruption.restart()
+        if self.interruption is not None:
+            self.interruption.restart()
         if kind is EventKind.FRESH_START:
-            self.memory = self._supervisor.initial(STARTED if answer.granted else NOT_DRIVEN)
-            self._output = self._listened = None
+            self.memory = self.supervisor.initial(STARTED if answer.granted else NOT_DRIVEN)
+            self._output = self._announced = None
             self._pace.restart()
-        self._sinks.event(answer.text, kind)
+        self.event(answer.text, kind)
         # What was requested while the robot was busy was meant for the state before; DAMP is meant always.
         if self._output is None and Intent.DAMP in self._collect():
             self.tick((Intent.DAMP,))
@@ -216,10 +191,10 @@ class Session:
         """
         if self._output is None:
             return
-        self._sinks.event(f"ending: {self._stop_reason}", EventKind.ENDING)
+        self.event(f"ending: {self._stop_reason}", EventKind.ENDING)
         if self.mode is not Mode.ZERO_TORQUE:
-            rest = RestDetector(self._settings.control_period)
-            left = round(self._settings.damping_time / self._settings.control_period)
+            rest = RestDetector(self.settings.control_period)
+            left = round(self.settings.damping_time / self.settings.control_period)
             self.tick((Intent.DAMP,))
             while left > 0 and not self._hurry.is_set() and not rest.update(self.state):
                 self._collect()  # nothing is granted any more, but requests are answered
@@ -229,66 +204,63 @@ class Session:
 
     def _collect(self) -> tuple[Intent, ...]:
         time, output = self.time, self._output
-        return tuple(intent for source in self._intents for intent in source.poll(time, output))
+        return tuple(intent for source in self.intents for intent in source.poll(time, output))
 
     def tick(self, intents: tuple[Intent, ...] | None = None) -> None:
         """Take one tick with these intents; None: those of the sources. `run` calls it."""
         start = self._pace.begin()
         memory = self.memory
         tick_input, output = self._decide(intents)
-        if self._interruption is not None:
-            if intents is None and self._interruption.beat():
-                self.memory = memory  # decided before the process stood still, and not yet sent: never to be sent
-                tick_input, output = self._decide(intents)
-            while news := self._interruption.news():
-                self._sinks.event(news)
-        if self._mode_listener is not None and self.mode is not self._listened:
-            self._listened = self.mode
-            text = self._mode_listener(self.mode)
+        if intents is None and self.interruption is not None and self.interruption.stood_still():
+            self.memory = memory  # decided before the process stood still, and not yet sent: never to be sent
+            tick_input, output = self._decide(None)
+        mode = output.control_mode.mode
+        if self.mode_listener is not None and mode is not self._announced:
+            self._announced = mode
+            text = self.mode_listener(mode)
             if text:
-                self._sinks.event(text, EventKind.SUPPORT)
-        qpos = self._qpos() if self._qpos else None
+                self.event(text, EventKind.SUPPORT)
+        qpos = self.qpos() if self.qpos else None
         decided = perf_counter()
-        self._robot.write(output.command)
+        self.robot.write(output.command)
         written = perf_counter()
         overrun = self._pace.written(start, written)
-        duration = (decided if self._settings.simulated else written) - start
-        self._sinks.tick(TickRecord(self._ticks, tick_input, output, duration, overrun, qpos))
+        duration = (decided if self.settings.simulated else written) - start
+        self._group.tick(TickRecord(self._ticks, tick_input, output, duration, overrun, qpos))
         self._ticks += 1
-        if self._settings.realtime:
+        if self.settings.realtime:
             self._pace.wait()
             return
-        while self._sinks.lags() and not self._stop_reason:
+        while self._group.lags() and not self._stop_reason:
             sleep(_PATIENCE)
 
     def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
-        """Read, collect and step: what the tick takes in, and what the control stack makes of it."""
-        state, safety = self._robot.read()
+        state, safety = self.robot.read()
         self.state = state
         chosen = self._collect() if intents is None else intents  # before any data: no flood keeps a DAMP waiting
-        if self._externs:
-            live = {name: value for source in self._externs for name, value in source.latest().items()}
+        if self.externs:
+            live = {name: value for source in self.externs for name, value in source.latest().items()}
             self.state = state = replace(state, extern={**state.extern, **live})
-        tick_input = TickInput(state, self._safety_filter(safety), chosen, self._remote(), self._selection.take())
-        self.memory, self._output = self._supervisor.step(self.memory, tick_input)
+        policy = "" if self.selection is None else self.selection.take()
+        tick_input = TickInput(state, self.safety_filter(safety), chosen, self.remote(), policy)
+        self.memory, self._output = self.supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 
     def _close_robot(self) -> None:
         """Close the robot; one that does not confirm it makes the run a failure, but its figures still count."""
         try:
-            self._robot.close()
+            self.robot.close()
         except RobotError as error:
             self._failures.append(f"robot: {error}")
-            self._sinks.event(f"failed to close the robot: {error}", EventKind.FAILURE)
+            self.event(f"failed to close the robot: {error}", EventKind.FAILURE)
 
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""
-        settings = self._settings
         self.state = damp_without_supervisor(
-            self._robot,
-            self._supervisor.controllers,
+            self.robot,
+            self.supervisor.controllers,
             self.state,
-            period=settings.control_period,
-            longest=0.0 if self.mode is Mode.ZERO_TORQUE else settings.damping_time,
-            pause=sleep if settings.realtime else None,
+            period=self.settings.control_period,
+            longest=0.0 if self.mode is Mode.ZERO_TORQUE else self.settings.damping_time,
+            pause=sleep if self.settings.realtime else None,
         )

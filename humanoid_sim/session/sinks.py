@@ -6,25 +6,21 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from time import monotonic
 from typing import Protocol
 
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
 QUEUE_LIMIT = 4096  # ticks and events that may wait (20 s at 200 Hz); beyond that they are left out and counted
 BACKLOG_LIMIT = 2000  # ticks
-_STUCK_AFTER = 5.0  # s that a sink may take over one item, or over all that is left when it is closed
+_STUCK_AFTER = 5.0  # s that a sink may take over all that is left when it is closed
 
 
 class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
-    def start(self, header: SessionHeader) -> SessionHeader | None:
-        """Start before the first tick. Raises `InputError` if it cannot do its job.
-
-        A sink that waits for others returns the header of a run that begins after that, for the sinks behind it.
-        """
-        return None
+    def start(self, header: SessionHeader) -> None:
+        """Start before the first tick. Raises `InputError` if it cannot do its job."""
+        return
 
     def tick(self, record: TickRecord) -> None:
         """Take in a tick, on the control thread."""
@@ -54,15 +50,13 @@ class SinkGroup:
 
     def __init__(self, sinks: Sequence[Sink], clock: Callable[[], float]) -> None:
         """Hand out in this order; `clock` is the robot's, s, for events."""
-        self._sinks = tuple(sinks)
-        self._clock = clock
-        self.failures: list[str] = []
-        """Sinks that were left out, each with its exception."""
+        self._sinks, self._clock = tuple(sinks), clock
+        self.failures: list[str] = []  # sinks that were left out, each with its exception
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
         """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
         for sink in self._sinks:
-            header = sink.start(header) or header
+            sink.start(header)
             stack.callback(sink.close)
 
     def tick(self, record: TickRecord) -> None:
@@ -99,17 +93,15 @@ class WorkerSink(Sink):
     """Base of sinks: the control thread appends to a queue, a worker thread deals with it in order.
 
     Subclasses override `handle_*`. If one raises, the sink stops working and keeps the exception in `error`; the loop
-    goes on without it. If one does not return, the loop does not wait for it, and neither does `close`.
+    goes on without it. If one does not return, `close` does not wait for it.
     """
 
     def __init__(self, name: str, period: float = 0.05) -> None:
         """Name the thread, which looks at the queue every `period` s."""
         self.error: BaseException | None = None
-        self.lost = 0
-        """Ticks and events left out because the worker could not keep up."""
+        self.lost = 0  # ticks and events left out because the worker could not keep up
         self._queue: deque[TickRecord | Event] = deque()
         self._period = period
-        self._busy_since: float | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
@@ -125,16 +117,20 @@ class WorkerSink(Sink):
         """Queue an event."""
         self._put(event)
 
+    def _put(self, item: TickRecord | Event) -> None:
+        if len(self._queue) >= QUEUE_LIMIT:
+            self.lost += 1
+        elif self.error is None:
+            self._queue.append(item)
+
     @property
     def backlog(self) -> int:
-        """Length of the queue; 0 for one that is stuck, so that no run waits for it."""
-        busy_since = self._busy_since
-        is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
-        return 0 if is_stuck else len(self._queue)
+        """Length of the queue."""
+        return len(self._queue)
 
     @property
     def is_alive(self) -> bool:
-        """Return True if the thread runs, or is stuck."""
+        """True if the thread runs, or is stuck."""
         return self._thread.is_alive()
 
     def close(self) -> None:
@@ -169,24 +165,12 @@ class WorkerSink(Sink):
         except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken
             self.error = error
             self._queue.clear()
-            self._busy_since = None
 
     def _drain(self) -> None:
         while self._queue:
-            self._busy_since = monotonic()
             item = self._queue.popleft()
             if isinstance(item, TickRecord):
                 self.handle_tick(item)
             else:
                 self.handle_event(item)
-        self._busy_since = monotonic()
         self.handle_pause()
-        self._busy_since = None
-
-    def _put(self, item: TickRecord | Event) -> None:
-        if self.error is not None:
-            return
-        if len(self._queue) >= QUEUE_LIMIT:
-            self.lost += 1
-        else:
-            self._queue.append(item)
