@@ -124,7 +124,7 @@ class Term:
     scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
     width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
     topic: str | None = None  # topic on which other programs publish a live input; None: the kind's
-    timeout: float | None = None  # s after arrival from which a live input is stale; None: 0.5, or the sample's own
+    timeout: float | None = None  # s after arrival from which a live input is stale; None: 0.5
 
     def __post_init__(self) -> None:
         where, put = f"observation term '{self.name}'", partial(object.__setattr__, self)

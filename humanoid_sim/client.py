@@ -17,14 +17,12 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import json
-import math
 import os
 import queue
 import re
 import socket
 import stat
 import struct
-import sys
 import tempfile
 import threading
 import time
@@ -39,22 +37,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = [
-    "Answer",
-    "Decoder",
-    "Feed",
-    "Intake",
-    "Sample",
-    "SessionError",
-    "SessionInfo",
-    "ask_sessions",
-    "find_session",
-    "monotonic_ns",
-    "network_on",
-    "running_sessions",
-    "session_folder",
-]
-
 LOCK = "lock"  # held locked by a session for as long as it lives
 FEED_HEAD = struct.Struct("<BQQ")
 """A datagram of the feed begins with its kind, its number, and its time in CLOCK_MONOTONIC ns."""
@@ -67,11 +49,10 @@ DATA_HEAD = struct.Struct("<6sBBHHIQ")
 producer's process id, its stamp in CLOCK_MONOTONIC ns. Name, topic and float64 values follow."""
 REMOTE, VELOCITY, LIVE, HEARTBEAT = range(4)
 """Kinds, and their topics and values. REMOTE: joint names, one a line, and the five MIT fields one after the other.
-VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its timeout in s, and its value."""
+VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its value."""
 
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
-LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is zero, unless its producer says otherwise
-LONGEST_TIMEOUT = 5.0  # s that a live input may hold without being repeated
+LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is stale, unless its contract says otherwise
 _KEPT = 256  # ticks that a feed keeps
 _LONGEST_WORD = 200  # characters of a request
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2  # s that a full socket is waited for: for data, and for intents
@@ -97,12 +78,9 @@ class SessionInfo:
     process: int
     robot: str
     policy: str
-    folder: str
-    """Folder in which it was started."""
-    hardware: str
-    """CAN channels; empty in simulation."""
-    path: Path
-    """Folder of its sockets."""
+    folder: str  # in which it was started
+    hardware: str  # CAN channels; empty in simulation
+    path: Path  # folder of its sockets
 
     def __str__(self) -> str:
         where = f" on {self.hardware}" if self.hardware else ""
@@ -116,18 +94,14 @@ class SessionInfo:
 def session_folder() -> Path:
     """Return the folder of this user's sessions, which may not exist.
 
-    Raises `SessionError` if it is not the user's alone, or its path leaves no room for a socket's name.
+    Raises `SessionError` if others may enter it.
     """
     base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
     if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
         base = Path(tempfile.gettempdir())
     folder = base / f"humanoid_sim-{os.getuid()}"
-    longest = (107 if sys.platform == "linux" else 103) - len("/4194304/4194304-9999.reply")  # unix(7)
-    if (length := len(os.fsencode(folder))) > longest:  # a session that nobody can damp must not start
-        raise SessionError(
-            f"{folder}: {length} bytes are too long for a session's sockets, at most {longest}; "
-            "set XDG_RUNTIME_DIR to a shorter folder"
-        )
+    if len(os.fsencode(folder)) > 80:  # a socket's path has 107 bytes: a session that nobody can damp must not start
+        raise SessionError(f"{folder}: is too long for a session's sockets; set XDG_RUNTIME_DIR to a shorter folder")
     try:
         status = folder.lstat()
     except FileNotFoundError:
@@ -191,10 +165,8 @@ def _read_info(path: Path) -> SessionInfo | None:
 class Sample:
     """A tick."""
 
-    number: int
-    """Counts the session's ticks from 1."""
-    stamp: int
-    """CLOCK_MONOTONIC ns when the session sent it."""
+    number: int  # counts the session's ticks from 1
+    stamp: int  # CLOCK_MONOTONIC ns when the session sent it
     data: bytes
 
     def age(self) -> float:
@@ -217,12 +189,9 @@ class Feed:
         try:
             described = json.loads((session.path / "header.json").read_text(encoding="utf-8"))
             self.joint_names: tuple[str, ...] = tuple(described["joint_names"])
-            self.control_period: float = described["control_period"]
-            """s"""
-            self.header: Mapping[str, Any] = described["header"]
-            """The recording's: fields (`session`) and documents by name, JSON texts: robot, contract, settings."""
-            self.live_inputs: Mapping[str, int] = described["live_inputs"]
-            """Name and width of those that the session takes from outside."""
+            self.control_period: float = described["control_period"]  # s
+            self.header: Mapping[str, Any] = described["header"]  # the recording's: `session`, and `documents` by name
+            self.live_inputs: Mapping[str, int] = described["live_inputs"]  # name and width of those from outside
             self._decoder = Decoder(described["definition"])
             self._path.unlink(missing_ok=True)  # of a process that had this id before
             self._socket.bind(str(self._path))
@@ -239,7 +208,6 @@ class Feed:
         self.close()
 
     def close(self) -> None:
-        """Unsubscribe."""
         self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._leave()
@@ -267,7 +235,6 @@ class Feed:
                 self._arrived.notify_all()
 
     def is_running(self) -> bool:
-        """Return whether the session goes on."""
         return self.session.is_running()
 
     def document(self, name: str) -> str:
@@ -301,7 +268,7 @@ class Feed:
             return self._ticks[-1] if has_come else None
 
     def decode(self, sample: Sample) -> dict[str, Any]:
-        """Return a tick as a dict with the names of its message definition, arrays as NumPy's."""
+        """Return a tick as a dict with the names of its message definition."""
         return self._decoder(sample.data)
 
     def status(self) -> dict[str, Any]:
@@ -405,8 +372,7 @@ class Answer:
 class Intake:
     """The sockets by which a program joins a session. A context manager; use one from one thread.
 
-    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts, and at most a few
-    reach the session in one tick: send once per tick of the feed, or at a fixed rate that is not far above.
+    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts.
     """
 
     def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
@@ -440,7 +406,6 @@ class Intake:
         self.close()
 
     def close(self) -> None:
-        """Disconnect."""
         self._intents.close()
         self._data.close()
         self._reply.unlink(missing_ok=True)
@@ -448,45 +413,29 @@ class Intake:
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Request something, and wait for what became of it in the session's next tick.
 
-        All but `damp`, `mark` and `safety` are refused if the robot has changed since they were meant: if what was seen
-        is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE. Raises `SessionError` if
-        the session has ended or does not answer.
+        All but `damp` and `mark` are refused if what was seen is more than 0.5 s old, or from before the robot last
+        went to DAMPING or ZERO_TORQUE. Raises `SessionError` if the session has ended or does not answer.
 
         Args:
             word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, `policy NAME`,
-                or `mark TEXT`, which puts a text into the recording; in simulation alone `push VX,VY` with or without a
-                body, and `reset`.
+                `mark TEXT` for the recording; in simulation alone `push VX,VY [BODY]` and `reset`.
             timeout: s; `reactivate` identifies every motor and takes longer.
             seen: ns, the stamp of the newest tick that the sender had seen, or the time of the press; None: now.
         """
         return self.answer(self.post(word, seen=seen), timeout)
 
-    def safety(
-        self,
-        source: str,
-        level: int,
-        message: str = "",
-        *,
-        flags: int = 0,
-        stamp: int | None = None,
-        timeout: float = 2.0,
-    ) -> Answer:
-        """Report how a program or a device is; any level but 0 damps the robot in the session's next tick.
+    def safety(self, source: str, level: int, message: str = "", *, timeout: float = 2.0) -> Answer:
+        """Report how a program or a device is: 0 OK, 1 WARNING, 2 FAULT, 3 CRITICAL.
 
-        It holds until the same source reports another one. Raises `SessionError` as `ask`.
-
-        Args:
-            source: its name, 1 to 80 characters.
-            level: 0 OK, 1 WARNING, 2 FAULT, 3 CRITICAL.
-            flags: bits of the source's own.
-            stamp: see `remote`.
+        Any level but 0 damps the robot in the session's next tick, and holds until the same source reports another
+        one. Raises `SessionError` as `ask`.
         """
-        return self.answer(self.post_safety(source, level, message, flags=flags, stamp=stamp), timeout)
+        return self.answer(self.post_safety(source, level, message), timeout)
 
     def post_safety(
         self, source: str, level: int, message: str = "", *, flags: int = 0, stamp: int | None = None
     ) -> str:
-        """Report as `safety` does without waiting; returns what `answer` takes."""
+        """Report as `safety` does without waiting; `flags` are bits of the source's own. For `answer`."""
         status = {
             "source": " ".join(str(source).split())[:80],
             "level": int(level),
@@ -539,11 +488,8 @@ class Intake:
     ) -> bool:
         """Send a command for REMOTE: names and values of the robot's joints in its order (`Feed.joint_names`).
 
-        Args:
-            stamp: ns, when what it is made of arrived from outside (`monotonic_ns`); None: now.
-
-        Returns:
-            True if sent; False if the session's socket is full. Raises `SessionError` if the session has ended.
+        `stamp` is when what it is made of arrived from outside, ns of `monotonic_ns`; None: now. Returns True if sent,
+        False if the session's socket is full. Raises `SessionError` if the session has ended.
         """
         fields = (position, velocity, effort, stiffness, damping)
         if any(len(values) != len(joint_names) for values in fields):
@@ -551,23 +497,16 @@ class Intake:
         return self._send(REMOTE, "\n".join(joint_names), [x for values in fields for x in values], stamp)
 
     def velocity(self, vx: float, vy: float, wz: float, *, deliberate: bool, stamp: int | None = None) -> bool:
-        """Send a velocity command, again and again while it is meant: after `VELOCITY_TIMEOUT` it is zero.
+        """Send a velocity command, m/s forward and to the left, and rad/s; after `VELOCITY_TIMEOUT` it is zero.
 
-        Args:
-            vx: m/s, forward in the heading frame; vy to the left; wz in rad/s.
-            deliberate: somebody changed it just now, and takes the velocity over. A stick at rest is not deliberate: it
-                counts only while this producer owns the velocity.
+        `deliberate`: somebody changed it just now, and takes the velocity over. Other commands count only while this
+        producer owns it.
         """
         return self._send(VELOCITY, "", (vx, vy, wz, float(deliberate)), stamp)
 
-    def live(
-        self, name: str, values: Sequence[float], *, timeout: float | None = None, stamp: int | None = None
-    ) -> bool:
-        """Send a live input that the policy observes, such as `key_pressed`.
-
-        `timeout`, s, at most the contract's: it is stale after that; None: the contract's, or `LIVE_TIMEOUT`.
-        """
-        return self._send(LIVE, name, (math.nan if timeout is None else timeout, *values), stamp)
+    def live(self, name: str, values: Sequence[float], *, stamp: int | None = None) -> bool:
+        """Send a live input that the policy observes; it is stale after its contract's timeout, or `LIVE_TIMEOUT`."""
+        return self._send(LIVE, name, values, stamp)
 
     def heartbeat(self, *, stamp: int | None = None) -> bool:
         """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""

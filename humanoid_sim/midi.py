@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from humanoid_sim.cli import ExitStatus, parse, run_program
-from humanoid_sim.client import LIVE_TIMEOUT, Intake, monotonic_ns
+from humanoid_sim.client import Intake, monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, run_steps
@@ -50,7 +50,7 @@ class Sender:
         news = self._keyboard.poll()
         if self._keyboard.is_known or news:
             # Repeated all the time, so silence means a lost keyboard, whatever the policy's contract allows.
-            self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), timeout=LIVE_TIMEOUT, stamp=stamp)
+            self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), stamp=stamp)
         return news
 
 

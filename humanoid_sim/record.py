@@ -6,33 +6,30 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, assert_never
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.run_figures import describe_effort
+from humanoid_sim.evaluation.run_figures import RunFigures
+from humanoid_sim.evaluation.run_report import describe_spread, print_figures, print_table
 from humanoid_sim.files import finite, output_file, whole_file
 from humanoid_sim.messages import Event
 from humanoid_sim.record_dataset import RecordDataset, record_dataset
 from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.recording.summary import Summary, summarize
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
 if TYPE_CHECKING:
     import mujoco
 
     from humanoid_sim.rendering.moments import Moments
-
-_MAX_REMARKS = 40  # lines of a summary's list before it is cut; --json has them all
 
 
 @dataclass(frozen=True)
@@ -86,11 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     match command:
         case Info():
-            summary = summarize(open_recording(command.file))
-            if command.json:
-                print(json.dumps(finite(asdict(summary)), indent=2))
-            else:
-                _print_summary(Console(highlight=False), summary)
+            _info(command)
         case Signs():
             _signs(command)
         case Export():
@@ -102,55 +95,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _print_summary(console: Console, summary: Summary) -> None:
-    missing = f", {summary.missing_ticks} missing" if summary.missing_ticks else ""
-    overview = {
-        "robot": f"{summary.robot}, {summary.joint_count} joints",
-        "started": summary.started,
-        "duration": f"{summary.last_time - summary.first_time:.2f} s on the robot's clock",
-        "ticks": f"{summary.ticks} at {1.0 / summary.control_period:g} Hz, {summary.overruns} overruns{missing}",
-        "tick time": f"mean {1e3 * summary.mean_duration:.3f} ms, max {1e3 * summary.max_duration:.3f} ms",
-        "policy steps": str(summary.policy_steps),
-        "largest joint effort": "-" if summary.effort is None else describe_effort(summary.effort),
-        "file": "complete" if summary.complete else f"not complete: {summary.damage}",
+def _info(command: Info) -> None:
+    recording = open_recording(command.file)
+    header = recording.header
+    robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
+    figures = RunFigures(robot)
+    for entry in recording.entries():
+        if isinstance(entry, Event):
+            figures.event(entry)
+        else:
+            figures.tick(entry)
+    summary = {
+        "file": str(recording.path),
+        "robot": header.robot,
+        "started": datetime.fromtimestamp(header.start_time_ns // 10**9, UTC).isoformat(),
+        "control_period": header.control_period,
+        "ticks": figures.ticks,
+        "missing_ticks": figures.missing,
+        "overruns": figures.overruns,
+        "damage": recording.damage,
+        **figures.summary(),
     }
-    _print_table(console, summary.file, (), overview.items())
-    spans = [
-        (
-            f"{span.start:.2f} s",
-            f"{span.ticks * summary.control_period:.2f} s",
-            span.mode.name,
-            span.controller,
-            span.reason,
-        )
-        for span in summary.timeline
+    if command.json:
+        print(json.dumps(finite(summary), indent=2))
+        return
+    console = Console(highlight=False)
+    overview = [
+        ("robot", f"{header.robot}, {len(header.joint_names)} joints"),
+        ("started", summary["started"]),
+        ("ticks", f"{figures.ticks} at {1.0 / header.control_period:g} Hz, {figures.overruns} overruns"),
+        ("missing ticks", str(figures.missing)),
+        ("tick time", describe_spread(summary["tick_time"])),
+        ("policy steps", str(summary["inferences"])),
+        ("file", "complete" if recording.is_complete else f"not complete: {recording.damage}"),
     ]
-    _print_table(console, "modes", ("from", "for", "mode", "controller", "why"), spans)
-    joints = [
-        (row["joint"], f"{row['speed']:.2f}", _of(row["effort"], row["effort_limit"]), _range(row))
-        for row in summary.joints
-    ]
-    _print_table(console, "joints, the greatest of each", ("joint", "rad/s", "N·m", "rad"), joints)
-    remarks = [(f"{remark.time:.2f} s", remark.kind, remark.text) for remark in summary.remarks[:_MAX_REMARKS]]
-    if len(summary.remarks) > _MAX_REMARKS:
-        remarks.append(("", "", f"and {len(summary.remarks) - _MAX_REMARKS} more (--json lists all)"))
-    _print_table(console, "events, faults, refusals", ("at", "what", ""), remarks)
-
-
-def _of(effort: float, limit: float | None) -> str:
-    return f"{effort:.1f}" if limit is None else f"{effort:.1f} of {limit:g}"
-
-
-def _range(row: dict[str, float | None]) -> str:
-    return "-" if row["lowest"] is None else f"{row['lowest']:.2f} to {row['highest']:.2f}"
-
-
-def _print_table(console: Console, title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    table = Table(*columns, title=escape(title), title_justify="left", show_header=bool(columns))
-    for row in rows:
-        table.add_row(*(escape(value) for value in row))
-    if table.row_count:
-        console.print(table)
+    print_table(console, summary["file"], overview)
+    efforts = [(one["joint"], f"{one['peak']:.1f} of {one['limit']:g}") for one in summary["effort"]]
+    print_table(console, "Greatest effort of each joint", efforts, "joint", "N·m")
+    print_figures(console, summary)
 
 
 def _signs(command: Signs) -> None:
@@ -160,7 +142,7 @@ def _signs(command: Signs) -> None:
     verdicts = judge_signs(recording, _description(recording, command.robot))
     rows = [(row.joint, f"{row.measured:.2f}", f"{row.expected:.2f}", row.verdict) for row in verdicts]
     columns = ("joint", "measured\nN·m", "gravity\nN·m", "verdict")
-    _print_table(Console(highlight=False), "efforts at rest", columns, rows)
+    print_table(Console(highlight=False), "efforts at rest", rows, *columns)
 
 
 def export(options: Export) -> None:

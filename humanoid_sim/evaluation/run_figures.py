@@ -1,39 +1,42 @@
-"""Figures of a run, accumulated tick by tick: motion errors, the base's motion, use of the joints.
-
-An error of frame k is the pose read in the very tick in which the policy was shown frame k, minus frame k. The last
-frame counts once: what a policy does while it is held is not an error of the motion.
-"""
+"""Figures of a run, accumulated tick by tick: `play`'s final table and `record info` are made of them."""
 
 from __future__ import annotations
 
-import math
+from array import array
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict
 from typing import Any, Self
 
 import numpy as np
 
+from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.evaluation.errors import rms
-from humanoid_sim.evaluation.failure import describe_fall, has_fallen
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen, has_run_away
+from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
-from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
+from humanoid_sim.messages import Event, TickRecord
+from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
-_SETTLING = 2.0
-"""s after release that means and the largest tilt leave out: the robot starts from rest, and sags as it is let go."""
-_AT_LIMIT = 1.0 - 1e-9  # share of an effort limit from which on a torque is at it
+_SETTLING = 2.0  # s after release that the mean velocity leaves out: the robot starts from rest
+_KEPT = 1000  # newest modes, events, faults, refusals and safety statuses
 _OF_BODIES = "body_position_error", "body_orientation_error", "hand_position_error", "hand_orientation_error"
 _OF_ANCHOR = "joint_error", "anchor_position_error", "anchor_orientation_error"
 
 
 class MotionErrors:
-    """Rows of `step_metrics` over a run: of a motion of bodies in the base frame, or of joints and an anchor body."""
+    """Rows of `step_metrics` over a run: of a motion of bodies in the base frame, or of joints and an anchor body.
+
+    An error of frame k is the pose read in the very tick in which the policy was shown frame k, minus frame k. The last
+    frame counts once: what a policy does while it is held is not an error of the motion.
+    """
 
     def __init__(self, description: RobotDescription, loaded: LoadedPolicy) -> None:
         """Prepare. Raises `InputError` if the robot lacks a body of the motion."""
@@ -79,134 +82,135 @@ class MotionErrors:
             return None
         errors = {}
         for name, values in zip(self._names, np.array(self._samples).T, strict=True):
-            figures = {"mean": values.mean(), "rms": rms(values), "max": values.max()}
-            errors[name] = {"unit": METRICS[name].unit, **{key: float(value) for key, value in figures.items()}}
+            figures = {"mean": float(values.mean()), "rms": float(rms(values)), "max": float(values.max())}
+            errors[name] = {"unit": METRICS[name].unit, **figures}
         return {"samples": len(self._samples), "errors": errors}
 
 
-@dataclass(slots=True)
-class BaseMotion:
-    """Motion of a floating base from its release on; landed once its centre of mass is as low as it stands."""
+class RunFigures:
+    """Modes, faults, refusals, tick times and efforts of a run; of simulated ones also falls, speed, errors, song."""
 
-    released: float | None = None  # s, robot's clock, at which the base was let go; None while it never was
-    standing_height: float = 0.0  # m, of the centre of mass, as of `has_fallen`
-    last: float = 0.0  # s, robot's clock
-    lowest: float = math.inf  # share of its standing height that the centre of mass had at least
-    tilt_max: float | None = None  # rad, from 2 s after release on
-    fall: float | None = None  # s after release at which the robot fell; None if it did not
-    fell: str = ""
-    height: tuple[float, float, float, int] = (math.inf, 0.0, -math.inf, 0)
-    """m, of the base's origin above the floor from landing on: least, sum, greatest, count."""
-    _has_landed: bool = False
-    _speed: tuple[FloatArray, int] = field(default_factory=lambda: (np.zeros(3), 0))
+    def __init__(
+        self,
+        robot: RobotDescription | None = None,
+        *,
+        tracking: MotionErrors | None = None,
+        keys: PlayedKeys | None = None,
+        base: BaseObserver | None = None,
+    ) -> None:
+        """Start empty; `base` sees the floating base of a simulated robot."""
+        self._robot, self._tracking, self._keys, self._base = robot, tracking, keys, base
+        self.modes: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self.remarks: dict[str, deque[dict[str, Any]]] = {
+            kind: deque(maxlen=_KEPT) for kind in ("events", "faults", "refusals", "safety")
+        }
+        self.ticks = self.missing = self.overruns = self.inferences = 0
+        self.time = 0.0
+        self._durations = array("d")
+        self._effort: FloatArray = np.zeros(0 if robot is None else robot.joint_count)
+        self._safety = ""
+        self._released: float | None = None  # s, robot's clock
+        self._standing_height = 0.0  # m, of the centre of mass
+        self._fall: float | None = None  # s after release
+        self._fell = ""
+        self._speed, self._moving = np.zeros(3), 0
 
-    def release(self, time: float, standing_height: float) -> None:
-        """Begin once the base is let go; `time` in s, robot's clock."""
-        self.released, self.standing_height = time, standing_height
-
-    def update(self, time: float, base: BaseState) -> str:
-        """Take one tick with a free base; returns how the robot fell in the tick in which it does, else ''."""
-        assert self.released is not None
-        if self.fall is not None:
-            return ""
-        self.last, since = time, time - self.released
-        height, mass_height = float(base.height), float(base.mass_height)
-        if not self._has_landed:
-            self._has_landed = since >= _SETTLING or mass_height <= self.standing_height
-            self.height = (math.inf, 0.0, -math.inf, 0)
-        low, total, high, count = self.height
-        self.height = (min(low, height), total + height, max(high, height), count + 1)
-        self.lowest = min(self.lowest, mass_height / self.standing_height)
-        if since >= _SETTLING:
-            self.tilt_max = max(self.tilt_max or 0.0, float(base.tilt))
-        if has_fallen(base, self.standing_height):
-            self.fall, self.fell = since, describe_fall(base, self.standing_height)
-            return self.fell
-        if since >= _SETTLING:
-            self._speed = self._speed[0] + base.planar_velocity, self._speed[1] + 1
+    def tick(self, record: TickRecord) -> str:
+        """Take one tick into account; returns how the robot fell in the tick in which it does, else ''."""
+        state, output, control = record.input.state, record.output, record.output.control_mode
+        self.time = time = float(state.time)
+        self.missing = record.index - self.ticks
+        self.ticks += 1
+        self.overruns += record.overrun
+        self._durations.append(record.duration)
+        if self._effort.size:
+            np.fmax(self._effort, np.abs(state.joint_effort), out=self._effort)
+        if not self.modes or self.modes[-1]["controller"] != control.controller_name:
+            names = {"mode": control.mode.name, "controller": control.controller_name, "reason": control.status_message}
+            self.modes.append({**names, "start": time})
+        self.modes[-1]["end"] = time
+        self._remark("faults", time, [f"{fault.controller}: {fault.message}" for fault in output.faults])
+        self._remark("refusals", time, output.refusals)
+        merged = merge_safety(record.input.safety)
+        safety = "" if merged.is_ok else describe_safety(merged)
+        if safety != self._safety:
+            self._safety = safety
+            self._remark("safety", time, [safety] if safety else [])
+        if output.policy_step is not None:
+            self._judge_step(output.policy_step.frame, state)
+        if record.qpos is not None and control.mode.is_free:
+            return self._watch_base(state, record.qpos)
         return ""
 
-    def summary(self) -> dict[str, Any] | None:
-        """Return the figures, JSON; speeds are means from 2 s after release. None if the base was never free."""
-        low, total, high, count = self.height
-        if self.released is None or not count:
+    def event(self, event: Event) -> None:
+        """Take an event into account."""
+        self._remark("events", event.time, [event.text])
+
+    def _remark(self, kind: str, time: float, messages: Sequence[str]) -> None:
+        self.remarks[kind] += [{"time": time, "message": message} for message in messages]
+
+    def _judge_step(self, frame: int, state: MITState) -> None:
+        self.inferences += 1
+        if self._tracking is not None:
+            self._tracking.update(frame, state)
+        live = state.extern.get(KEY_PRESSED)
+        if self._keys is not None and live is not None:
+            self._keys.update(frame, live.value)
+
+    def _watch_base(self, state: MITState, qpos: FloatArray) -> str:
+        """Watch a free base; a tick in which the simulation breaks says nothing about the robot."""
+        if self._base is None or self._fall is not None or has_run_away(state.joint_velocity):
+            return ""
+        if self._released is None:
+            self._released, self._standing_height = float(state.time), self._base.standing_height(qpos)
+        base, since = self._base.sensed(state, qpos), float(state.time) - self._released
+        if has_fallen(base, self._standing_height):
+            self._fall, self._fell = since, describe_fall(base, self._standing_height)
+        elif since >= _SETTLING:
+            self._speed, self._moving = self._speed + base.planar_velocity, self._moving + 1
+        return self._fell
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures, JSON, in SI units and radians; times in s on the robot's clock."""
+        keys = self._keys
+        return {
+            "modes": list(self.modes),
+            **{kind: list(remarks) for kind, remarks in self.remarks.items()},
+            "tick_time": spread(self._durations),
+            "inferences": self.inferences,
+            "effort": self._efforts(),
+            "tracking": None if self._tracking is None else self._tracking.summary(),
+            "base": self._base_summary(),
+            "piano": None
+            if keys is None or not len(keys.pressed)
+            else asdict(score(keys.pressed, keys.wanted, keys.step)),
+        }
+
+    def _efforts(self) -> list[dict[str, Any]]:
+        """Return the greatest effort of each joint, N·m, the ones closest to their limits first."""
+        if self._robot is None:
+            return []
+        limits = self._robot.effort_limit
+        rows = zip(self._robot.joint_names, self._effort.tolist(), limits.tolist(), strict=True)
+        found = [{"joint": name, "peak": peak, "limit": limit} for name, peak, limit in rows]
+        return sorted(found, key=lambda row: row["peak"] / row["limit"], reverse=True)
+
+    def _base_summary(self) -> dict[str, Any] | None:
+        """Return the motion of a base that was free, with its mean velocity from 2 s after release on."""
+        if self._released is None:
             return None
-        forward, left, turning = (self._speed[0] / self._speed[1]).tolist() if self._speed[1] else (None,) * 3
+        mean = (self._speed / self._moving).tolist() if self._moving else None
         return {
-            "released": self.released,
-            "duration": self.last - self.released,
-            "velocity": None if forward is None else (forward, left),
-            "yaw_rate": turning,
-            "height": (low, total / count, high),
-            "lowest": self.lowest,
-            "tilt_max": self.tilt_max,
-            "fall": self.fall,
-            "fell": self.fell,
+            "released": self._released,
+            "velocity": mean,  # m/s forward and to the left of the heading, rad/s
+            "fall": self._fall,
+            "fell": self._fell,
         }
 
 
-class JointUse:
-    """Greatest speed and effort of each joint, and the positions it reached, without values that are no numbers."""
-
-    def __init__(self, names: Sequence[str], effort_limit: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        """Start empty, for n joints; limits are (n,), N·m and rad, infinite where there is none."""
-        n = len(names)
-        self._names, self._limit, self._lower, self._upper = tuple(names), np.asarray(effort_limit), lower, upper
-        self._effort, self._speed = np.zeros(n), np.zeros(n)
-        self._lowest, self._highest = np.full(n, np.inf), np.full(n, -np.inf)
-        self.saturated = 0
-        """States in which a joint was at its effort limit."""
-
-    def update(self, state: MITState) -> None:
-        """Take one state into account."""
-        effort = np.abs(state.joint_effort)
-        np.fmax(self._effort, effort, out=self._effort)
-        np.fmax(self._speed, np.abs(state.joint_velocity), out=self._speed)
-        np.fmin(self._lowest, state.joint_position, out=self._lowest)
-        np.fmax(self._highest, state.joint_position, out=self._highest)
-        self.saturated += bool((effort >= self._limit * _AT_LIMIT).any())
-
-    def effort(self) -> dict[str, Any]:
-        """Return N·m, JSON: the joint closest to its limit (without any limit, the greatest), and those without one."""
-        known = np.isfinite(self._limit)
-        share = np.where(known, self._effort / self._limit, -1.0) if known.any() else self._effort
-        i = int(share.argmax())
-        return {
-            "largest": float(self._effort.max()),
-            "joint": self._names[i],
-            "effort": float(self._effort[i]),
-            "limit": _finite(self._limit[i]),
-            "without_limit": [name for name, is_known in zip(self._names, known, strict=True) if not is_known],
-            "saturated_ticks": self.saturated,
-        }
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return joint by joint, JSON: rad/s, N·m, rad; None where unknown."""
-        columns = {
-            "speed": self._speed,
-            "effort": self._effort,
-            "effort_limit": self._limit,
-            "lowest": self._lowest,
-            "highest": self._highest,
-            "lower": self._lower,
-            "upper": self._upper,
-        }
-        return [
-            {"joint": name, **{column: _finite(values[i]) for column, values in columns.items()}}
-            for i, name in enumerate(self._names)
-        ]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def describe_effort(figures: dict[str, Any]) -> str:
-    """Return `JointUse.effort` in a line: `37.1 of 88 N·m at left_knee_joint, 0 ticks at an effort limit`."""
-    text, missing = f"{figures['effort']:.1f} N·m at {figures['joint']}", len(figures["without_limit"])
-    if figures["limit"] is not None:
-        of = f"{figures['effort']:.1f} of {figures['limit']:g} N·m at {figures['joint']}"
-        text = f"{of}, {figures['saturated_ticks']} ticks at an effort limit"
-    if missing:
-        text += f"; NO EFFORT LIMIT KNOWN for {missing} joints (give effort_limit in the contract)"
-    return text
+def spread(seconds: Sequence[float]) -> dict[str, float] | None:
+    """Return median, 99th percentile and maximum of durations, s; None of none."""
+    if not len(seconds):
+        return None
+    median, p99 = np.percentile(np.array(seconds), (50.0, 99.0)).tolist()
+    return {"median": median, "p99": p99, "max": max(seconds)}

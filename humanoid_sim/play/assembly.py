@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
@@ -12,10 +12,9 @@ from rich.console import Console
 
 from humanoid_sim import __version__
 from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.run_figures import JointUse, MotionErrors
+from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
 from humanoid_sim.frontends.launcher import FrontEnds
-from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
-from humanoid_sim.mit import KEY_PRESSED, MITState
+from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.front_ends import has_keys
 from humanoid_sim.play.plan import Plan
@@ -27,14 +26,13 @@ from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.losses import DeviceWatch, Interruption
-from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sinks import Sink
+from humanoid_sim.session.sinks import Sink, WorkerSink
 from humanoid_sim.session.sources import IntentSource, PolicySelection
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.push import Push
@@ -42,6 +40,24 @@ from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import run_header
 
 _STANDSTILL = 0.1  # s without a tick after which a loop that drives motors stood still: their CAN timeout
+
+
+class Monitor(WorkerSink):
+    """Keeps the figures of the final table, and tells of a fall when it happens, on this sink's thread."""
+
+    def __init__(self, figures: RunFigures, tell: Callable[[Event], None]) -> None:
+        super().__init__("monitor")
+        self.figures, self._tell = figures, tell
+
+    def handle_tick(self, record: TickRecord) -> None:
+        fell = self.figures.tick(record)
+        if fell:
+            fall = Event(self.figures.time, fell, EventKind.FALL)
+            self.figures.event(fall)
+            self._tell(fall)
+
+    def handle_event(self, event: Event) -> None:
+        self.figures.event(event)
 
 
 class Run:
@@ -58,7 +74,9 @@ class Run:
         self.plan = plan
         self.is_hardware = config.hardware is not None
         self.header, self._made = _header(plan), time.monotonic_ns()
-        self.interruption = Interruption(plan.control_period, _STANDSTILL) if self.is_hardware else None
+        self.interruption = None
+        if self.is_hardware:
+            self.interruption = Interruption(plan.control_period, _STANDSTILL, self._note)
         self._watch(console)
         self._sim = setup.robot if isinstance(setup.robot, SimRobot) else None
         self._outside_safety = OutsideSafety(plan.watchdogs)
@@ -66,7 +84,7 @@ class Run:
         reactivation = Reactivation((lambda: ()) if bring_up is None else bring_up.warnings)
         selection = PolicySelection()
         with ExitStack() as stack:
-            registration = Registration.create()
+            registration = Registration()
             stack.callback(registration.close)
             push = None if self._sim is None else self._push
             intents = IntentSocket(
@@ -140,11 +158,11 @@ class Run:
         outputs, loaded, motion = plan.outputs, policy.loaded, policy.motion
         is_single = loaded is not None and not policy.others
         is_drawn = outputs.html is not None or outputs.video is not None
-        self.tracking = self.keys = ghost = None
+        tracking = keys = ghost = None
         if loaded is not None and is_single:
-            self.tracking = MotionErrors.of(description, loaded)
+            tracking = MotionErrors.of(description, loaded)
             if motion is not None and motion.task_type == "piano":
-                self.keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
+                keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
             ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
         self.console = ConsoleSink(
             console,
@@ -164,20 +182,8 @@ class Run:
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.moments = Moments(ghost) if is_drawn else None
-        self.monitor = RunMonitor(
-            JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
-            self._judge,
-            base=plan.setup.base,
-            tell=self._tell,
-        )
-
-    def _judge(self, frame: int, state: MITState) -> None:
-        """Compare the state of a policy step with the frame that the policy was shown."""
-        if self.tracking is not None:
-            self.tracking.update(frame, state)
-        live = state.extern.get(KEY_PRESSED)
-        if self.keys is not None and live is not None:
-            self.keys.update(frame, live.value)
+        figures = RunFigures(description, tracking=tracking, keys=keys, base=plan.setup.base)
+        self.monitor = Monitor(figures, self._tell)
 
     def _data_socket(self, registration: Registration) -> DataSocket:
         plan, timeouts = self.plan, dict[str, float]()
@@ -227,7 +233,7 @@ class Run:
     def _status(self) -> Mapping[str, Any]:
         recorder = self.recorder
         return {
-            **self.data.status(),
+            "owners": self.data.owners,
             "front_ends": dict(self.front_ends.running),
             "start_time_ns": self.header.start_time_ns,
             "robot": self.plan.setup.figures(),

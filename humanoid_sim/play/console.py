@@ -15,19 +15,12 @@ from rich.style import Style
 
 from humanoid_sim.cli import mute_output
 from humanoid_sim.controllers.fsm import granted, merge_safety
+from humanoid_sim.evaluation.run_report import MODE_STYLES
 from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVABLE
 from humanoid_sim.session.sinks import WorkerSink
-
-MODE_STYLES = {
-    Mode.ZERO_TORQUE: "bright_black",
-    Mode.DAMPING: "yellow",
-    Mode.STANDBY: "cyan",
-    Mode.LOCOMOTION: "green",
-    Mode.REMOTE: "magenta",
-}
 
 
 class StatusLine:
@@ -132,6 +125,11 @@ class ConsoleSink(WorkerSink):
         self._latest: TickRecord | None = None
         self._frame: int | None = None
         self._overruns = 0
+
+    @property
+    def backlog(self) -> int:
+        """0: a terminal that takes nothing holds no run up."""
+        return 0
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""

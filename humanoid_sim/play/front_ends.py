@@ -17,9 +17,9 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
-from humanoid_sim.session.keyboard import key_help
+from humanoid_sim.session.keyboard import KEY_HELP
 from humanoid_sim.session.script import ScriptStep, parse_script
-from humanoid_sim.session.sources import velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_HELP
 
 if TYPE_CHECKING:
     from humanoid_sim.play.policies import PolicyChoice
@@ -106,7 +106,7 @@ def operator_notices(
     """
     notices = []
     if has_keys(config):
-        notices += [key_help(), velocity_key_help()] if policy.walks else [key_help()]
+        notices += [KEY_HELP, VELOCITY_HELP] if policy.walks else [KEY_HELP]
     elif steps is None and not config.dry_run:
         notices.append("waits for an operator, in another terminal: python -m humanoid_sim.mode damp, load_a, ...")
     if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):

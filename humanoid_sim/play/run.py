@@ -88,7 +88,7 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
         else:
             complain(f"failed: {problem}")
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
-    went_wrong = fell or run.monitor.faults or run.monitor.safety
+    went_wrong = fell or summary["faults"] or summary["safety"]
     status = 128 + received[0] if received else int(ExitStatus.of(not (problems or went_wrong)))
     return Outcome(status, summary, tuple(problems))
 
@@ -107,8 +107,8 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     if touch is not None and touch["force"] > touch["limit"]:
         hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
-    if run.plan.config.script is None and run.script is not None:  # of a given one they are part of the plan
-        found += [f"the automatic script: {refusal}" for refusal in run.script.refusals]
+    if run.plan.config.script is None and result.reason == "script finished":  # else refusals may be meant
+        found += [f"the automatic script: {one['message']}" for one in run.monitor.figures.remarks["refusals"]]
     for part, lost in (
         ("recording", recorder.lost if recorder else 0),
         ("final table", run.monitor.lost),
@@ -248,7 +248,7 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
         received.append(number)
         if robot.is_closed:
             for keyboard in keyboards:
-                keyboard.restore_terminal()
+                keyboard.close()
             signal.signal(number, before[number])
             signal.raise_signal(number)
         run.session.request_stop(signal.Signals(number).name)
@@ -258,7 +258,7 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
             interruption.refuse_suspension()
             return
         for keyboard in keyboards:
-            keyboard.restore_terminal()
+            keyboard.close()
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)  # returns when the process is continued
         signal.signal(number, suspend)

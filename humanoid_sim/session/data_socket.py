@@ -87,14 +87,16 @@ class DataSocket(ExternSource, Sink):
             self._velocity.expire(time)
         for turn in self._turns.values():
             turn.expire(time)
+        refusals = []
         for datagram in self._drain():
             try:
                 self._accept(_read(datagram, time), time)
             except _RefusedError as refusal:
-                text = str(refusal)
-                if text not in self._refused and len(self._refused) < _REMEMBERED and self._tell(text):
-                    self._refused.add(text)
+                refusals.append(str(refusal))
         self._show_owners()
+        for text in refusals:
+            if text not in self._refused and len(self._refused) < _REMEMBERED and self._tell(text):
+                self._refused.add(text)
         return self._live
 
     def tick(self, record: TickRecord) -> None:

@@ -95,8 +95,8 @@ class FeedWriter(Sink):
     def close(self) -> None:
         """Close the sockets. May be called twice."""
         self._socket.close()
-        for path in tuple(self._subscribers):
-            self._forget(path)
+        while self._subscribers:
+            self._subscribers.popitem()[1].close()
 
     def _accept(self) -> None:
         for _ in range(_MOST_ACCEPTED):
@@ -123,9 +123,5 @@ class FeedWriter(Sink):
             except BlockingIOError:  # it is slow
                 continue
             except OSError:  # it has gone
-                self._forget(path)
-
-    def _forget(self, path: str) -> None:
-        subscriber = self._subscribers.pop(path, None)
-        if subscriber is not None:
-            subscriber.close()
+                subscriber.close()
+                self._subscribers.pop(path, None)

@@ -16,7 +16,7 @@ from typing import Any
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import VELOCITY_KEYS, IntentSource, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_HELP, VELOCITY_KEYS, IntentSource, VelocityCommand
 
 KEYS = MappingProxyType(
     {
@@ -31,11 +31,13 @@ KEYS = MappingProxyType(
 )
 """Key to intent. The space bar damps: it is the key that a startled hand finds."""
 REACTIVATE_KEY = "e"
-HELP_KEYS = ("h", "?")
-_DAMP_KEYS = frozenset(key for key, intent in KEYS.items() if intent is Intent.DAMP)
+KEY_HELP = (
+    "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT, "
+    "h or ? this help"
+)
+_DAMP_KEYS = " d"
 _LATE = 0.3  # s between two polls beyond which the process stood still
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-_ESCAPE = "\x1b"
 _SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")  # of an arrow key or a function key
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")  # the beginning of one
 
@@ -56,35 +58,21 @@ class KeyReader:
         unfinished = _UNFINISHED.search(text)
         self._unfinished = unfinished[0] if unfinished else ""
         text = text[: len(text) - len(self._unfinished)]
-        if _ESCAPE not in text:
+        if "\x1b" not in text:
             return list(text.lower())
         found, end = [], 0
         for sequence in _SEQUENCE.finditer(text):
-            found += _beside_a_sequence(text[end : sequence.start()])
+            found += [key for key in text[end : sequence.start()].lower() if key in _DAMP_KEYS]
             end = sequence.end()
             arrow = sequence[3] or (sequence[2] if not sequence[1] else "")
-            found.append(_ARROWS.get(arrow, sequence[0]))
-        return found + _beside_a_sequence(text[end:])
-
-
-def _beside_a_sequence(text: str) -> list[str]:
-    """Return the DAMP keys of a text; where there is none, all of it as one key, which means nothing."""
-    damps = [key for key in text.lower() if key in _DAMP_KEYS]
-    return damps or ([f"{_ESCAPE}{text.removeprefix(_ESCAPE)}"] if text else [])
+            found.append(_ARROWS.get(arrow, ""))
+        return found + [key for key in text[end:].lower() if key in _DAMP_KEYS]
 
 
 def key_of(intent: Intent) -> str:
     """Return the key of an intent, as operators call it."""
     key = next(key for key, meant in KEYS.items() if meant is intent)
     return "space" if key == " " else key
-
-
-def key_help() -> str:
-    """Return the line that names the keys."""
-    return (
-        "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT, "
-        "h or ? this help"
-    )
 
 
 class Keyboard(IntentSource):
@@ -147,16 +135,11 @@ class Keyboard(IntentSource):
         lflag &= ~(termios.ICANON | termios.ECHO)
         self._set([iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters])
 
-    def restore_terminal(self) -> None:
+    def close(self) -> None:
         """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
         self._set(self._before)
 
-    def close(self) -> None:
-        """Give the terminal back as it was."""
-        self.restore_terminal()
-
     def _set(self, attributes: list[Any]) -> None:
-        """At once: a terminal whose output stands still would keep the caller waiting."""
         if self._is_in_foreground():
             with contextlib.suppress(termios.error):  # there is no terminal any more
                 termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
@@ -172,23 +155,12 @@ class Keyboard(IntentSource):
         keys = self._reader.keys(text)
         if is_late:  # the process stood still: what was typed meanwhile was meant for something else
             termios.tcflush(self._fd, termios.TCIFLUSH)
-            self._tell("keys that were pressed while the process stood still are left out, but for DAMP")
             keys = [key for key in keys if key in _DAMP_KEYS]
-        unknown = [key for key in keys if key not in KEYS and not self._serve(key)]
-        if unknown:
-            self._tell(f"no meaning has {', '.join(map(repr, unknown))}; h or ? shows the keys")
+        for key in keys:
+            if key in ("h", "?"):
+                self._tell(KEY_HELP if self._velocity is None else f"{KEY_HELP}; {VELOCITY_HELP}")
+            elif key in VELOCITY_KEYS and self._velocity is not None:
+                self._velocity.press(key)
+            elif key == REACTIVATE_KEY and self._reactivation is not None:
+                self._reactivation.request()
         return [KEYS[key] for key in keys if key in KEYS]
-
-    def _serve(self, key: str) -> bool:
-        """Do what a key means that is no intent; False if it means nothing."""
-        if key in HELP_KEYS:
-            self._tell(key_help())
-            if self._velocity is not None:
-                self._tell(velocity_key_help())
-        elif self._velocity is not None and key in VELOCITY_KEYS:
-            self._velocity.press(key)
-        elif self._reactivation is not None and key == REACTIVATE_KEY:
-            self._reactivation.request()
-        else:
-            return False
-        return True

@@ -6,10 +6,9 @@ import fcntl
 import json
 import os
 import shutil
-from pathlib import Path
 
 from humanoid_sim.client import LOCK, SessionError, is_locked, session_folder
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import blaming
 
 
 class Registration:

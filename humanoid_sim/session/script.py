@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
@@ -14,8 +13,7 @@ _INTENTS = {intent.value: intent for intent in Intent}
 _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS, policy NAME"
 
 
-@dataclass(frozen=True, slots=True)
-class ScriptStep:
+class ScriptStep(NamedTuple):
     """One step: send an intent, select a policy, or let time pass."""
 
     kind: Literal["intent", "wait", "motion", "hold", "policy"]
@@ -28,8 +26,7 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     """Parse steps separated by semicolons.
 
     An intent's name sends it; `wait` lasts until the standby pose is reached; `motion` until the policy's motion has
-    ended; `hold 5` for 5 s on the robot's clock; `policy dance` selects one of several. Raises `InputError` naming the
-    step and what is accepted.
+    ended; `hold 5` for 5 s on the robot's clock; `policy dance` selects one of several.
     """
     parts = [part.strip() for part in text.split(";")]
     steps = tuple(_step(number, part) for number, part in enumerate(parts, start=1) if part)
@@ -49,17 +46,15 @@ def _step(number: int, part: str) -> ScriptStep:
             return ScriptStep("hold", seconds=number_in(seconds))
         case ("policy", [name]):
             return ScriptStep("policy", policy=name)
-    words = (*_INTENTS, "wait", "motion", "hold", "policy")
-    near = "" if word.lower() in words else meant(word, words)
-    raise InputError(f"--script: step {number} is '{part}'{near}, expected one of {_GRAMMAR}")
+    raise InputError(f"--script: step {number} is '{part}'{meant(word, _INTENTS)}, expected one of {_GRAMMAR}")
 
 
 class Script(IntentSource):
     """Plays steps and finishes after the last one.
 
-    Whatever goes wrong (a controller that fails, a safety status that is not OK, in whatever mode, a fall to DAMPING or
-    ZERO_TORQUE that the script did not request) drops the rest of it: nothing that was planned before a fault may move
-    the robot after it. So do operators' intents, and a fresh start.
+    Whatever goes wrong (a controller that fails, a safety status that is not OK, a fall to DAMPING or ZERO_TORQUE that
+    the script did not request) drops the rest of it: nothing that was planned before a fault may move the robot after
+    it. So do operators' intents, and a fresh start.
     """
 
     def __init__(
@@ -80,72 +75,63 @@ class Script(IntentSource):
         self._frames = dict(motion_frames or {"": 0})
         self._policy = next(iter(self._frames))
         self._selection = selection or PolicySelection()
-        self._operators = tuple(operators)
+        self._operators = operators
         self._hold_until: float | None = None
-        self._motion_over = self._was_moving = self._requested_damp = self._has_requested = False
-        self._taken_over = self._has_begun = False
-        self.refusals: list[str] = []
-        """Refusals of its own intents."""
+        self._is_motion_over = self._was_moving = self._requested_damp = False
+        self._is_taken_over = self._has_begun = False
 
     @property
     def finished(self) -> bool:
-        """Return True if all steps are done, and no operator has taken over."""
-        return not self._steps and not self._taken_over
+        """True if all steps are done, and no operator has taken over."""
+        return not self._steps and not self._is_taken_over
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Return the operators' intents, else the one that is due: one per tick, decided on the result of the last."""
         intents = [intent for source in self._operators for intent in source.poll(time, output)]
-        starts_afresh = self._has_begun and output is None
-        self._has_begun = self._has_begun or output is not None
-        if intents or starts_afresh:
-            self._taken_over = True
+        if intents or (self._has_begun and output is None):
+            self._is_taken_over = True
             self._steps.clear()
         if output is not None:
+            self._has_begun = True
             self._follow(output)
-        if not self._steps:
+        if not self._steps or not self._is_due(self._steps[0], time, output):
             return intents
-        return self._due(self._steps[0], time, output)
-
-    def _follow(self, output: TickOutput) -> None:
-        """Take the outcome of the previous tick into account."""
-        if output.policy_step is not None:
-            self._motion_over = output.policy_step.frame >= self._frames[self._policy] - 1
-        is_moving = output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
-        fell = self._was_moving and not is_moving and not self._requested_damp
-        self._was_moving = is_moving
-        if output.faults or fell:
-            self._steps.clear()
-        if self._has_requested:
-            self.refusals += output.refusals
-            self._has_requested = False
-
-    def _due(self, step: ScriptStep, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        if step.kind == "policy":
-            self._selection.request(step.policy)
-            self._policy = step.policy if step.policy in self._frames else self._policy
-        elif step.intent is not None:
-            self._motion_over = False
-            self._requested_damp = step.intent is Intent.DAMP
-        elif not self._is_over(step, time, output):
-            return ()
-        self._steps.pop(0)
-        self._has_requested = step.kind in ("policy", "intent")
+        step = self._steps.pop(0)
         self._hold_until = None
-        return () if step.intent is None else (step.intent,)
+        if step.kind == "policy":
+            self._selection.wanted = step.policy
+            self._policy = step.policy if step.policy in self._frames else self._policy
+        if step.intent is None:
+            return intents
+        self._is_motion_over, self._requested_damp = False, step.intent is Intent.DAMP
+        return [step.intent]
 
     def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
         """Take the tick's safety statuses into account; the FSM itself refuses intents while they last."""
         if not all(status.is_ok for status in statuses):
             self._steps.clear()
 
-    def _is_over(self, step: ScriptStep, time: float, output: TickOutput | None) -> bool:
+    def _follow(self, output: TickOutput) -> None:
+        """Take the outcome of the previous tick into account."""
+        if output.policy_step is not None:
+            self._is_motion_over = output.policy_step.frame >= self._frames[self._policy] - 1
+        is_moving = output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
+        fell = self._was_moving and not is_moving and not self._requested_damp
+        self._was_moving = is_moving
+        if output.faults or fell:
+            self._steps.clear()
+
+    def _is_due(self, step: ScriptStep, time: float, output: TickOutput | None) -> bool:
+        """Return True if an intent is to be sent, or a pause is over."""
+        if step.kind in ("intent", "policy"):
+            return True
         if output is None:
             return False
         if step.kind == "wait":
             # Fallen out of STANDBY (a fault, a refusal): waiting on would be waiting for ever.
             return output.standby is None or output.standby.is_finished
         if step.kind == "motion":
-            return self._motion_over or output.control_mode.controller_name != "rl_policy_controller"
+            return self._is_motion_over or output.control_mode.controller_name != "rl_policy_controller"
         if self._hold_until is None:
             self._hold_until = time + step.seconds
         return time >= self._hold_until

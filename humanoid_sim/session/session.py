@@ -103,6 +103,11 @@ class Session:
         """The mode of the last tick; ZERO_TORQUE before the first."""
         return Mode.ZERO_TORQUE if self._output is None else self._output.control_mode.mode
 
+    @property
+    def is_ending(self) -> bool:
+        """True if something has requested the end."""
+        return bool(self._stop_reason)
+
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
         """Hand something that happened outside the ticks to the sinks, now; may be called from any thread."""
         self._group.event(text, kind)

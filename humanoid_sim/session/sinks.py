@@ -18,9 +18,12 @@ _STUCK_AFTER = 5.0  # s that a sink may take over all that is left when it is cl
 class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
-    def start(self, header: SessionHeader) -> None:
-        """Start before the first tick. Raises `InputError` if it cannot do its job."""
-        return
+    def start(self, header: SessionHeader) -> SessionHeader | None:
+        """Start before the first tick. Raises `InputError` if it cannot do its job.
+
+        A sink that waits for others returns the header of a run that begins after that, for the sinks behind it.
+        """
+        return None
 
     def tick(self, record: TickRecord) -> None:
         """Take in a tick, on the control thread."""
@@ -56,11 +59,10 @@ class SinkGroup:
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
         """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
         for sink in self._sinks:
-            sink.start(header)
+            header = sink.start(header) or header
             stack.callback(sink.close)
 
     def tick(self, record: TickRecord) -> None:
-        """Hand out a tick."""
         for sink in self._sinks:
             try:
                 sink.tick(record)
@@ -106,15 +108,12 @@ class WorkerSink(Sink):
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
     def start(self, header: SessionHeader) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def tick(self, record: TickRecord) -> None:
-        """Queue a tick."""
         self._put(record)
 
     def event(self, event: Event) -> None:
-        """Queue an event."""
         self._put(event)
 
     def _put(self, item: TickRecord | Event) -> None:
@@ -125,7 +124,6 @@ class WorkerSink(Sink):
 
     @property
     def backlog(self) -> int:
-        """Length of the queue."""
         return len(self._queue)
 
     @property

@@ -150,9 +150,7 @@ class VelocityCommand:
         self.turn.admit(KEYBOARD, math.inf, deliberate=True)
         self._set(self.command + change if any(change) else np.zeros(3), 0.0, math.inf)
 
-    def offer(
-        self, producer: str, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool
-    ) -> bool:
+    def offer(self, producer: str, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool) -> bool:
         """Take the command of a producer if it owns the velocity, or takes it over; return True if it does.
 
         A stick at rest is not deliberate: it claims nothing. `value` has shape (3,), times are in s.

@@ -9,8 +9,20 @@ import pytest
 from models import contract_of
 
 from humanoid_sim.controllers.reference import MotionReference, build_reference
-from humanoid_sim.evaluation.run_figures import BaseMotion, JointUse, MotionErrors, describe_effort
-from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
+from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
+from humanoid_sim.evaluation.run_report import describe_effort
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Mode,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
+from humanoid_sim.mit import ANCHOR_POSE, Extern, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import body_frames
@@ -113,83 +125,98 @@ def test_a_reference_whose_start_was_not_seen_is_not_compared(lite):
     assert errors.summary() is None
 
 
-def base(height=0.8, *, yaw=0.0, tilt=0.0, velocity=(0.0, 0.0, 0.0)):
-    turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-    lean = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
-    quaternion = [turn[0] * lean[0], -turn[3] * lean[2], turn[0] * lean[2], turn[3] * lean[0]]
-    position, rate = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.3])
-    return BaseState(position, np.array(quaternion), np.array(velocity), rate, 0.7 * position, np.zeros(()))
+class FakeBase:
+    """A base whose height and velocity a test gives by the first two numbers of qpos."""
+
+    def standing_height(self, qpos):
+        return 0.56
+
+    def sensed(self, state, qpos):
+        position = np.array([0.0, 0.0, qpos[0]])
+        upright, velocity, rate = np.array([1.0, 0.0, 0.0, 0.0]), np.array([qpos[1], 0.0, 0.0]), np.array([0, 0, 0.3])
+        return BaseState(position, upright, velocity, rate, 0.7 * position, np.zeros(()))
 
 
-def released(time=0.0):
-    motion = BaseMotion()
-    motion.release(time, 0.56)
-    return motion
+NAMES = {
+    Mode.ZERO_TORQUE: "zero_torque_controller",
+    Mode.DAMPING: "damping_controller",
+    Mode.STANDBY: "standby_controller_a",
+    Mode.LOCOMOTION: "rl_policy_controller",
+}
 
 
-def test_speeds_are_in_the_heading_frame_from_two_seconds_on():
-    motion = released(5.0)
-    for k in range(301):
-        time = 5.0 + 0.01 * k
-        velocity = (9.0, 9.0, 0.0) if time < 7.0 - 1e-9 else (-0.2, 0.5, 0.0)
-        motion.update(time, base(0.78, yaw=math.pi / 2, velocity=velocity))
-    summary = motion.summary()
-    assert summary["duration"] == pytest.approx(3.0)
-    assert summary["velocity"] == pytest.approx((0.5, 0.2))
-    assert summary["yaw_rate"] == pytest.approx(0.3)
-    assert summary["fall"] is None
+def tick(lite, index, mode=Mode.DAMPING, *, effort=None, safety=(), qpos=None, period=0.5, **output):
+    state = healthy_state([0.0] * lite.joint_count, time=index * period)
+    state = replace(state, joint_effort=np.zeros(lite.joint_count) if effort is None else effort)
+    control = ControlMode(mode, NAMES[mode], f"reason {index}")
+    result = replace(TickOutput(MITCommand.zeros(lite.joint_count), control), **output)
+    return TickRecord(index, TickInput(state, safety), result, 1e-4 * (index + 1), False, qpos)
 
 
-def test_height_counts_from_landing_on_and_tilt_from_two_seconds_on():
-    motion = released()
-    for time, height, tilt in ((0.0, 0.83, 0.0), (0.1, 0.79, 0.6), (0.2, 0.78, 0.5), (0.3, 0.82, 0.0), (2.5, 0.8, 0.1)):
-        motion.update(time, base(height, tilt=tilt))
-    summary = motion.summary()
-    assert summary["height"] == pytest.approx((0.78, 0.7975, 0.82))
-    assert summary["lowest"] == pytest.approx(0.7 * 0.78 / 0.56)
-    assert summary["tilt_max"] == pytest.approx(0.1)
+def figures(lite, *ticks):
+    found = RunFigures(lite)
+    for one in ticks:
+        assert found.tick(one) == ""
+    return found.summary()
 
 
-@pytest.mark.parametrize(
-    ("height", "tilt", "text"),
-    [(0.47, 0.0, "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"), (0.8, 1.01, "fell: tilted by 58°")],
-)
-def test_a_fall_ends_the_figures(height, tilt, text):
-    motion = released(1.0)
-    assert motion.update(1.0, base(0.8)) == ""
-    assert motion.update(1.5, base(height, tilt=tilt)) == text
-    assert motion.update(2.0, base(0.1, velocity=(7.0, 0.0, 0.0))) == ""  # reported once
-    summary = motion.summary()
-    assert (summary["fall"], summary["fell"], summary["velocity"]) == (0.5, text, None)
+def test_modes_with_their_times(lite):
+    modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.STANDBY, Mode.DAMPING]
+    found = figures(lite, *(tick(lite, i, mode) for i, mode in enumerate(modes)))["modes"]
+    assert [(one["mode"], one["start"], one["end"], one["reason"]) for one in found] == [
+        ("ZERO_TORQUE", 0.0, 0.0, "reason 0"),
+        ("DAMPING", 0.5, 1.0, "reason 1"),
+        ("STANDBY", 1.5, 1.5, "reason 3"),
+        ("DAMPING", 2.0, 2.0, "reason 4"),
+    ]
 
 
-def used(limits, upper=(1.0, 1.0, np.inf)):
-    use = JointUse(("hip", "knee", "foot"), np.array(limits), -np.array(upper), np.array(upper))
-    for position, velocity, effort in (
-        ([0.0, 0.5, 9.0], [1.0, -3.0, 0.0], [30.0, -8.0, np.nan]),
-        ([-0.5, 0.25, 7.0], [-2.0, 0.0, np.nan], [-40.0, 1.0, 12.5]),
-    ):
-        values = {"joint_position": position, "joint_velocity": velocity, "joint_effort": effort}
-        use.update(replace(healthy_state([0.0] * 3), **{name: np.array(value) for name, value in values.items()}))
-    return use
-
-
-def test_the_greatest_of_each_joint():
-    hip, _, foot = used([88.0, 10.0, np.inf]).rows()
-    assert hip == {
-        **{"joint": "hip", "speed": 2.0, "effort": 40.0, "effort_limit": 88.0},
-        **{"lowest": -0.5, "highest": 0.0, "lower": -1.0, "upper": 1.0},
+def test_faults_refusals_and_changes_of_safety_with_their_times(lite):
+    fault = FaultReport("rl_policy_controller", "damping_controller", "action is nan")
+    warning = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1")
+    found = figures(
+        lite,
+        tick(lite, 0),
+        tick(lite, 1, faults=(fault,)),
+        tick(lite, 2, refusals=("LOAD_A refused", "LOAD_B refused")),
+        *(tick(lite, i, safety=(warning,)) for i in (3, 4)),
+        tick(lite, 5),
+        tick(lite, 6, safety=(warning,)),
+    )
+    shown = {kind: [(one["time"], one["message"]) for one in found[kind]] for kind in ("faults", "refusals", "safety")}
+    assert shown == {
+        "faults": [(0.5, "rl_policy_controller: action is nan")],
+        "refusals": [(1.0, "LOAD_A refused"), (1.0, "LOAD_B refused")],
+        "safety": [(time, "safety WARNING INVALID_FRAME from can1") for time in (1.5, 3.0)],
     }
-    assert (foot["speed"], foot["effort"], foot["effort_limit"], foot["upper"]) == (0.0, 12.5, None, None)
+    assert found["tick_time"] == pytest.approx({"median": 4e-4, "p99": 7e-4, "max": 7e-4}, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [
-        ([40.0, 10.0, 50.0], "40.0 of 40 N·m at hip, 1 ticks at an effort limit"),
-        ([88.0, 10.0, np.inf], "8.0 of 10 N·m at knee, 0 ticks at an effort limit; NO EFFORT LIMIT KNOWN for 1 joints"),
-        ([np.inf] * 3, "40.0 N·m at hip; NO EFFORT LIMIT KNOWN for 3 joints"),
-    ],
-)
-def test_the_joint_closest_to_its_limit_is_named_and_a_missing_limit_is_reported(limits, expected):
-    assert describe_effort(used(limits).effort()).startswith(expected)
+def test_the_joint_closest_to_its_limit_comes_first_and_what_is_no_number_does_not_count(lite):
+    effort = np.zeros(lite.joint_count)
+    effort[2], effort[5] = -0.5 * lite.effort_limit[2], np.nan
+    first, *_ = figures(lite, tick(lite, 0, effort=effort), tick(lite, 1))["effort"]
+    limit = lite.effort_limit[2]
+    assert first == {"joint": lite.joint_names[2], "peak": 0.5 * limit, "limit": limit}
+    assert describe_effort([first]) == f"{0.5 * limit:.1f} of {limit:g} N·m at {lite.joint_names[2]}"
+
+
+def walk(lite, heights, period=0.5):
+    found = RunFigures(lite, base=FakeBase())
+    falls = [
+        found.tick(tick(lite, i, Mode.LOCOMOTION, qpos=np.array(qpos), period=period)) for i, qpos in enumerate(heights)
+    ]
+    return falls, found.summary()["base"]
+
+
+def test_the_mean_velocity_is_that_from_two_seconds_after_release_on(lite):
+    falls, base = walk(lite, [(0.8, 9.0)] * 4 + [(0.8, 0.5)] * 3)
+    assert base == {"released": 0.0, "velocity": pytest.approx([0.5, 0.0, 0.3]), "fall": None, "fell": ""}
+    assert not any(falls)
+
+
+def test_a_fall_is_reported_once_and_ends_the_figures(lite):
+    falls, base = walk(lite, [(0.8, 0.0), (0.47, 0.0), (0.1, 7.0)])
+    text = "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"
+    assert falls == ["", text, ""]
+    assert base == {"released": 0.0, "velocity": None, "fall": 0.5, "fell": text}

@@ -7,7 +7,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.messages import Event, EventKind
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.summary import summarize
 from humanoid_sim.replay import main as replay
 
 WALKER = """
@@ -72,9 +71,6 @@ def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run, folder):
     assert result.status == 0, result.err
     base = result.summary["base"]
     assert (base["fall"], base["fell"]) == (None, "")
-    assert base["duration"] == pytest.approx(2.5, abs=0.03)
-    assert base["height"][1] == pytest.approx(0.0, abs=0.02)
-    assert base["tilt_max"] < 0.05
     assert "the robot fell" not in result.out
     off = "guards: following is off for 2 of 2 joints, which lack an effort limit of the robot's own"
     assert " ".join(result.out.split()).count(off) == 1
@@ -87,5 +83,4 @@ def test_a_fall_is_an_event_of_the_recording(run, folder):
     (fall,) = [item for item in recording.entries() if isinstance(item, Event) and item.kind is EventKind.FALL]
     assert fall.text == base["fell"]
     assert fall.time == pytest.approx(base["released"] + base["fall"], abs=1e-9)
-    assert ("fall", fall.text) in [(said.kind, said.text) for said in summarize(recording).remarks]
     assert replay([str(folder / "r.mcap")]) == 0

@@ -19,7 +19,6 @@ def test_the_unitree_policy_walks(run):
     base = result.summary["base"]
     assert base["fall"] is None
     assert base["velocity"][0] == pytest.approx(0.427, abs=0.03)
-    assert 0.77 < base["height"][0] < base["height"][2] < 0.79
     released = [event.text for event in result.events if "support" in event.text]
     assert released == ["support released", "support holds the base where it is"]
 
@@ -52,4 +51,4 @@ def test_a_robot_that_falls_is_a_failure(run, tmp_path):
 def test_a_command_beyond_what_the_policy_knows_is_refused(run):
     result = walk(run, UNITREE, "--command", "2,0,0", seconds=5)
     assert result.status == 2
-    assert result.err == "error: --command: vx is 2 m/s, expected -0.5 to 1 m/s; that is what the policy knows\n"
+    assert result.err == "error: --command: vx is 2 m/s, expected -0.5 to 1 m/s\n"

@@ -50,7 +50,7 @@ def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd)
     force = result.summary["key_force"]
     assert 1.0 < force["force"] < force["limit"] == 14.0
     assert force["key"] in ("G3", "D5")
-    assert f"hardest touch of a key: {force['force']:.2f} N ({force['key']} at " in result.out
+    assert f"{force['force']:.2f} N, the limit is 14 N" in result.out
     assert "5 of 6 notes struck in time, 0 wrong strokes" in result.out
     recording = result.summary["recording"]
     assert run_program(piano.main, [recording, "--json"]) == 0

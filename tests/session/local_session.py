@@ -50,7 +50,7 @@ class LocalSession:
         self.run = rig.Run(rig.two_policies())
         self.output: TickOutput | None = None
         self.reactivation = Reactivation()
-        self.registration = Registration.create()
+        self.registration = Registration()
         self.stack.callback(self.registration.close)
         self.outside = OutsideSafety(self.watchdogs)
         self.selection = PolicySelection()
@@ -113,7 +113,7 @@ class LocalSession:
         for sink in (self.feed, self.intents, self.data):
             sink.tick(record)
         if self.index % 25 == 0:
-            self.feed.status(self.data.status())
+            self.feed.status({"owners": self.data.owners})
         return record
 
     def enter_remote(self) -> None:

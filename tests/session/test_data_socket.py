@@ -35,7 +35,6 @@ def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale
         assert value_of(local.tick()) == 0.1
     assert f"REMOTE: belongs to first {ME}" in local.told
     assert local.told.count(f"refused of second {ME}: REMOTE: belongs to first {ME}") == 1
-    assert local.data.status()["refused"] == [f"refused of second {ME}: REMOTE: belongs to first {ME}"]
     stopped = local.time
     while local.time - stopped < 0.1 - 1.5 * rig.PERIOD:  # a sample is as old as its way was long
         send(second, 0.2)
@@ -84,15 +83,13 @@ def test_what_is_no_command_is_refused_by_name(local):
     tick()
     intake.live("keys", [1.0])
     tick()
-    intake.live("keys", [1.0, 0.0], timeout=60.0)
-    assert tick().output.command.stiffness.tolist() == [0.0] * 3
+    assert local.tick().output.command.stiffness.tolist() == [0.0] * 3
     assert latest == [
         "remote command: joint_names are shoulder, wrist, elbow, expected shoulder, elbow, wrist in this order",
         "remote command's position of elbow is nan, expected a finite number from -1e+06 to 1e+06",
         "remote command: joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this order",
         "live input 'pedals' is not observed; the policy observes: keys",
         "live input 'keys': has 1 values, expected 2, all finite",
-        "live input 'keys': timeout is 60 s, expected 0 to 5 s",
     ]
     assert local.data.owners["REMOTE"] == ""
     with pytest.raises(ValueError, match="expected 3 values in each field"):
@@ -123,8 +120,7 @@ def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local):
     page.velocity(0.4, 0.0, 0.1, deliberate=False)
     assert velocity(local.tick()) == [-0.2, 0.0, 0.0]
     assert local.data.owners["velocity"] == f"gamepad {ME}"
-    told = f"velocity: controlled by gamepad {ME}; move a stick or a slider, or press a key, to take it over"
-    assert local.told[-1] == f"refused of console {ME}: {told}"
+    assert f"refused of console {ME}: velocity: belongs to gamepad {ME}" in local.told
     local.velocity.press("w")
     stick.velocity(-0.2, 0.0, 0.0, deliberate=False)
     assert velocity(local.tick()) == [-0.1, 0.0, 0.0]
@@ -136,14 +132,12 @@ def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local):
 
 def test_live_inputs_reach_the_state_and_expire(local):
     first, second = local.intake("first"), local.intake("second")
-    first.live("keys", [1.0, 0.0], timeout=0.1)
-    keys = local.tick().input.state.extern["keys"]
-    assert keys.value.tolist() == [1.0, 0.0]
-    assert keys.timeout == 0.1
+    first.live("keys", [1.0, 0.0])
+    assert local.tick().input.state.extern["keys"].value.tolist() == [1.0, 0.0]
     second.live("keys", [0.0, 1.0])
     assert local.tick().input.state.extern["keys"].value.tolist() == [1.0, 0.0]
-    assert local.told[-1] == f"refused of second {ME}: live input 'keys': belongs to first {ME}"
-    for _ in range(6):
+    assert f"refused of second {ME}: keys: belongs to first {ME}" in local.told
+    for _ in range(26):
         state = local.tick().input.state
     assert state.extern["keys"].at(state.time).tolist() == [0.0, 0.0]
     second.live("keys", [0.0, 1.0])
@@ -151,21 +145,14 @@ def test_live_inputs_reach_the_state_and_expire(local):
     assert state.extern["keys"].at(state.time).tolist() == [0.0, 1.0]
 
 
-def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_shorten_it(runtime):
+def test_the_contract_says_when_a_live_input_is_stale(runtime):
     local = LocalSession(takes={"keys": 2, "feet": 1, "mood": 1}, timeouts={"keys": 0.2, "mood": math.inf})
     with local.stack:
         intake = local.intake()
-
-        def timeouts(**given):
-            for name, width in local.takes.items():
-                intake.live(name, [1.0] * width, **given)
-            extern = local.tick().input.state.extern
-            return [extern[name].timeout for name in local.takes]
-
-        assert timeouts() == [0.2, 0.5, math.inf]
-        assert timeouts(timeout=0.1) == [0.1, 0.1, 0.1]
-        assert timeouts(timeout=2.0) == [0.2, 2.0, 2.0]
-        assert timeouts() == [0.2, 0.5, math.inf]
+        for name, width in local.takes.items():
+            intake.live(name, [1.0] * width)
+        extern = local.tick().input.state.extern
+        assert [extern[name].timeout for name in local.takes] == [0.2, 0.5, math.inf]
 
 
 def test_random_datagrams_do_nothing_worse_than_being_refused(local):

@@ -19,7 +19,7 @@ class Watched:
         self.output = self.run.step(*intents, *found)
         return found
 
-    def beat(self):
+    def heartbeat(self):
         self.heard["gamepad"] = self.run.time
 
 
@@ -29,10 +29,10 @@ def watched():
 
 
 def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss(watched):
-    watched.beat()
+    watched.heartbeat()
     watched.run.time += 7.0
     assert watched.tick() == ()
-    watched.beat()
+    watched.heartbeat()
     watched.run.time += 7.0  # enabled afresh
     assert watched.tick() == ()
     silent = watched.run.time

@@ -12,7 +12,7 @@ from humanoid_sim.session.registration import Registration
 KILLED = """
 import os, signal, sys
 from humanoid_sim.session.registration import Registration
-registration = Registration.create()
+registration = Registration()
 registration.register(robot="r", policy="p", hardware="can0")
 print(registration.path, flush=True)
 if sys.argv[1] == "kill":
@@ -46,7 +46,7 @@ def test_a_folder_that_others_may_enter_is_refused(folder):
     folder.mkdir(mode=0o755)
     folder.chmod(0o755)
     with pytest.raises(InputError, match="only its user can enter"):
-        Registration.create()
+        Registration()
     with pytest.raises(SessionError, match="only its user can enter"):
         running_sessions()
 
@@ -56,7 +56,7 @@ def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(ru
         left = Path(killed.stdout.readline().strip())
     assert left.is_dir()
     assert running_sessions() == []
-    registration = Registration.create()
+    registration = Registration()
     assert not left.exists()
     registration.close()
     assert not registration.path.exists()

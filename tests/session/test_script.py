@@ -125,8 +125,8 @@ def test_a_fault_that_moves_nothing_drops_the_rest():
     """LOAD_A that fails to start leaves the robot in DAMPING: no fall, but what was planned is off."""
     script = Script(parse_script("damp; load_a; hold 1; load_b"))
     damping = ControlMode(Mode.DAMPING, "damping_controller")
-    assert script.poll(0.0, None) == (Intent.DAMP,)
-    assert script.poll(0.1, TickOutput(MITCommand.zeros(2), damping)) == (Intent.LOAD_A,)
+    assert script.poll(0.0, None) == [Intent.DAMP]
+    assert script.poll(0.1, TickOutput(MITCommand.zeros(2), damping)) == [Intent.LOAD_A]
     fault = FaultReport("standby_controller_a", "damping_controller", "position of wrist is nan")
     assert script.poll(0.2, TickOutput(MITCommand.zeros(2), damping, faults=(fault,))) == []
     assert script.finished

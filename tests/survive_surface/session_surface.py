@@ -132,7 +132,7 @@ class FakeRun:
         sources: list[IntentSource] = [_Source(intents)]
         interruption = None
         if clock is not None:
-            interruption = Interruption(PERIOD, 0.1, clock=lambda: clock.now)
+            interruption = Interruption(PERIOD, 0.1, self._note, clock=lambda: clock.now)
             sources.insert(0, interruption)
             for module in ("session", "pace"):
                 self._patches.append(patch(f"humanoid_sim.session.{module}.perf_counter", clock.read))
@@ -146,6 +146,9 @@ class FakeRun:
             sinks=[_Sink(sink) for sink in sinks],
             interruption=interruption,
         )
+
+    def _note(self, text: str) -> None:
+        self._session.event(text)
 
     def stop(self, reason: str = "SIGTERM") -> None:
         """End the run, as the handler of a signal does."""
@@ -443,7 +446,7 @@ class PadDesk:
     def __init__(self, stack: ExitStack, robot: Any, *, is_hardware: bool) -> None:
         self._pads = FakePads(Path(stack.enter_context(TemporaryDirectory())))
         stack.callback(self._pads.close)
-        registration = Registration.create()
+        registration = Registration()
         stack.callback(registration.close)
         intents = IntentSocket(registration.path / "intents")
         stack.callback(intents.close)

@@ -36,8 +36,7 @@ def test_a_walk_up_and_down_over_the_bus(run, quick):
     assert loop["control_period"] == pytest.approx(0.02)  # the hardware's 50 Hz
     assert loop["realtime"]
     assert loop["measures"][0] == "garbage collector frozen"
-    assert loop["jitter"]["max"] > 0.0
-    assert 0.0 < loop["budget"] < 1.0
+    assert loop["lateness"]["max"] > 0.0
     assert hardware["answers"] == 14 * hardware["commands"] >= 14 * loop["ticks"]
     assert hardware["stale"] == 0
     first = result.ticks[0]

@@ -1,0 +1,90 @@
+"""Tables of a run's figures, for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.messages import Mode
+
+MODE_STYLES = {
+    Mode.ZERO_TORQUE: "bright_black",
+    Mode.DAMPING: "yellow",
+    Mode.STANDBY: "cyan",
+    Mode.LOCOMOTION: "green",
+    Mode.REMOTE: "magenta",
+}
+_KINDS = ("events", "faults", "refusals", "safety")
+_SHOWN = 40  # of these that are printed; JSON has them all
+
+
+def print_table(console: Console, title: str, rows: Iterable[Sequence[str]], *headings: str) -> None:
+    """Print a table of texts without markup; nothing if it has no rows."""
+    table = Table(*headings, title=escape(title), title_justify="left", show_header=bool(headings))
+    for row in rows:
+        table.add_row(*map(escape, row))
+    if table.row_count:
+        console.print(table)
+
+
+def print_figures(console: Console, summary: dict[str, Any]) -> None:
+    """Print what `RunFigures.summary` returns."""
+    modes = [
+        (one["mode"], _s(one["start"]), _s(one["end"]), one["controller"], one["reason"]) for one in summary["modes"]
+    ]
+    print_table(console, "Modes", modes, "mode", "from", "to", "controller", "reason")
+    if summary["tracking"]:
+        title = f"Tracking, {summary['tracking']['samples']} policy steps while the motion ran"
+        print_table(console, title, _errors(summary["tracking"]["errors"]), "error", "mean", "RMS", "max")
+    base, piano = summary["base"], summary["piano"]
+    if base and base["velocity"]:
+        forward, left, turning = base["velocity"]
+        text = f"{forward:.3f} m/s forward, {left:.3f} m/s to the left, {turning:.3f} rad/s"
+        console.print(f"mean velocity from 2 s after the release of the base: {text}", markup=False)
+    if piano:
+        ratios = [
+            (name, *(f"{piano[part][ratio]:.3f}" for ratio in ("precision", "recall", "f1")))
+            for name, part in (("per time step", "steps"), ("per note", "notes"))
+        ]
+        print_table(console, "Song", ratios, "keys", "precision", "recall", "F1")
+        hits = f"{piano['hit_count']} of {piano['note_count']} notes struck in time"
+        console.print(f"{hits}, {piano['false_count']} wrong strokes", markup=False)
+    remarks = [(one["time"], kind, one["message"]) for kind in _KINDS for one in summary[kind]]
+    shown = [(_s(time), kind, message) for time, kind, message in sorted(remarks)[:_SHOWN]]
+    print_table(console, f"Events, faults and refusals, {len(shown)} of {len(remarks)}", shown, "at", "", "")
+    if base and base["fall"] is not None:
+        console.print(f"[bold red]the robot fell[/] after {base['fall']:.2f} s: {escape(base['fell'])}")
+
+
+def describe_spread(seconds: dict[str, float] | None) -> str:
+    """Return durations as `median 120 µs, 99 % 300 µs, max 900 µs`."""
+    if seconds is None:
+        return "-"
+    median, p99, largest = (1e6 * seconds[name] for name in ("median", "p99", "max"))
+    return f"median {median:.0f} µs, 99 % {p99:.0f} µs, max {largest:.0f} µs"
+
+
+def describe_effort(efforts: Sequence[dict[str, Any]]) -> str:
+    """Return the effort closest to its limit: `37.1 of 88 N·m at left_knee_joint`."""
+    if not efforts:
+        return "-"
+    joint, peak, limit = (efforts[0][name] for name in ("joint", "peak", "limit"))
+    return f"{peak:.1f}{f' of {limit:g}' if math.isfinite(limit) else ''} N·m at {joint}"
+
+
+def _s(seconds: float) -> str:
+    return f"{seconds:.3f} s"
+
+
+def _errors(errors: dict[str, Any]) -> list[tuple[str, ...]]:
+    rows = []
+    for name, error in errors.items():
+        factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")
+        rows.append((name, *(f"{factor * error[figure]:.1f} {unit}" for figure in ("mean", "rms", "max"))))
+    return rows
