@@ -56,24 +56,22 @@ class SimulatedImu(Imu):
         self._truth = truth
 
     def open(self) -> None:
-        """Do nothing."""
+        pass
 
     def close(self) -> None:
-        """Do nothing."""
+        pass
 
     def read(self, time: float) -> ImuReading:
-        """Return the simulation's present reading."""
         truth = self._truth()
         return ImuReading(truth.imu_quaternion, truth.imu_angular_velocity, truth.imu_linear_acceleration)
 
 
-def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
+def make_imu(text: str, mounting: str) -> Imu | None:
     """Return the IMU of `--imu` and `--imu-mounting`, not opened yet; None for `none`.
 
     Args:
         text: `none`, `microstrain:PORT` or `microstrain:PORT@BAUD`.
         mounting: `w,x,y,z`, the device's axes in the robot's IMU frame.
-        clock: the robot's clock, s.
     """
     if text == "none":
         return None
@@ -90,4 +88,4 @@ def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None
         raise InputError(f"--imu-mounting: is '{mounting}', expected w,x,y,z: a unit quaternion of four numbers")
     from humanoid_sim.hardware.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
 
-    return MicrostrainImu(port, int(baud), mounting=[value / norm for value in quaternion], clock=clock)
+    return MicrostrainImu(port, int(baud), [value / norm for value in quaternion])

@@ -1,8 +1,7 @@
 """Driver for MicroStrain IMUs on a serial port (3DM-CV7, -GV7, -GQ7 and others with their protocol).
 
-The protocol is published whole with example packets, and one checksummed packet holds attitude, rate and acceleration
-of one instant. Source: the data communications protocol in the 3DM-CV7 user manual (MicroStrain by HBK), and the
-manufacturer's MIT-licensed mip_sdk for the quaternion's convention.
+Source: the data communications protocol in the 3DM-CV7 user manual (MicroStrain by HBK), and the manufacturer's
+MIT-licensed mip_sdk for the quaternion's convention.
 
     packet: 0x75 0x65 | descriptor set u8 | payload length u8 | fields | checksum 2 bytes
     field:  length u8, these two bytes included | descriptor u8 | data, big-endian
@@ -12,8 +11,7 @@ from __future__ import annotations
 
 import math
 import struct
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from time import monotonic
 from typing import NamedTuple
 
@@ -22,13 +20,22 @@ import serial
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.imu import LABEL_UP, Imu, ImuReading, silent, upright_at_rest
+from humanoid_sim.hardware.imu import LABEL_UP, OK, Imu, ImuReading, silent, upright_at_rest
 from humanoid_sim.mit import FloatArray
 
 _SYNC = b"\x75\x65"
+_BASE, _3DM = 0x01, 0x0C  # descriptor sets of commands
 SENSOR_DATA = 0x80  # descriptor set of a packet of measurements
 ACCELERATION, ANGULAR_RATE, QUATERNION = 0x04, 0x05, 0x0A
 """Scaled accelerometer (3 floats, g), scaled gyroscope (3 floats, rad/s), filtered attitude (4 floats, w x y z)."""
+_ACK = 0xF1
+_WRITE = 0x01
+_RATE = 100.0  # Hz, of samples; 115200 bit/s carry 200 packets of 52 bytes a second
+_POLL = 0.02  # s, longest wait for a byte while it is opened
+_TIMEOUT = 0.1  # s without a sample after which the status is FAULT
+_ANSWER_TIME = 1.0  # s for a command's answer, and for a first sample
+_GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
+_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # the device's world has its z axis down
 
 
 class Packet(NamedTuple):
@@ -38,7 +45,7 @@ class Packet(NamedTuple):
     fields: Mapping[int, bytes]  # data by descriptor
 
 
-def checksum(data: bytes) -> bytes:
+def _checksum(data: bytes) -> bytes:
     """Return Fletcher's checksum, both sums modulo 256, of everything from the sync bytes on."""
     first = second = 0
     for byte in data:
@@ -51,7 +58,7 @@ def encode_packet(descriptor_set: int, fields: Mapping[int, bytes]) -> bytes:
     """Return the bytes of a packet."""
     payload = b"".join(bytes((len(data) + 2, descriptor)) + data for descriptor, data in fields.items())
     packet = _SYNC + bytes((descriptor_set, len(payload))) + payload
-    return packet + checksum(packet)
+    return packet + _checksum(packet)
 
 
 class PacketReader:
@@ -74,116 +81,84 @@ class PacketReader:
             if start < 0 or len(buffer) < 4 or len(buffer) < 6 + buffer[3]:
                 return packets
             whole = bytes(buffer[: 6 + buffer[3]])
-            fields = _fields(whole[4:-2]) if checksum(whole[:-2]) == whole[-2:] else None
-            del buffer[: 1 if fields is None else len(whole)]
-            if fields is not None:
-                packets.append(Packet(whole[2], fields))
+            is_sound = _checksum(whole[:-2]) == whole[-2:]
+            del buffer[: len(whole) if is_sound else 1]
+            if is_sound:
+                packets.append(Packet(whole[2], _fields(whole[4:-2])))
 
 
-def _fields(payload: bytes) -> dict[int, bytes] | None:
-    """Return the fields of a payload; None if they do not fill it exactly."""
+def _fields(payload: bytes) -> dict[int, bytes]:
     found: dict[int, bytes] = {}
-    while payload:
-        length = payload[0]
-        if not 2 <= length <= len(payload):
-            return None
-        found.setdefault(payload[1], payload[2:length])
+    while len(payload) >= 2:
+        length = max(payload[0], 2)
+        found[payload[1]] = payload[2:length]
         payload = payload[length:]
     return found
 
 
-_RATE = 100.0  # Hz, of samples; 115200 bit/s carry 200 packets of 52 bytes a second
-_POLL = 0.02  # s, longest read of the receiving thread
-_TIMEOUT = 0.1  # s without a sample after which the status is FAULT
-_FIRST_SAMPLE = 1.0  # s that `open` waits for a first sample
-
-
 class MicrostrainImu(Imu):
-    """A MicroStrain IMU; a thread receives, `read` returns the latest reading."""
+    """A MicroStrain IMU; `read` takes what has come since the last."""
 
     def __init__(
         self,
         port: str,
         baudrate: int = 115200,  # bit/s; devices on USB ignore it
-        *,
         mounting: Sequence[float] = LABEL_UP,  # w x y z, the device's axes in the robot's IMU frame
-        clock: Callable[[], float] = monotonic,  # the robot's clock, s
     ) -> None:
         """Open nothing yet."""
-        self._port, self._baudrate, self._clock = port, baudrate, clock
+        self._port, self._baudrate = port, baudrate
         self._mounting = np.array(mounting, dtype=np.float64)
         self._serial: serial.Serial | None = None
-        self._thread: threading.Thread | None = None
-        self._stop, self._received = threading.Event(), threading.Event()
-        self._latest: tuple[float, ImuReading] | None = None
-        self._problem = ""
+        self._packets = PacketReader()
+        self._received, self._latest = -math.inf, upright_at_rest(OK)
 
     def open(self) -> None:
-        """Configure the device and wait for a first sample."""
         self.close()
-        self._stop.clear()
-        self._received.clear()
-        self._latest, self._problem = None, ""
+        self._received = -math.inf
         try:
             self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
-            _configure(self._serial)
-            self._thread = threading.Thread(target=self._receive, args=(self._serial,), name="imu", daemon=True)
-            self._thread.start()
-            if not self._received.wait(_FIRST_SAMPLE):
-                raise RobotError(self._problem or f"acknowledges but sends no sample within {_FIRST_SAMPLE:g} s")
-        except (serial.SerialException, OSError, ValueError, RobotError) as error:
+            _configure(self._serial, self._packets)
+            deadline = monotonic() + _ANSWER_TIME
+            while not self._receive(self._serial, 0.0):
+                if monotonic() > deadline:
+                    raise RobotError(f"sends no sample within {_ANSWER_TIME:g} s")
+        except (OSError, ValueError, RobotError) as error:
             self.close()
             raise RobotError(f"{self._port}: the IMU {error}") from None
 
     def read(self, time: float) -> ImuReading:
-        """Return the latest reading; its status is FAULT once it is older than 0.1 s."""
-        if self._latest is None:
-            return upright_at_rest(silent(f"{self._port}: the IMU has sent nothing yet"))
-        received, reading = self._latest
-        if time - received <= _TIMEOUT:
-            return reading
-        problem = self._problem or f"is silent for more than {_TIMEOUT:g} s"
-        return reading._replace(status=silent(f"{self._port}: the IMU {problem}"))
+        """Return the latest reading; its status is FAULT once none has come for 0.1 s."""
+        problem = f"is silent for more than {_TIMEOUT:g} s"
+        try:
+            if self._serial is not None and self._serial.in_waiting:
+                self._receive(self._serial, time)
+        except OSError as error:  # unplugged
+            problem = f"cannot be read any more: {error}"
+        if time - self._received <= _TIMEOUT:
+            return self._latest
+        return self._latest._replace(status=silent(f"{self._port}: the IMU {problem}"))
+
+    def _receive(self, port: serial.Serial, time: float) -> bool:
+        """Take what has come, or wait a little for it; True if there was a sample."""
+        readings = [
+            reading_of(packet, self._mounting) for packet in self._packets.feed(port.read(port.in_waiting or 1))
+        ]
+        found = [reading for reading in readings if reading is not None]
+        if found:
+            self._received, self._latest = time, found[-1]
+        return bool(found)
 
     def close(self) -> None:
-        """Stop the thread and release the port."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
         if self._serial is not None:
             self._serial.close()
-        self._thread = self._serial = None
-
-    def _receive(self, port: serial.Serial) -> None:
-        reader = PacketReader()
-        while not self._stop.is_set():
-            try:
-                data = port.read(max(port.in_waiting, 1))
-            except (serial.SerialException, OSError) as error:  # unplugged
-                self._problem = f"cannot be read any more: {error}"
-                return
-            for packet in reader.feed(data):
-                reading = reading_of(packet, self._mounting)
-                if reading is not None:
-                    self._latest = self._clock(), reading
-                    self._received.set()
+            self._serial = None
 
 
-_BASE, _3DM = 0x01, 0x0C  # descriptor sets of commands
-_ACK = 0xF1
-_WRITE = 0x01
-_ANSWER_TIME = 1.0  # s; the manual knows no command that takes longer among these
-_ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
-
-
-def _configure(line: serial.Serial) -> None:
+def _configure(line: serial.Serial, reader: PacketReader) -> None:
     """Let the device stream quaternion, angular rate and acceleration in one packet."""
-    reader = PacketReader()
     _command(line, reader, _BASE, 0x02, b"", "Set To Idle")
-    reply = _command(line, reader, _3DM, 0x0E, bytes((SENSOR_DATA,)), "Get Data Base Rate").get(0x8E, b"")
-    if len(reply) != 3:
-        raise RobotError("answers Get Data Base Rate without a rate")
-    decimation = max(round(int.from_bytes(reply[1:], "big") / _RATE), 1)
+    rate = _command(line, reader, _3DM, 0x0E, bytes((SENSOR_DATA,)), "Get Data Base Rate").get(0x8E, b"")
+    decimation = max(round(int.from_bytes(rate[1:], "big") / _RATE), 1)
     entries = b"".join(struct.pack(">BH", kind, decimation) for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
     _command(line, reader, _3DM, 0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries, "Message Format")
     _command(line, reader, _3DM, 0x11, bytes((_WRITE, SENSOR_DATA, 1)), "Data Stream Control")
@@ -199,30 +174,22 @@ def _command(
     while monotonic() < deadline:
         for packet in reader.feed(line.read(256)):
             answer = packet.fields.get(_ACK, b"")
-            if packet.descriptor_set == descriptor_set and len(answer) == 2 and answer[0] == descriptor:
-                if answer[1]:
-                    raise RobotError(f"refuses {name}: {_ERRORS.get(answer[1], f'error {answer[1]}')}")
+            if packet.descriptor_set == descriptor_set and answer[:1] == bytes((descriptor,)):
+                if answer[1:] != b"\0":
+                    raise RobotError(f"refuses {name}: error {answer[1:].hex()}")
                 return packet.fields
     raise RobotError(f"does not answer {name} within {_ANSWER_TIME:g} s: check its power, the port and the baud rate")
 
 
-_GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
-_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # the device's world has its z axis down
-
-
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
     """Return the reading in a packet; None unless it holds all three measurements, finite. `mounting` as above."""
-    if packet.descriptor_set != SENSOR_DATA:
+    data = b"".join(packet.fields.get(kind, b"") for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
+    if packet.descriptor_set != SENSOR_DATA or len(data) != 40:
         return None
-    values = []
-    for descriptor, count in ((QUATERNION, 4), (ANGULAR_RATE, 3), (ACCELERATION, 3)):
-        data = packet.fields.get(descriptor, b"")
-        if len(data) != 4 * count:
-            return None
-        values.append(np.array(struct.unpack(f">{count}f", data)))
-    attitude, rate, force = values
+    values = np.array(struct.unpack(">10f", data))
+    attitude, rate, force = values[:4], values[4:7], values[7:]
     norm = math.sqrt(float((attitude * attitude).sum()))
-    if not abs(norm - 1.0) <= 0.01 or not np.isfinite([*rate, *force]).all():  # NaN fails too
+    if not np.isfinite(values).all() or abs(norm - 1.0) > 0.01:
         return None
     return ImuReading(
         quaternion=multiply(multiply(_UP_FROM_DOWN, attitude / norm), conjugate(mounting)),

@@ -62,7 +62,7 @@ def real_robot(
         with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
             motors = MockServer(description, addresses, homing_offset=offsets)
         left.callback(motors.close)
-    imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
+    imu = make_imu(config.imu, config.imu_mounting)
     if imu is None and motors is not None:
         imu = SimulatedImu(lambda: motors.truth)
     anchor = _anchor(description, contracts)

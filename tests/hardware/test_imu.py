@@ -19,12 +19,10 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel
 
 PRINTED = {
     # As printed in the manufacturer's manuals of the 3DM-CV7 (the first) and the 3DM-GX5.
-    "75 65 80 0E 0E 04 3E 7A 63 A0 BB 8E 3B 29 7F E5 BF 7F 84 EE": Packet(
-        0x80, {0x04: bytes.fromhex("3E7A63A0BB8E3B297FE5BF7F")}
-    ),
-    "75 65 01 02 02 06 E5 CB": Packet(0x01, {0x06: b""}),
-    "75 65 0C 05 05 11 01 01 01 04 1A": Packet(0x0C, {0x11: b"\x01\x01\x01"}),
-    "75 65 01 04 04 F1 06 00 DA 74": Packet(0x01, {0xF1: b"\x06\x00"}),
+    "75 65 80 0E 0E 04 3E 7A 63 A0 BB 8E 3B 29 7F E5 BF 7F 84 EE": (0x80, 0x04, "3E7A63A0BB8E3B297FE5BF7F"),
+    "75 65 01 02 02 06 E5 CB": (0x01, 0x06, ""),
+    "75 65 0C 05 05 11 01 01 01 04 1A": (0x0C, 0x11, "010101"),
+    "75 65 01 04 04 F1 06 00 DA 74": (0x01, 0xF1, "0600"),
 }
 
 
@@ -44,9 +42,10 @@ def imu(device):
 
 @pytest.mark.parametrize(("text", "packet"), PRINTED.items())
 def test_the_manuals_examples(text, packet):
-    data = bytes.fromhex(text)
-    assert encode_packet(packet.descriptor_set, packet.fields) == data
-    assert PacketReader().feed(data) == [packet]
+    descriptor_set, descriptor, payload = packet
+    fields = {descriptor: bytes.fromhex(payload)}
+    assert encode_packet(descriptor_set, fields) == bytes.fromhex(text)
+    assert PacketReader().feed(bytes.fromhex(text)) == [(descriptor_set, fields)]
 
 
 packets = st.builds(
@@ -91,8 +90,10 @@ def test_a_device_is_configured_and_read(device, imu):
 def test_silence_is_a_fault_with_the_last_values(device, imu):
     device.rate = (1.0, 0.0, 0.0)
     imu.open()
+    until(lambda: imu.read(0.0).angular_velocity[0] > 0.5)
     device.mute = True
-    reading = imu.read(time.monotonic() + 0.15)
+    until(lambda: not imu.read(time.monotonic()).status.is_ok)
+    reading = imu.read(time.monotonic())
     assert (reading.status.level, reading.status.flags) == (SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT)
     assert reading.status.source == "imu"
     assert reading.angular_velocity[0] == pytest.approx(1.0)
@@ -107,23 +108,10 @@ def test_a_device_that_is_pulled_out_is_a_fault_that_says_so(device, imu):
     assert "cannot be read any more" in imu.read(time.monotonic()).status.message
 
 
-def test_before_the_first_sample_it_is_upright_and_a_fault():
-    reading = MicrostrainImu("/dev/null").read(0.0)
-    assert reading.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
-    assert not reading.status.is_ok
-
-
 @pytest.mark.parametrize(("name", "error"), [((0x0C, 0x0F), "refuses Message Format"), ((0x0C, 0x0E), "Base Rate")])
 def test_a_refused_command_is_named(device, imu, name, error):
     device.errors = {name: 3}
-    with pytest.raises(RobotError, match=rf"{device.port}.*{error}.*invalid parameter"):
-        imu.open()
-
-
-@pytest.mark.soak
-def test_nothing_on_the_line(device, imu):
-    device.mute = True
-    with pytest.raises(RobotError, match="does not answer Set To Idle"):
+    with pytest.raises(RobotError, match=rf"{device.port}.*{error}.*error 03"):
         imu.open()
 
 
@@ -166,7 +154,7 @@ def test_no_measurement_is_none(damaged):
 
 
 def test_port_baud_rate_and_mounting_of_the_options(device):
-    imu = make_imu(f"microstrain:{device.port}@460800", "1,0,0,0", time.monotonic)
+    imu = make_imu(f"microstrain:{device.port}@460800", "1,0,0,0")
     imu.open()
     reading = imu.read(time.monotonic())
     imu.close()
@@ -176,4 +164,4 @@ def test_port_baud_rate_and_mounting_of_the_options(device):
 @pytest.mark.parametrize("text", ["", "1,0,0", "1,1,0,0", "w,x,y,z", "nan,0,0,0"])
 def test_a_mounting_that_is_no_rotation(text):
     with pytest.raises(InputError, match=f"--imu-mounting: is '{text}'"):
-        make_imu("microstrain:/dev/ttyACM0", text, time.monotonic)
+        make_imu("microstrain:/dev/ttyACM0", text)

@@ -1,14 +1,11 @@
 """Datasets that `lerobot` writes become motions that play."""
 
-import shutil
-
 import numpy as np
 import pytest
 from motion_samples import BODIES, joint_frames, joint_path, lite, state_of
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
-from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 
@@ -57,7 +54,7 @@ def prepare(tmp_path, *options):
     return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *options])
 
 
-def test_an_episode_becomes_a_motion_that_plays(tmp_path, capsys):
+def test_an_episode_becomes_a_motion(tmp_path, capsys):
     paths = [joint_path(30, seed) for seed in range(3)]
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(path) for path in paths], NAMES)
     assert prepare(tmp_path, "--motion", str(root)) == 2
@@ -68,9 +65,6 @@ def test_an_episode_becomes_a_motion_that_plays(tmp_path, capsys):
     motion = read_motion(tmp_path / "out" / "dances_1.mcap")
     np.testing.assert_allclose(motion.frames, joint_frames(lite(), paths[1]), atol=2e-6)
     assert "5 bodies fit" in capsys.readouterr().out
-    options = ["--record", "none", "--html", "none", "--viewer", "none"]
-    arguments = ["--policy", str(POLICY), "--motion", str(tmp_path / "out" / "dances_1.mcap")]
-    assert play([*arguments, *options]) == 0
 
 
 def test_an_episode_with_wrong_names_is_refused(tmp_path, capsys):
@@ -84,19 +78,13 @@ def test_an_episode_with_wrong_names_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("swap", [False, True])
-def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys, swap):
+def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys):
     frames = joint_frames(lite(), joint_path())
-    position, rotation = frames[:, :12], frames[:, 12:]
-    if swap:  # the hands in each other's place
-        position = position.reshape(-1, 4, 3)[:, [0, 3, 2, 1]].reshape(-1, 12)
-    root = write_dataset(tmp_path / "dances", [{"motion_body_pos_b": position, "motion_body_ori_b": rotation}], {})
-    assert prepare(tmp_path, "--motion", str(root)) == (2 if swap else 0)
-    if swap:
-        assert "from where inverse kinematics puts it" in capsys.readouterr().err
-    else:
-        np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, frames, atol=2e-6)
-        assert "inverse kinematics" in capsys.readouterr().out
+    episode = {"motion_body_pos_b": frames[:, :12], "motion_body_ori_b": frames[:, 12:]}
+    root = write_dataset(tmp_path / "dances", [episode], {})
+    assert prepare(tmp_path, "--motion", str(root)) == 0
+    np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, frames, atol=2e-6)
+    assert "inverse kinematics" in capsys.readouterr().out
 
 
 def test_joints_alone(tmp_path):
@@ -109,23 +97,10 @@ def test_joints_alone(tmp_path):
     )
 
 
-def test_another_rate(tmp_path, capsys):
-    root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path()[::2])], NAMES, fps=25)
-    assert prepare(tmp_path, "--motion", str(root)) == 2
-    assert "add --resample" in capsys.readouterr().err
-    assert prepare(tmp_path, "--motion", str(root), "--resample") == 0
-    assert len(read_motion(tmp_path / "out" / "dances_0.mcap").frames) == 39
-
-
-@pytest.mark.timeout(180)
-@pytest.mark.parametrize("damage", ["data", "meta/episodes", "cut"])
-def test_a_damaged_dataset(tmp_path, capsys, damage):
+def test_a_damaged_dataset(tmp_path, capsys):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
-    if damage == "cut":
-        file = next((root / "data").rglob("*.parquet"))
-        file.write_bytes(file.read_bytes()[:-100])
-    else:
-        shutil.rmtree(root / damage)
+    file = next((root / "data").rglob("*.parquet"))
+    file.write_bytes(file.read_bytes()[:-100])
     assert prepare(tmp_path, "--motion", str(root)) == 2
     error = capsys.readouterr().err
     assert f"{root}" in error

@@ -1,25 +1,48 @@
 """The robot: joints of a running session, as LeRobot observes and commands them."""
 
 import time
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from lerobot.cameras import CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
-from lerobot.robots import Robot
+from lerobot.robots import Robot, RobotConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from humanoid_sim.client import Feed, find_session
+from humanoid_sim.client import Feed, Intake, find_session
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import RobotDescription
-from lerobot_robot_humanoid_sim.config import HumanoidSimCameraConfig, HumanoidSimConfig
-from lerobot_robot_humanoid_sim.sender import Sender
 
+_LONGEST = 0.1  # s between two actions, after which the second counts as the first after a pause
 _IMU = {
     "imu_quaternion": ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z"),
     "imu_angular_velocity": ("gyro.x", "gyro.y", "gyro.z"),
     "imu_linear_acceleration": ("acceleration.x", "acceleration.y", "acceleration.z"),
 }
+
+
+@RobotConfig.register_subclass("humanoid_sim")
+@dataclass(kw_only=True)
+class HumanoidSimConfig(RobotConfig):
+    """A running session in mode REMOTE."""
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    """LeRobot's cameras, by name."""
+    velocities: bool = False
+    """Observe the joints' velocities too, rad/s."""
+    efforts: bool = False
+    """Observe the joints' efforts too, N·m."""
+    imu: bool = False
+    """Observe the IMU too: quaternion w x y z, rad/s, m/s²."""
+    max_joint_speed: float = 2.0
+    """rad/s at which the joints follow an action, at most."""
+    wait_s: float = 0.0
+    """s for which `connect` waits for REMOTE, sending the present pose meanwhile: a robot with a free base is given to
+    REMOTE only while a producer sends."""
 
 
 class HumanoidSim(Robot):
@@ -31,6 +54,7 @@ class HumanoidSim(Robot):
 
     config_class = HumanoidSimConfig
     name = "humanoid_sim"
+    is_calibrated = True  # calibration, gains and limits are the session's
 
     def __init__(self, config: HumanoidSimConfig) -> None:
         """Attach to the session's feed, which knows the joints. Raises `SessionError` if there is no such session."""
@@ -38,10 +62,9 @@ class HumanoidSim(Robot):
         self.config = config
         self._session = find_session(config.session)
         self._feed = Feed(self._session)
-        self._sender: Sender | None = None
-        for camera in config.cameras.values():
-            if isinstance(camera, HumanoidSimCameraConfig) and camera.session is None:
-                camera.session = self._session.process
+        self._description = RobotDescription.from_json(self._feed.document("robot"))
+        self._intake: Intake | None = None
+        self._sent = 0.0  # s, when the latest command was
         self.cameras = make_cameras_from_configs(config.cameras)
 
     @cached_property
@@ -55,7 +78,6 @@ class HumanoidSim(Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, ...]]:
-        """Names and types of what is observed."""
         cameras = {name: (camera.height, camera.width, 3) for name, camera in self.config.cameras.items()}
         return {name: float for names in self._values.values() for name in names} | cameras
 
@@ -66,77 +88,71 @@ class HumanoidSim(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Return True while commands are sent."""
-        return self._sender is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Return True: calibration is the session's."""
-        return True
+        return self._intake is not None
 
     def calibrate(self) -> None:
-        """Do nothing: calibration is the session's."""
+        """Do nothing."""
 
     def configure(self) -> None:
-        """Do nothing: gains and limits are the robot description's and the session's."""
+        """Do nothing."""
 
     def connect(self, calibrate: bool = True) -> None:
         """Start the cameras, and send actions from now on. Raises `DeviceNotConnectedError` in any mode but REMOTE."""
-        if self._sender is not None:
+        if self._intake is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
-        description = RobotDescription.from_json(self._feed.document("robot"))
-        sender = Sender(self._session, description, self._feed.control_period, self.config.approach_speed)
+        self._intake = Intake(self._session, "lerobot")
         try:
-            if self.config.wait_s > 0.0:
-                sender.hold(_commanded(self._tick()))
             end = time.monotonic() + self.config.wait_s
-            while self._tick()["mode"] != Mode.REMOTE and time.monotonic() < end:
-                time.sleep(0.05)
+            while (tick := self._tick())["mode"] != Mode.REMOTE and time.monotonic() < end:
+                self._send(_commanded(tick))
+                time.sleep(0.02)
             self._remote_tick()
             for camera in self.cameras.values():
                 camera.connect()
         except BaseException:
-            self._stop(sender)
+            self.disconnect()
             raise
-        self._sender = sender
 
     def get_observation(self) -> dict[str, Any]:
         """Return the newest tick's values and the newest pictures."""
-        if self._sender is None:
-            raise DeviceNotConnectedError(f"{self} is not connected")
         tick, observation = self._tick(), {}
-        for field, names in self._values.items():
-            observation |= zip(names, map(float, tick[field]), strict=True)
+        for name, values in self._values.items():
+            observation |= zip(values, map(float, tick[name]), strict=True)
         return observation | {name: camera.read_latest() for name, camera in self.cameras.items()}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Command joint positions, rad, and return them. Raises `DeviceNotConnectedError` if the mode is not REMOTE."""
-        if self._sender is None:
-            raise DeviceNotConnectedError(f"{self} is not connected")
+        """Command joint positions, rad, and return what was sent. Raises `DeviceNotConnectedError` outside REMOTE."""
         tick = self._remote_tick()
-        goal = {name: float(action[name]) for name in self.action_features}
-        for name, value in goal.items():
-            if not np.isfinite(value):
-                raise ValueError(f"{name}: is {value}, expected a finite number")
-        self._sender.add(np.array(list(goal.values())), _commanded(tick))
-        return goal
+        goal = np.array([float(action[name]) for name in self.action_features])
+        if not np.isfinite(goal).all():
+            raise ValueError(f"action: is {action}, expected finite numbers")
+        commanded = _commanded(tick)
+        reach = self.config.max_joint_speed * min(time.monotonic() - self._sent, _LONGEST)
+        position = commanded + np.clip(goal - commanded, -reach, reach)
+        self._send(position)
+        return dict(zip(self.action_features, position.tolist(), strict=True))
 
     def disconnect(self) -> None:
         """Send no more: the session's passive hold follows, in the mode that it is in."""
-        if self._sender is None:
+        if self._intake is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        self._stop(self._sender)
-        self._sender = None
-
-    def _stop(self, sender: Sender) -> None:
-        sender.stop()
+        self._intake.close()
+        self._intake = None
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
 
+    def _send(self, position: np.ndarray) -> None:
+        assert self._intake is not None
+        robot, zeros = self._description, [0.0] * len(position)
+        gains = robot.stiffness.tolist(), robot.damping.tolist()
+        self._intake.remote(robot.joint_names, position.tolist(), zeros, zeros, *gains)
+        self._sent = time.monotonic()
+
     def _tick(self) -> dict[str, Any]:
-        """Return the newest tick."""
-        sample = self._feed.latest() or self._feed.wait(0, 5.0)
+        if self._intake is None:
+            raise DeviceNotConnectedError(f"{self} is not connected")
+        sample = self._feed.latest() or self._feed.wait(0, 1.0)
         if sample is None or not self._feed.is_running():
             raise DeviceNotConnectedError(f"{self._session}: has ended")
         return self._feed.decode(sample)

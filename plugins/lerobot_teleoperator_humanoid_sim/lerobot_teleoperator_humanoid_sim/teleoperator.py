@@ -1,19 +1,23 @@
 """The teleoperator: keys move the hands' goals, inverse kinematics makes joint positions of them."""
 
+import os
+import select
+import sys
+import termios
 import time
+import tty
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
 import numpy as np
-from lerobot.teleoperators import Teleoperator
+from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from humanoid_sim.client import Feed, SessionError, find_session
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.simulation.kinematics import ForwardKinematics, InverseKinematics
-from lerobot_teleoperator_humanoid_sim.config import HumanoidSimTeleoperatorConfig
-from lerobot_teleoperator_humanoid_sim.keyboard import Terminal, Typed
 
 _MOVES = {
     "w": (1.0, 0.0, 0.0), "s": (-1.0, 0.0, 0.0), "a": (0.0, 1.0, 0.0),
@@ -21,10 +25,24 @@ _MOVES = {
 }  # fmt: skip
 """Forward, back, left, right, up and down in the base frame."""
 HELP = """w s forward, back   a d left, right   r f up, down
-1 2 … one hand alone   0 all   h back to the first pose"""
+1 2 … one hand alone   0 all"""
 _DAMPING = 0.03  # m/rad: the arms stay calm at the end of their reach
 _ITERATIONS = 5
-_LEASH = 0.03  # m by which a goal may be ahead of where the hand can be, so that a key that leads back acts at once
+
+
+@TeleoperatorConfig.register_subclass("humanoid_sim")
+@dataclass(kw_only=True)
+class HumanoidSimTeleoperatorConfig(TeleoperatorConfig):
+    """Hands led from the terminal's keyboard."""
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    hands: list[str] = field(default_factory=list)
+    """The bodies that are led. Default: the hands in the robot's file."""
+    step: float = 0.005
+    """m for each press."""
+    max_joint_speed: float = 2.0
+    """rad/s at which the joints follow, at most."""
 
 
 class HumanoidSimTeleoperator(Teleoperator):
@@ -32,6 +50,9 @@ class HumanoidSimTeleoperator(Teleoperator):
 
     config_class = HumanoidSimTeleoperatorConfig
     name = "humanoid_sim"
+    feedback_features: dict[str, type] = {}  # noqa: RUF012 - as LeRobot has it
+    is_calibrated = True
+    is_connected = False
 
     def __init__(self, config: HumanoidSimTeleoperatorConfig) -> None:
         """Attach to a session. Raises `SessionError` if there is none, or its robot has no hands."""
@@ -47,28 +68,13 @@ class HumanoidSimTeleoperator(Teleoperator):
         models = [mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: data}) for _ in range(2)]
         self._forward = ForwardKinematics(description, bodies, model=models[0])
         self._inverse = InverseKinematics(description, bodies, damping=_DAMPING, model=models[1])
+        self._terminal: list[Any] | None = None  # its settings before
         self._joints = description.joint_names
-        self._keys: Terminal | Typed | None = None
 
     @property
     def action_features(self) -> dict[str, type]:
         """Names and types of an action: the joints' positions, rad."""
         return {f"{joint}.pos": float for joint in self._joints}
-
-    @property
-    def feedback_features(self) -> dict[str, type]:
-        """Return none: a keyboard feels nothing."""
-        return {}
-
-    @property
-    def is_connected(self) -> bool:
-        """Return True while keys are read."""
-        return self._keys is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Return True: there is nothing to calibrate."""
-        return True
 
     def calibrate(self) -> None:
         """Do nothing."""
@@ -80,52 +86,60 @@ class HumanoidSimTeleoperator(Teleoperator):
         """Do nothing."""
 
     def connect(self, calibrate: bool = True) -> None:
-        """Begin where the robot's hands are commanded to be."""
-        if self._keys is not None:
+        """Begin where the robot's hands are commanded to be, and let single keys of standard input through."""
+        if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         sample = self._feed.latest() or self._feed.wait(0, 5.0)
         if sample is None:
             raise DeviceNotConnectedError(f"{self._session}: has ended")
-        tick, config = self._feed.decode(sample), self.config
+        tick = self._feed.decode(sample)
         commanded = tick["command_position"]
         self._home = self._q = np.where(np.isfinite(commanded), commanded, tick["joint_position"])
         self._goal, self._rotation = self._forward(self._q)
         self._led = slice(None)
         self._time = time.monotonic()
-        self._keys = Typed(config.keys, config.key_period_s) if config.keys else Terminal()
-        if not config.keys:
+        if sys.stdin.isatty():
+            self._terminal = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
             print(HELP, flush=True)
+        self.is_connected = True
 
     def get_action(self) -> dict[str, Any]:
         """Return joint positions, rad, that bring the hands towards where the keys have moved their goals."""
-        if self._keys is None:
+        if not self.is_connected:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        for key in self._keys.pressed():
-            self._press(key)
+        moved = np.zeros_like(self._goal)
+        for key in _pressed():
+            if key in _MOVES:
+                moved[self._led] += self.config.step * np.array(_MOVES[key])
+            elif key == "0":
+                self._led = slice(None)
+            elif key.isdecimal() and int(key) <= len(self._goal):
+                self._led = slice(int(key) - 1, int(key))
+        if moved.any():  # from where the hands are: a goal out of reach is forgotten, so that the way back acts at once
+            self._goal = np.where(moved.any(axis=-1, keepdims=True), self._forward(self._q)[0] + moved, self._goal)
         now = time.monotonic()
         reach = self.config.max_joint_speed * min(now - self._time, 0.1)
         self._time = now
         wanted = self._inverse.solve(self._goal, self._rotation, self._q, posture=self._home, iterations=_ITERATIONS)
         self._q = self._q + np.clip(wanted - self._q, -reach, reach)
-        hands = self._forward(self._q)[0]
-        ahead = self._goal - hands
-        distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
-        self._goal = hands + ahead * np.minimum(1.0, _LEASH / np.maximum(distance, 1e-9))
         return dict(zip(self.action_features, self._q.tolist(), strict=True))
 
     def disconnect(self) -> None:
         """Give the keyboard back."""
-        if self._keys is None:
+        if not self.is_connected:
             raise DeviceNotConnectedError(f"{self} is not connected")
-        self._keys.close()
-        self._keys = None
+        if self._terminal is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._terminal)
+        self.is_connected = False
 
-    def _press(self, key: str) -> None:
-        if key in _MOVES:
-            self._goal[self._led] += self.config.step * np.array(_MOVES[key])
-        elif key == "0":
-            self._led = slice(None)
-        elif key == "h":
-            self._goal = self._forward(self._home)[0]
-        elif key.isdecimal() and int(key) <= len(self._goal):
-            self._led = slice(int(key) - 1, int(key))
+
+def _pressed() -> str:
+    """Return the keys that have come on standard input, a terminal or not."""
+    keys = b""
+    while select.select([sys.stdin], [], [], 0.0)[0]:
+        new = os.read(sys.stdin.fileno(), 1024)
+        if not new:  # it has ended
+            break
+        keys += new
+    return keys.decode(errors="ignore")
