@@ -12,7 +12,7 @@ import tyro
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.piano_score import PlayedKeys, score
+from humanoid_sim.evaluation.piano_score import PianoScore, PlayedKeys
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion
 from humanoid_sim.recording.reader import open_recording
@@ -20,14 +20,12 @@ from humanoid_sim.recording.reader import open_recording
 
 @dataclass(frozen=True)
 class PianoConfig:
-    """Score a recording: which keys were down against those of the song, per time step and per note."""
+    """Score a recording: precision, recall and F1 of each time step, of the keys that were down against the song's."""
 
     recording: tyro.conf.Positional[Path]
     """A recording (.mcap) in which a piano policy ran, or live keys were played while one ran."""
     song: tyro.conf.Positional[Path | None] = None
     """Goals (.mcap) to score it by. Default: the song that the recording holds."""
-    onset_tolerance: float = 0.1
-    """Seconds between a note's start and the stroke that plays it."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -35,22 +33,16 @@ class PianoConfig:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
     options = parse(PianoConfig, "piano", arguments)
-    if not 0.0 < options.onset_tolerance < 10.0:
-        raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
-    played = read_performance(options.recording, options.song)
-    result = score(played.pressed, played.wanted, played.step, onset_tolerance=options.onset_tolerance)
+    score = read_performance(options.recording, options.song)
     if options.json:
-        print(json.dumps(asdict(result), indent=1))
+        print(json.dumps(asdict(score), indent=1))
     else:
-        print("                precision  recall     F1")
-        for name, ratio in (("per time step", result.steps), ("per note", result.notes)):
-            print(f"{name:<15} {ratio.precision:9.3f} {ratio.recall:7.3f} {ratio.f1:6.3f}")
-        print(f"{result.hit_count} of {result.note_count} notes struck in time; {result.false_count} wrong strokes")
+        print(f"precision {score.precision:.3f}, recall {score.recall:.3f}, F1 {score.f1:.3f}")
     return 0
 
 
-def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
-    """Return the keys of a recording beside those of its song, or of another `song`.
+def read_performance(recording: Path, song: Path | None = None) -> PianoScore:
+    """Return the score of a recording by its song, or by another `song`.
 
     Raises `InputError` if there is no policy's step, no keys or no song in it, or their numbers differ.
     """
@@ -63,15 +55,16 @@ def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
         raise InputError(f"{recording}: holds no song; give one")
     if motion.task_type != "piano":
         raise InputError(f"{song or recording}: its motion is for task_type {motion.task_type}, expected a song")
-    played = PlayedKeys(motion.frames, motion.policy_dt)
+    played = PlayedKeys(motion.frames)
     with blaming(recording):
         for tick in run.ticks():
             step, keys = tick.output.policy_step, tick.input.state.extern.get(KEY_PRESSED)
             if step is not None and keys is not None:
                 played.update(step.frame, keys.value)
-    if not len(played.pressed):
+    score = played.score()
+    if score is None:
         raise InputError(f"{recording}: has no policy step with live keys, expected a run of a piano policy")
-    return played
+    return score
 
 
 if __name__ == "__main__":

@@ -29,7 +29,6 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -149,7 +148,7 @@ def run_header(
     is anything else that a reader may want to know, as JSON; `start_time_ns` is Unix time at the robot clock's zero.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
-    shown = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
+    shown = {**settings, "versions": versions, "platform": platform.platform()}
     limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
     controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards)
     documents = body_documents(description) | {

@@ -17,8 +17,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.errors import pose_error, rms
-from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed
+from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed, rms
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
@@ -223,8 +222,8 @@ class _Score:
         if base is None:
             return ""
         if self._base is not None:
-            error = pose_error(self._pose(), *self._base.anchor(frame, self._alignment))
-            return describe_stray(error, 0) if has_strayed(error)[0] else ""
+            poses = self._pose(), *self._base.anchor(frame, self._alignment)
+            return describe_stray(*(part[0] for part in poses)) if has_strayed(*poses)[0] else ""
         standing = self._robot.start_pose.standing_height
         return describe_fall(base, standing, 0) if has_fallen(base, standing)[0] else ""
 

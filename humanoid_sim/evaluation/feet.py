@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import rotate
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.evaluation.failure import length
+from humanoid_sim.mit import FloatArray, IndexArray
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
@@ -22,19 +23,14 @@ _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 class Feet:
     """Points of a robot's soles: corners of the boxes around its feet's geometry."""
 
-    bodies: tuple[str, ...]
-    """MJCF bodies, one per foot."""
-    foot: tuple[int, ...]
-    """Index into `bodies` of each of the P points."""
-    points: FloatArray
-    """Shape (P, 3), m, body frame."""
-    floor: float
-    """m, height of the floor."""
+    bodies: tuple[str, ...]  # MJCF bodies, one per foot
+    foot: IndexArray  # shape (P,), index into `bodies` of each point
+    points: FloatArray  # shape (P, 3), m, body frame
+    floor: float  # m, height of the floor
 
     def place(self, position: FloatArray, quaternion: FloatArray) -> FloatArray:
         """Return the points in the world, shape (N, P, 3), m, by the bodies' poses: (N, F, 3), m, and (N, F, 4)."""
-        foot = list(self.foot)
-        placed: FloatArray = position[:, foot] + rotate(quaternion[:, foot], self.points)
+        placed: FloatArray = position[:, self.foot] + rotate(quaternion[:, self.foot], self.points)
         return placed
 
     def slip(self, before: FloatArray, after: FloatArray, period: float) -> FloatArray:
@@ -42,11 +38,9 @@ class Feet:
 
         Both are shape (N, P, 3), m, from `place`, `period` s apart.
         """
-        touching = (np.maximum(before[..., 2], after[..., 2]) < self.floor + _TOUCHING).astype(np.float64)
-        step = after[..., :2] - before[..., :2]
-        speed = np.sqrt((step * step).sum(axis=-1)) / period
-        count = touching.sum(axis=-1)
-        return np.where(count > 0, (speed * touching).sum(axis=-1) / np.maximum(count, 1), np.nan)
+        touches = np.maximum(before[..., 2], after[..., 2]) < self.floor + _TOUCHING
+        speed, count = length(after[..., :2] - before[..., :2]) / period, touches.sum(axis=-1)
+        return np.where(count > 0, (speed * touches).sum(axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def find_feet(description: RobotDescription) -> Feet:
@@ -55,20 +49,18 @@ def find_feet(description: RobotDescription) -> Feet:
     data = mujoco.MjData(model)
     data.qpos[joint_addresses(model, description.joint_names).qpos] = description.initial_position
     mujoco.mj_kinematics(model, data)
-    points: dict[int, list[FloatArray]] = {}
+    corners: dict[int, list[FloatArray]] = {}
     for geom in range(model.ngeom):
-        body = int(model.geom_bodyid[geom])
+        body, box = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
         if model.body_weldid[body] and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
-            axes, box = np.zeros(9), model.geom_aabb[geom]
-            mujoco.mju_quat2Mat(axes, model.geom_quat[geom])
-            corners = model.geom_pos[geom] + (box[:3] + _CORNERS * box[3:]) @ axes.reshape(3, 3).T
-            points.setdefault(body, []).extend(corners)
-    height = {body: min((data.xmat[body].reshape(3, 3) @ p)[2] for p in found) for body, found in points.items()}
-    lowest = {body: data.xpos[body][2] + below for body, below in height.items()}
+            placed = rotate(model.geom_quat[geom], box[:3] + _CORNERS * box[3:])
+            corners.setdefault(body, []).extend(model.geom_pos[geom] + placed)
+    points = {body: np.array(found) for body, found in corners.items()}
+    lowest = {body: data.xpos[body][2] + rotate(data.xquat[body], points[body])[:, 2].min() for body in points}
     bodies = [body for body, low in lowest.items() if low < min(lowest.values()) + _STANDING]
     return Feet(
         bodies=tuple(model.body(body).name for body in bodies),
-        foot=tuple(i for i, body in enumerate(bodies) for _ in points[body]),
-        points=np.array([point for body in bodies for point in points[body]]).reshape(-1, 3),
+        foot=np.repeat(np.arange(len(bodies)), [len(points[body]) for body in bodies]),
+        points=np.concatenate([points[body] for body in bodies]),
         floor=description.simulation.floor_height,
     )

@@ -29,14 +29,10 @@ from humanoid_sim.simulation.sim_robot import SimRobot
 
 Robots: TypeAlias = SimRobot | BatchSim
 """One robot, arrays of shape (…), or N of them, (N, …), whose control period is one policy step."""
-_NOBODY = np.zeros((), dtype=np.bool_)
 
 
 class ClosedLoop:
-    """A policy's wiring around robots that advance by one policy step at a time. Not thread-safe.
-
-    In turn: the policy, on `observation` and `memory.frame`; `act`.
-    """
+    """A policy's wiring around robots that advance by one policy step at a time. Not thread-safe."""
 
     def __init__(
         self,
@@ -53,16 +49,14 @@ class ClosedLoop:
         """
         self.robots, self.wiring, self.guards = robots, wiring, guards
         self._live = LiveInputs(wiring.contract) if live is None else live
-        self.velocity = velocity
-        """Shape (..., 3): the commands that are observed."""
+        self.velocity = self.command = velocity
+        """Shape (..., 3): the commands that are observed, and those in the latest step."""
         self.state = self._read()
         """State that is observed, with the velocity command where the policy depends on one."""
         self.observation, self.memory = wiring.observe(wiring.activate(self.state, frame), self.state)
         self.action = self.previous = self.memory.last_action
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
-        self.command = velocity
-        """Shape (..., 3): the commands in the latest step."""
-        self.tripped: BoolArray = _NOBODY
+        self.tripped: BoolArray = np.zeros((), dtype=np.bool_)
         """Shape (...), or () for none: robots whose guard tripped in the latest step. They did not move in it."""
         self.alarms: Mapping[int, str] = {}
         """What those guards saw, by robot; 0 for the only one."""
@@ -100,7 +94,7 @@ class ClosedLoop:
         """
         self.previous, self.command, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
-        self.tripped = _NOBODY
+        self.tripped = np.zeros((), dtype=np.bool_)
         if self.guards is not None:
             self._watched = self.guards.watch(self._watched, self.state, command)
         if self.guards is not None and self._watched is not None:

@@ -13,9 +13,8 @@ import numpy as np
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
-from humanoid_sim.evaluation.errors import rms
-from humanoid_sim.evaluation.failure import describe_fall, has_fallen, has_run_away
-from humanoid_sim.evaluation.piano_score import PlayedKeys, score
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen, has_run_away, rms
+from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.messages import Event, TickRecord
@@ -172,7 +171,7 @@ class RunFigures:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures, JSON, in SI units and radians; times in s on the robot's clock."""
-        keys = self._keys
+        piano = None if self._keys is None else self._keys.score()
         return {
             "modes": list(self.modes),
             **{kind: list(remarks) for kind, remarks in self.remarks.items()},
@@ -181,9 +180,7 @@ class RunFigures:
             "effort": self._efforts(),
             "tracking": None if self._tracking is None else self._tracking.summary(),
             "base": self._base_summary(),
-            "piano": None
-            if keys is None or not len(keys.pressed)
-            else asdict(score(keys.pressed, keys.wanted, keys.step)),
+            "piano": None if piano is None else asdict(piano),
         }
 
     def _efforts(self) -> list[dict[str, Any]]:

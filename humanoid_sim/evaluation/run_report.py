@@ -48,13 +48,7 @@ def print_figures(console: Console, summary: dict[str, Any]) -> None:
         text = f"{forward:.3f} m/s forward, {left:.3f} m/s to the left, {turning:.3f} rad/s"
         console.print(f"mean velocity from 2 s after the release of the base: {text}", markup=False)
     if piano:
-        ratios = [
-            (name, *(f"{piano[part][ratio]:.3f}" for ratio in ("precision", "recall", "f1")))
-            for name, part in (("per time step", "steps"), ("per note", "notes"))
-        ]
-        print_table(console, "Song", ratios, "keys", "precision", "recall", "F1")
-        hits = f"{piano['hit_count']} of {piano['note_count']} notes struck in time"
-        console.print(f"{hits}, {piano['false_count']} wrong strokes", markup=False)
+        print_table(console, "Song", [[f"{ratio:.3f}" for ratio in piano.values()]], "precision", "recall", "F1")
     remarks = [(one["time"], kind, one["message"]) for kind in _KINDS for one in summary[kind]]
     shown = [(_s(time), kind, message) for time, kind, message in sorted(remarks)[:_SHOWN]]
     print_table(console, f"Events, faults and refusals, {len(shown)} of {len(remarks)}", shown, "at", "", "")

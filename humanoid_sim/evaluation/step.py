@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,10 @@ from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState
 
 _STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
-_NONE = np.zeros(0)
+
+
+def _empty() -> Any:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,28 +30,16 @@ class StepSample:
     """One policy step: an action, and the state that it led to one `policy_dt` later."""
 
     state: MITState
-    frame: Frame
-    """Shape (...), the reference frame that belongs to `state`: 1 after the first step; the last one is held."""
-    action: Float32Array = field(default_factory=lambda: _NONE.astype(np.float32))
-    """Shape (..., m), raw: the one that was in force during the step."""
-    previous_action: Float32Array = field(default_factory=lambda: _NONE.astype(np.float32))
-    """Shape (..., m), raw: the one before; zeros in the first step."""
-    torque: FloatArray = field(default_factory=lambda: _NONE)
-    """Shape (..., n), N·m, saturated, of the last physics step."""
-    step: int | npt.NDArray[np.integer] = 0
-    """Shape (...), policy steps since the start, this one included."""
-    body_position: FloatArray = field(default_factory=lambda: _NONE.reshape(0, 3))
-    """Shape (..., b, 3), m, base frame, of the b tracked bodies."""
-    body_quaternion: FloatArray = field(default_factory=lambda: _NONE.reshape(0, 4))
-    """Shape (..., b, 4), w x y z, body frame in the base frame; of either sign."""
-    command: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """Shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the command during the step."""
-    base: BaseState | None = None
-    """State of a floating base; None for a fixed one."""
-    alignment: Alignment | None = None
-    """Alignment of the reference with the robot at the start."""
-    shared: dict[str, FloatArray] = field(default_factory=dict, init=False)
-    """Intermediate values that several metrics need, by name."""
+    frame: Frame  # shape (...), the reference frame that belongs to `state`: 1 after the first step; the last is held
+    action: Float32Array = field(default_factory=_empty)  # shape (..., m), raw, in force during the step
+    previous_action: Float32Array = field(default_factory=_empty)  # shape (..., m), raw; at first zeros
+    torque: FloatArray = field(default_factory=_empty)  # shape (..., n), N·m, saturated, of the last physics step
+    step: int | npt.NDArray[np.integer] = 0  # shape (...), policy steps since the start, this one included
+    body_position: FloatArray = field(default_factory=_empty)  # shape (..., b, 3), m, tracked bodies, base frame
+    body_quaternion: FloatArray = field(default_factory=_empty)  # shape (..., b, 4), w x y z, of either sign
+    command: FloatArray = field(default_factory=_empty)  # shape (..., 3), vx, vy (m/s) and yaw rate (rad/s)
+    base: BaseState | None = None  # of a floating base; None for a fixed one
+    alignment: Alignment | None = None  # of the reference with the robot at the start
 
 
 class StepContext:
@@ -89,16 +81,16 @@ class StepContext:
 
     def has(self, needs: str) -> bool:
         """Return whether this robot, contract and motion have what a metric needs."""
-        terms, robot = self.reference.terms, self.description
-        has_anchor = "anchor_pos" in terms and bool(self.contract.anchor_body)
-        has = {
+        has_anchor = "anchor_pos" in self.reference.terms and bool(self.contract.anchor_body)
+        known = {
+            "": True,
             "motion": bool(self.tracked) or has_anchor,
             "motion with joints": self.joint_target is not None,
             "motion with an anchor": has_anchor,
-            "floating base": robot.is_floating,
-            "song": robot.piano is not None and "target_keys" in terms,
+            "floating base": self.description.is_floating,
+            "song": self.description.piano is not None and "target_keys" in self.reference.terms,
         }
-        return has.get(needs, True)
+        return known[needs]
 
     def require(self, metric: str, needs: str) -> None:
         """Raise `InputError` if this robot, contract or motion does not have what a metric needs."""

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.errors import PoseError, length, pose_error, quaternion_angle, rms, total
 from humanoid_sim.evaluation.failure import (
     body_has_strayed,
     describe_body_stray,
@@ -20,6 +19,10 @@ from humanoid_sim.evaluation.failure import (
     describe_stray,
     has_fallen,
     has_strayed,
+    length,
+    quaternion_angle,
+    rms,
+    total,
 )
 from humanoid_sim.evaluation.piano_score import step_ratios
 from humanoid_sim.evaluation.step import StepContext, StepSample
@@ -38,12 +41,10 @@ class StepMetric:
     formula: str
     better: Literal["lower", "higher"]
     values: Values
-    needs: Needs
-    """Part of robot, contract or motion without which it means nothing."""
+    needs: Needs  # part of robot, contract or motion without which it means nothing
 
 
 METRICS: dict[str, StepMetric] = {}
-"""The table, by name."""
 
 
 def metric(
@@ -67,10 +68,7 @@ def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
 
 def body_distance(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), m, of the tracked bodies from the motion, base frame."""
-    if "body_distance" not in s.shared:
-        target = c.body_target[0][c.reference.clamp(s.frame)]
-        s.shared["body_distance"] = length(s.body_position - target)
-    return s.shared["body_distance"]
+    return length(s.body_position - c.body_target[0][c.reference.clamp(s.frame)])
 
 
 def body_angle(c: StepContext, s: StepSample) -> FloatArray:
@@ -78,19 +76,31 @@ def body_angle(c: StepContext, s: StepSample) -> FloatArray:
     return quaternion_angle(s.body_quaternion, c.body_target[1][c.reference.clamp(s.frame)])
 
 
-def anchor_error(c: StepContext, s: StepSample) -> PoseError:
-    """Return the anchor body's error against the motion as it was laid onto the robot."""
-    return pose_error(s.state.extern[ANCHOR_POSE].value, *c.reference.anchor(s.frame, s.alignment))
+def anchor_poses(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the anchor body's pose (..., 7), and the position and quaternion of the motion laid onto the robot."""
+    return s.state.extern[ANCHOR_POSE].value, *c.reference.anchor(s.frame, s.alignment)
+
+
+@metric("m", "distance of the anchor from the motion", "motion with an anchor")
+def anchor_position_error(c: StepContext, s: StepSample) -> FloatArray:
+    pose, position, _ = anchor_poses(c, s)
+    return length(position - pose[..., :3])
+
+
+@metric("rad", "angle between the anchor and the motion", "motion with an anchor")
+def anchor_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
+    pose, _, quaternion = anchor_poses(c, s)
+    return quaternion_angle(pose[..., 3:], quaternion)
 
 
 @metric("m", "rms distance from the motion of its tracked bodies (base frame), else of its anchor (world)", "motion")
 def body_position_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_distance(c, s)) if c.tracked else anchor_error(c, s).distance
+    return rms(body_distance(c, s)) if c.tracked else anchor_position_error(c, s)
 
 
 @metric("rad", "rms angle to the motion of its tracked bodies, else of its anchor", "motion")
 def body_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_angle(c, s)) if c.tracked else anchor_error(c, s).angle
+    return rms(body_angle(c, s)) if c.tracked else anchor_orientation_error(c, s)
 
 
 @metric("m", "rms distance from the motion of those tracked bodies that are hands", "motion")
@@ -109,19 +119,9 @@ def joint_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(s.state.joint_position - c.joint_target[np.minimum(s.frame, len(c.joint_target) - 1)])
 
 
-@metric("m", "distance of the anchor from the motion", "motion with an anchor")
-def anchor_position_error(c: StepContext, s: StepSample) -> FloatArray:
-    return anchor_error(c, s).distance
-
-
-@metric("rad", "angle between the anchor and the motion", "motion with an anchor")
-def anchor_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
-    return anchor_error(c, s).angle
-
-
 @metric("1", "1 where a tracked body is > 0.3 m off, or the anchor > 0.35 m in height or > 1.2 rad in tilt", "motion")
 def strayed(c: StepContext, s: StepSample) -> FloatArray:
-    is_lost = body_has_strayed(body_distance(c, s)) if c.tracked else has_strayed(anchor_error(c, s))
+    is_lost = body_has_strayed(body_distance(c, s)) if c.tracked else has_strayed(*anchor_poses(c, s))
     return is_lost.astype(np.float64)
 
 
@@ -221,28 +221,23 @@ def no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
     return np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0)
 
 
-@metric("share", "of the keys that are down, those that should be", "song", "higher")
-def precision(c: StepContext, s: StepSample) -> FloatArray:
-    return step_ratios(*pressed_and_wanted(c, s))[0]
+def _ratio(name: str, formula: str, which: int) -> None:
+    def values(c: StepContext, s: StepSample) -> FloatArray:
+        return step_ratios(*pressed_and_wanted(c, s))[which]
+
+    METRICS[name] = StepMetric("share", formula, "higher", values, "song")
 
 
-@metric("share", "of the keys that should be down, those that are; 1 where there are none", "song", "higher")
-def recall(c: StepContext, s: StepSample) -> FloatArray:
-    return step_ratios(*pressed_and_wanted(c, s))[1]
-
-
-@metric("share", "harmonic mean of precision and recall", "song", "higher")
-def f1(c: StepContext, s: StepSample) -> FloatArray:
-    return step_ratios(*pressed_and_wanted(c, s))[2]
+_ratio("precision", "of the keys that are down, those that should be", 0)
+_ratio("recall", "of the keys that should be down, those that are; 1 where there are none", 1)
+_ratio("f1", "harmonic mean of precision and recall", 2)
 
 
 def _closeness(name: str, of: str, scale: float) -> None:
-    """Add the row of that name: exp(-(error / scale)²), 1 without an error."""
-    error, minus = METRICS[of], -(scale * scale)
+    error = METRICS[of]
 
     def values(c: StepContext, s: StepSample) -> FloatArray:
-        off = error.values(c, s)
-        return np.asarray(np.exp(off * off / minus))
+        return np.asarray(np.exp(-np.square(error.values(c, s) / scale)))
 
     METRICS[name] = StepMetric("1", f"exp(-({of} / {scale:g} {error.unit})²)", "higher", values, error.needs)
 
@@ -260,6 +255,6 @@ def describe_failure(c: StepContext, s: StepSample, i: int | tuple[()] = ()) -> 
     """Return why robot `i` of a batch, () for the only one, has fallen or strayed."""
     if s.base is not None and np.asarray(has_fallen(s.base, c.standing_height))[i]:
         return describe_fall(s.base, c.standing_height, i)
-    return (
-        describe_body_stray(body_distance(c, s)[i], c.tracked) if c.tracked else describe_stray(anchor_error(c, s), i)
-    )
+    if c.tracked:
+        return describe_body_stray(body_distance(c, s)[i], c.tracked)
+    return describe_stray(*(part[i] for part in anchor_poses(c, s)))

@@ -162,7 +162,7 @@ class Run:
         if loaded is not None and is_single:
             tracking = MotionErrors.of(description, loaded)
             if motion is not None and motion.task_type == "piano":
-                keys = PlayedKeys(motion.frames, loaded.contract.policy_dt)
+                keys = PlayedKeys(motion.frames)
             ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
         self.console = ConsoleSink(
             console,

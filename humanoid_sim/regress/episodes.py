@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.errors import length, rms
+from humanoid_sim.evaluation.failure import length, rms
 from humanoid_sim.evaluation.feet import Feet, find_feet
-from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS, pressed_and_wanted
+from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.metrics import REACHED, has_metric, metrics_of
 from humanoid_sim.regress.preparation import PreparedCase
@@ -136,7 +135,6 @@ class EpisodeBatch:
             rows["velocity"] = sample.base.planar_velocity
             rows["soles"] = self._feet.place(*self.simulation.body_poses())
         elif task == "piano":
-            rows["down"], rows["wanted"] = pressed_and_wanted(context, sample)
             rows["touch"] = self.simulation.key_force
         return rows
 
@@ -203,7 +201,6 @@ def _figures(case: PreparedCase, feet: Feet | None, steps: Sequence[Rows]) -> li
                 if case.case.command is not None and has_metric(name, case.case.command):
                     episode[name] = min(float(mean[axis] / case.case.command[axis]), 1.0)
         elif piano is not None:
-            episode["note_f1"] = score(rows["down"][:, i], rows["wanted"][:, i], period).notes.f1
             episode["key_force"] = float(rows["touch"][:, i].max())
             episode["hard_touches"] = float(episode["key_force"] > piano.key_force_limit)
         found.append(episode)

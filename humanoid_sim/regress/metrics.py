@@ -43,7 +43,6 @@ _METRICS = (
     _of_steps("f1", "mean", "piano"),
     _of_steps("precision", "mean", "piano"),
     _of_steps("recall", "mean", "piano"),
-    Metric("note_f1", "share", "episode", "piano", "higher"),  # a stroke counts within 0.1 s of its note
     Metric("key_force", "N", "episode", "piano"),  # hardest touch of a key, of every physics step
     Metric("hard_touches", "share", "episode", "piano"),  # a key was touched harder than the robot allows
     _of_steps("effort", "rms"),

@@ -52,8 +52,6 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
     suite: str
     case_digests: Mapping[str, str]
     episodes: tuple[Episode, ...]
-    definitions: Mapping[str, str] = {}
-    """Meanings of its figures, as `humanoid_sim.evaluation.failure` had it: only equals are compared."""
     versions: Mapping[str, str] = {}
     """Versions of the packages that the numbers depend on, and of the platform."""
 

@@ -217,6 +217,6 @@ def test_the_mean_velocity_is_that_from_two_seconds_after_release_on(lite):
 
 def test_a_fall_is_reported_once_and_ends_the_figures(lite):
     falls, base = walk(lite, [(0.8, 0.0), (0.47, 0.0), (0.1, 7.0)])
-    text = "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"
+    text = "fell: tilted by 0°, its centre of mass at 59% of its standing height"
     assert falls == ["", text, ""]
     assert base == {"released": 0.0, "velocity": None, "fall": 0.5, "fell": text}

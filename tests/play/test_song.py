@@ -44,18 +44,15 @@ def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd)
     assert result.status == 0
     assert "left out of the song, beyond reach or more notes at a time than fingers: C8" in result.out
     found = result.summary["piano"]
-    assert (found["note_count"], found["hit_count"], found["false_count"]) == (6, 5, 0)
-    assert found["steps"]["precision"] > 0.95
-    assert 0.75 < found["steps"]["f1"] < 0.95
+    assert found["precision"] > 0.95
+    assert 0.75 < found["f1"] < 0.95
     force = result.summary["key_force"]
     assert 1.0 < force["force"] < force["limit"] == 14.0
     assert force["key"] in ("G3", "D5")
     assert f"{force['force']:.2f} N, the limit is 14 N" in result.out
-    assert "5 of 6 notes struck in time, 0 wrong strokes" in result.out
     recording = result.summary["recording"]
     assert run_program(piano.main, [recording, "--json"]) == 0
-    again = json.loads(capfd.readouterr().out)
-    assert again == {name: found[name] for name in again}
+    assert json.loads(capfd.readouterr().out) == found
 
 
 @pytest.mark.parametrize(

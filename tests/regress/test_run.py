@@ -126,7 +126,6 @@ def without(name):
         (None, ("mass: [0.9", "mass: [0.8"), (), "its case 'wave' was run under other conditions"),
         (None, ("name: wave", "name: circle"), (), "unknown case 'circle'; known: wave, drum"),
         (None, ("", ""), ("--seeds", "7"), "has the seeds 0 to 5; see --seeds"),
-        (lambda document: document["definitions"].update(fall="never"), ("", ""), (), "other definitions than today's"),
         (without("joint_error"), ("", ""), (), "was made before joint_error could be measured"),
     ],
 )
