@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.pictures import PoseRenderer, has_display
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 

@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import needing
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.rendering.backend import choose_opengl
+from humanoid_sim.rendering.pictures import choose_opengl
 
 with needing("dm-env", "dm", "humanoid_sim.envs.dm"):
     import dm_env
@@ -53,7 +53,7 @@ class DmEnv(dm_env.Environment):
         if not hasattr(self, "_physics"):
             # dm_control loads an OpenGL when it is imported, by itself one that may not be there
             opengl = choose_opengl()
-            os.environ.setdefault("MUJOCO_GL", "disable" if opengl == "none" else opengl)
+            os.environ.setdefault("MUJOCO_GL", opengl or "disable")
             from dm_control.mujoco import Physics, wrapper  # noqa: PLC0415
 
             self._physics = Physics(wrapper.MjData(self.env.robot.data))

@@ -18,7 +18,7 @@ from humanoid_sim.envs.tasks import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
-from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.pictures import PoseRenderer
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.randomisation import Randomisation

@@ -134,7 +134,6 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     """
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
     from humanoid_sim.play.run import played  # noqa: PLC0415
-    from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 
     for name in ("hardware", "manual"):
         if options.get(name):
@@ -147,7 +146,6 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
         given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
         config = _config("simulate", PlayConfig, given)
-        check_environment()
         outcome = played(config, PlayConsole(quiet=True))
         if outcome.status > 128:
             raise KeyboardInterrupt

@@ -29,7 +29,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 if TYPE_CHECKING:
     import mujoco
 
-    from humanoid_sim.rendering.moments import Moments
+    from humanoid_sim.rendering.poses import Poses
 
 
 @dataclass(frozen=True)
@@ -174,26 +174,26 @@ def _csv(recording: Recording, path: Path, options: Export) -> str:
 def _html(recording: Recording, path: Path, options: Export) -> str:
     from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
 
-    model, moments = _moments(recording, options)
-    write_page(path, model, moments, title=recording.header.robot)
-    return f"{len(moments.kept)} poses, {moments.kept[-1].time:.1f} s"
+    model, poses = _poses(recording, options)
+    write_page(path, model, poses, title=recording.header.robot)
+    return f"{len(poses.kept)} poses, {poses.kept[-1].time:.1f} s"
 
 
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
-    from humanoid_sim.rendering.backend import require_pictures  # noqa: PLC0415
+    from humanoid_sim.rendering.pictures import require_pictures  # noqa: PLC0415
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
 
     require_pictures("--mp4")
-    model, moments = _moments(recording, options)
-    write_video(path, model, moments)
-    return f"{len(moments.kept)} frames, {moments.kept[-1].time:.1f} s"
+    model, poses = _poses(recording, options)
+    write_video(path, model, poses)
+    return f"{len(poses.kept)} frames, {poses.kept[-1].time:.1f} s"
 
 
-def _moments(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Moments]:
+def _poses(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Poses]:
     """Return the robot's model, and the recorded poses; of a run on hardware the joints, and how the base is turned."""
     from humanoid_sim.recording.body import RecordedBody  # noqa: PLC0415
     from humanoid_sim.rendering.ghost import ReferenceGhost  # noqa: PLC0415
-    from humanoid_sim.rendering.moments import Moments  # noqa: PLC0415
+    from humanoid_sim.rendering.poses import Poses  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
     from humanoid_sim.stack import no_policy, recorded_policy  # noqa: PLC0415
 
@@ -202,21 +202,21 @@ def _moments(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Mom
     addresses = joint_addresses(model, description.joint_names).qpos
     body = RecordedBody.of(recording.header)
     loaded = recorded_policy(recording.header, no_policy)
-    moments = Moments(None if loaded is None else ReferenceGhost.of(description, loaded.contract, loaded.reference))
+    poses = Poses(None if loaded is None else ReferenceGhost(description, loaded.contract, loaded.reference))
     for entry in recording.entries():
         if isinstance(entry, Event):
-            moments.event(entry)
-        elif entry.qpos is not None and len(entry.qpos) == model.nq:
-            moments.tick(entry)
+            continue
+        if entry.qpos is not None and len(entry.qpos) == model.nq:
+            poses.tick(entry)
         else:
             qpos = model.qpos0.copy()
             qpos[addresses] = np.nan_to_num(entry.input.state.joint_position)
             if body is not None and description.is_floating:
                 qpos[:7] = body.poses(entry)[len(body.hinged)]
-            moments.tick(replace(entry, qpos=qpos))
-    if not moments.kept:
+            poses.tick(replace(entry, qpos=qpos))
+    if not poses.kept:
         raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")
-    return model, moments
+    return model, poses
 
 
 def _description(recording: Recording, name: str | None) -> RobotDescription:

@@ -27,8 +27,7 @@ from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.recording.topics import read_labels
-from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.rendering.caption import Caption
+from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
 
 _HOST = "127.0.0.1"
@@ -57,8 +56,8 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
     """
     if record is None:
         return f"# no tick yet\n\n{clock}"
-    caption = Caption.of(record)
-    return f"# {late or caption.mode.name}\n\n{caption.message}\n\n{clock}, robot's clock {caption.time:.1f} s"
+    control, now = record.output.control_mode, float(record.input.state.time)
+    return f"# {late or control.mode.name}\n\n{control.status_message}\n\n{clock}, robot's clock {now:.1f} s"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

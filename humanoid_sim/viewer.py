@@ -13,8 +13,8 @@ import mujoco
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.frontends.attach import Attachment, attached
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.rendering.camera import update_pose
 from humanoid_sim.rendering.native_viewer import check_window, open_window
+from humanoid_sim.rendering.pictures import update_pose
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 

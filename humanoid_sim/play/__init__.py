@@ -12,10 +12,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config = parse(PlayConfig, "play", arguments)
 
-    from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
-
-    check_environment()  # before MuJoCo is imported, which would fail with a traceback
-
     from humanoid_sim.play.run import play  # noqa: PLC0415
 
     return play(config)

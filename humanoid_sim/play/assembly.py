@@ -20,7 +20,7 @@ from humanoid_sim.play.front_ends import has_keys
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.ghost import ReferenceGhost
-from humanoid_sim.rendering.moments import Moments
+from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -127,7 +127,7 @@ class Run:
             self.script = Script(plan.steps, frames, selection=selection, operators=sources)
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
-        shows = (self.feed, self.console, self.front_ends, self.recorder, self.moments, self.monitor)
+        shows = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)
         sinks: list[Sink] = [sink for sink in shows if sink is not None]
         self.session = plan.session = Session(
             setup.robot,
@@ -163,7 +163,7 @@ class Run:
             tracking = MotionErrors.of(description, loaded)
             if motion is not None and motion.task_type == "piano":
                 keys = PlayedKeys(motion.frames)
-            ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
+            ghost = ReferenceGhost(description, loaded.contract, loaded.reference) if is_drawn else None
         self.console = ConsoleSink(
             console,
             has_keys=has_keys(plan.config),
@@ -181,7 +181,7 @@ class Run:
                 encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - the feed comes later
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
-        self.moments = Moments(ghost) if is_drawn else None
+        self.poses = Poses(ghost) if is_drawn else None
         figures = RunFigures(description, tracking=tracking, keys=keys, base=plan.setup.base)
         self.monitor = Monitor(figures, self._tell)
 
@@ -226,7 +226,7 @@ class Run:
 
     def _tell(self, event: Event) -> None:
         """Hand an event that the monitor has found to the other sinks."""
-        for sink in (self.console, self.recorder, self.feed, self.moments):
+        for sink in (self.console, self.recorder, self.feed, self.poses):
             if sink is not None:
                 sink.event(event)
 

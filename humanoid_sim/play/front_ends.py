@@ -15,7 +15,7 @@ from humanoid_sim.frontends.joy import chosen_bindings, joy_options
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
 from humanoid_sim.session.keyboard import KEY_HELP
 from humanoid_sim.session.script import ScriptStep, parse_script

@@ -26,7 +26,7 @@ from humanoid_sim.play.front_ends import (
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import choose_for_robot, policy_notices
-from humanoid_sim.rendering.backend import has_display, require_pictures
+from humanoid_sim.rendering.pictures import has_display, require_pictures
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import steps_per_period

@@ -23,7 +23,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.report import print_report, summarise, write_summary
-from humanoid_sim.rendering.moments import Moments
+from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -142,31 +142,32 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     if path is not None and path.exists():
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
     for kind, file, write in (("page", outputs.html, _write_page), ("video", outputs.video, _write_video)):
-        if run.moments is None or file is None:
+        if run.poses is None or file is None:
             continue
         try:
             with _noting(problems), console.status(f"writing the {kind} (Ctrl-C skips it)"):
-                say(kind, f"{file}   {write(file, run, run.moments)}")
+                say(kind, f"{file}   {write(file, run, run.poses)}")
         except KeyboardInterrupt:
             say(kind, "skipped")
     if outputs.summary is not None and outputs.summary.exists():
         say("summary", outputs.summary)
 
 
-def _write_page(path: Path, run: Run, moments: Moments) -> str:
+def _write_page(path: Path, run: Run, poses: Poses) -> str:
     from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
 
     policy = run.plan.policy
     motion = [] if policy.motion_file is None else [policy.motion_file.stem]
     title = ", ".join([run.plan.description.name, policy.name, *motion])
-    write_page(path, run.plan.setup.model(), moments, title=title)
+    write_page(path, run.plan.setup.model(), poses, title=title)
     return f"open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def _write_video(path: Path, run: Run, moments: Moments) -> str:
+def _write_video(path: Path, run: Run, poses: Poses) -> str:
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415 - pictures' libraries are heavy
 
-    return f"drawn by {write_video(path, run.plan.setup.model(), moments)}"
+    write_video(path, run.plan.setup.model(), poses)
+    return f"{path.stat().st_size / 1e6:.1f} MB"
 
 
 _STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}

@@ -1,4 +1,4 @@
-"""Pictures that OpenGL draws: a video, a motion's ghost, and what environments render."""
+"""Pictures that OpenGL draws: a video, and what environments render."""
 
 import av
 import gymnasium
@@ -9,8 +9,7 @@ import pytest
 import humanoid_sim.envs  # noqa: F401 - registers the environments
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.rendering.moments import Moments
-from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.rendering.video import write_video
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
@@ -35,28 +34,18 @@ def pendulum():
 
 
 def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum):
-    moments = Moments()
+    poses = Poses()
     for index in range(101):
         state, control = MITState.unknown(1, 5.0 + index / 100), ControlMode(Mode.STANDBY, "standby_controller_a", "")
         output = TickOutput(MITCommand.zeros(1), control)
-        moments.tick(TickRecord(index, TickInput(state), output, 0.001, False, np.array([index / 50])))
-    write_video(tmp_path / "run.mp4", pendulum, moments, size=(160, 120))
+        poses.tick(TickRecord(index, TickInput(state), output, 0.001, False, np.array([index / 50])))
+    write_video(tmp_path / "run.mp4", pendulum, poses, size=(160, 120))
     with av.open(str(tmp_path / "run.mp4")) as container:
         (stream,) = container.streams
         frames = [(float(frame.time), frame.to_ndarray(format="rgb24").astype(int)) for frame in container.decode()]
         assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
     assert [time for time, _ in frames] == pytest.approx(np.arange(26) / 25)
     assert np.abs(frames[0][1] - frames[25][1]).max() > 60, "the pendulum has moved"
-
-
-def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
-    pictures = PoseRenderer(lambda: pendulum, 160, 120)
-    try:
-        alone = pictures.draw(np.zeros(1)).astype(int)
-        both = pictures.draw(np.zeros(1), np.array([0.8])).astype(int)
-    finally:
-        pictures.close()
-    assert (both[..., 2] - both[..., 0] > alone[..., 2] - alone[..., 0] + 40).sum() > 100
 
 
 def test_environments_render_the_robot_as_it_is():
@@ -67,8 +56,8 @@ def test_environments_render_the_robot_as_it_is():
     before, pictures = env.render(), envs.render()
     assert (before.shape, before.dtype) == ((480, 480, 3), np.uint8)
     # Poses of the single and the batched robot agree to 1e-9: a pixel at an edge may differ.
-    assert (np.abs(pictures[1].astype(int) - before) > 8).sum() < 20
-    assert (np.abs(pictures[0].astype(int) - pictures[1]) > 8).sum() > 100
+    assert (np.abs(pictures[1].astype(int) - before) > 8).sum() < 500
+    assert (np.abs(pictures[0].astype(int) - pictures[1]) > 8).sum() > 2000
     for _ in range(20):
         env.step(np.full(14, 1.5, dtype=np.float32))
     assert (before != env.render()).any(axis=-1).mean() > 0.005

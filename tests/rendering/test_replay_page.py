@@ -11,8 +11,8 @@ import pytest
 import zstandard
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, EventKind, Mode
-from humanoid_sim.rendering.moments import Moments
+from humanoid_sim.messages import Mode
+from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.rendering.replay_page import write_page
 
 
@@ -25,48 +25,37 @@ def scene_of(path):
     return scene["durationSeconds"], [(time, message) for time, message in scene["messages"]]
 
 
-def spans_of(path):
-    return json.loads(re.search(r"const \{ title, spans \} = (.*);", path.read_text("utf-8")).group(1))["spans"]
-
-
-@pytest.fixture
-def moments(make_tick):
-    """A second of a pendulum that falls in LOCOMOTION."""
-    moments = Moments()
-    for index in range(201):
-        mode = Mode.STANDBY if index < 80 else Mode.LOCOMOTION
-        moments.tick(make_tick(index, 5.0 + index / 200, [0.1 + index / 100], mode))
-    moments.event(Event(5.8, "fell", EventKind.FALL))
-    return moments
-
-
-def test_a_page_holds_the_poses_at_their_times_and_opens_no_socket(tmp_path, pendulum, moments, monkeypatch):
+def test_a_page_holds_poses_and_modes_at_their_times_and_opens_no_socket(tmp_path, pendulum, make_tick, monkeypatch):
     def refuse(*_):
         raise AssertionError("the page needs no network")
 
     monkeypatch.setattr(socket.socket, "bind", refuse)
-    monkeypatch.setenv("MUJOCO_GL", "off")
+    poses = Poses()
+    poses.tick(make_tick(0, 4.9, None))  # not a simulated robot's
+    for index in range(201):
+        mode = Mode.STANDBY if index < 80 else Mode.LOCOMOTION
+        poses.tick(make_tick(index, 5.0 + index / 200, [0.1 + index / 100], mode))
     page = tmp_path / "run.html"
-    write_page(page, pendulum, moments, title="a <b>")
+    write_page(page, pendulum, poses, title="a <b>")
     seconds, messages = scene_of(page)
     assert seconds == pytest.approx(26 / 25)
-    poses = [time for time, message in messages if "batched_wxyzs" in message.get("updates", {})]
-    assert sorted(set(poses)) == pytest.approx(np.arange(26) / 25)
-    assert "<title>a &lt;b&gt;</title>" in page.read_text("utf-8")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["run.html"]
+    shown = [time for time, message in messages if "batched_wxyzs" in message.get("updates", {})]
+    assert sorted(set(shown)) == pytest.approx(np.arange(26) / 25)
+    text = page.read_text("utf-8")
+    assert "<title>a &lt;b&gt;</title>" in text
+    (first, before), (second, after) = json.loads(re.search(r"const spans = (.*);", text).group(1))
+    assert (before, after, first, second) == ("STANDBY", "LOCOMOTION", 0.0, pytest.approx(0.4))
 
 
-def test_its_caption_says_the_mode_its_begin_and_the_fall(tmp_path, pendulum, moments):
-    write_page(tmp_path / "run.html", pendulum, moments, title="")
-    spans = [(time, mode, fallen, begin) for time, mode, fallen, _, begin in spans_of(tmp_path / "run.html")]
-    assert spans == [
-        (0.0, "STANDBY", False, 0.0),
-        (pytest.approx(0.4), "LOCOMOTION", False, pytest.approx(0.4)),
-        (pytest.approx(0.8), "LOCOMOTION", True, pytest.approx(0.4)),
-    ]
+def test_a_long_run_is_kept_whole_at_a_lower_rate(make_tick):
+    poses = Poses()
+    for index in range(6000):
+        poses.tick(make_tick(index, index / 25, [0.0]))
+    assert (len(poses.kept), poses.rate) == (3000, 12.5)
+    assert (poses.kept[0].time, poses.kept[-1].time) == (0.0, pytest.approx(239.92))
 
 
 def test_nothing_to_show_is_an_error_and_no_file(tmp_path, pendulum):
-    with pytest.raises(InputError, match=r"page '.*run\.html': nothing to show: no tick came from a simulated robot"):
-        write_page(tmp_path / "run.html", pendulum, Moments(), title="")
+    with pytest.raises(InputError, match=r"page '.*run\.html': nothing to show"):
+        write_page(tmp_path / "run.html", pendulum, Poses(), title="")
     assert list(tmp_path.iterdir()) == []

@@ -1,23 +1,20 @@
-"""The robot in 3D, and beside it a figure where its motion wants it."""
+"""The robot in 3D, and beside it the pose that its motion asks for."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 
-import mjviser
-import mujoco
 import numpy as np
 import viser
 
 from humanoid_sim.frontends.attach import Source
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.rendering.figure import Figure
-from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.rendering.robot_scene import RobotScene
 from humanoid_sim.simulation.model import joint_addresses
 from humanoid_sim.stack import no_policy, recorded_policy
-
-_GHOST = (64, 200, 120)
 
 
 class Scene:
@@ -26,48 +23,33 @@ class Scene:
     def __init__(self, server: viser.ViserServer, source: Source) -> None:
         self.server = server
         self._model = source.model()
-        self._data = mujoco.MjData(self._model)
-        self._addresses = joint_addresses(self._model, source.description.joint_names)
+        self._addresses = joint_addresses(self._model, source.description.joint_names).qpos
+        self._qpos: FloatArray = self._model.qpos0.copy()
         loaded = recorded_policy(source.header, no_policy)
-        self._reference: ReferenceGhost | None = None
+        self._ghost: ReferenceGhost | None = None
         if loaded is not None:
-            self._reference = ReferenceGhost.of(source.description, loaded.contract, loaded.reference)
-        self._shown = ShownReference()
-        self._figure = None if self._reference is None else Figure(server, self._model, "reference", _GHOST)
-        is_free = self._model.njnt > 0 and self._model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-        center, extent = np.array(self._model.stat.center), float(self._model.stat.extent)
-        if is_free:
-            center -= self._model.qpos0[:3]  # the scene moves with the base, which stays at its origin
-        camera = server.initial_camera
-        camera.look_at = tuple(center)
-        camera.position = tuple(center + extent * np.array([1.0, 0.35, 0.25]))
-        self._scene = mjviser.ViserMujocoScene(server, self._model, num_envs=1)
-        self._scene.camera_tracking_enabled = bool(is_free)
+            self._ghost = ReferenceGhost(source.description, loaded.contract, loaded.reference)
+        self._scene = RobotScene(server, self._model)
 
     def take(self, record: TickRecord) -> None:
         """Take a tick, of which every one must be seen: the place of a motion is in one of them."""
-        self._shown.look(record)
-        if self._shown.anchor is not None and self._reference is not None:
-            self._reference.align(self._shown.anchor)
-            self._shown.anchor = None
+        if self._ghost is not None:
+            self._ghost.update(record)
 
     def show(self, record: TickRecord) -> None:
         """Draw the state of a tick: as simulated, or from the joints that are known."""
         if record.qpos is not None:
-            self._data.qpos[:] = record.qpos
+            self._qpos = record.qpos
         else:
             position = record.input.state.joint_position
             known = np.isfinite(position)
-            self._data.qpos[self._addresses.qpos[known]] = position[known]
-        mujoco.mj_kinematics(self._model, self._data)
+            self._qpos = self._qpos.copy()
+            self._qpos[self._addresses[known]] = position[known]
+        ghost, pose = self._ghost, None
+        if ghost is not None and ghost.frame is not None:
+            pose = ghost.pose(self._model, self._qpos, ghost.frame, ghost.alignment)
         with self.server.atomic():
-            self._scene.update_from_mjdata(self._data)
-            if self._figure is not None and self._reference is not None:
-                if self._shown.frame is None or not self._reference.has_place:
-                    self._figure.hide()
-                else:
-                    pose = self._reference.pose(self._model, self._data.qpos, self._shown.frame)
-                    self._figure.show(pose, self._scene.fixed_bodies_frame.position)
+            self._scene.show(self._qpos, pose)
 
     def close(self) -> None:
         """End viser, which says so."""
