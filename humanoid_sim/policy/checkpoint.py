@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -13,12 +12,11 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import FieldError, InputError, blaming
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file
-from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Layer, Reading, join
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
 from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, trainer_files, unitree
@@ -77,25 +75,17 @@ def load_checkpoint(
         verify: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
-    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints, model.width)
+    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints)
     contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
     with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
-        answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
-    for width in (policy.action_width, len(answer)):
-        if width != contract.action_count:
-            expected = f"{contract.action_count}, one for each of action_joint_names"
-            raise InputError(f"{path}: the model's output is {width} wide, expected {expected}")
-    checkpoint = Checkpoint(
-        contract,
-        policy,
-        str(path),
-        file_digest(path),
-        policy.observation_width,
-        sweep_motion(policy, contract),
-        own.find_contract(path) if contract_file is None else contract_file,
-        reading=reading,
-    )
+        width = len(policy(np.zeros(policy.observation_width, dtype=np.float32), 0))
+    if not width == policy.action_width == contract.action_count:
+        expected = f"{contract.action_count}, one for each of action_joint_names"
+        raise InputError(f"{path}: the model's output is {width} wide, expected {expected}")
+    file = own.find_contract(path) if contract_file is None else contract_file
+    motion, width = sweep_motion(policy, contract), policy.observation_width
+    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), width, motion, file, reading=reading)
     if not verify or own.GOLDEN_KEY not in model.metadata:
         return checkpoint
     from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
@@ -117,13 +107,11 @@ def read_checkpoint(
     outputs: Collection[str] = (),
     contract_file: Path | None = None,
     robot_joints: tuple[str, ...] | None = None,
-    width: int | None = None,
 ) -> Reading:
-    """Return what everything that speaks about a checkpoint states together.
+    """Return what everything that speaks about a checkpoint states together; `outputs` are the model's, by name.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
-    Raises `InputError` if a source is malformed. `outputs` are the names of the model's outputs, `width` is that of its
-    input, by which a trainer's file of another network is recognised.
+    Raises `InputError` if a source is malformed.
     """
     layers: list[Layer] = []
     if _ANCHOR_QUATERNION in outputs:
@@ -137,41 +125,27 @@ def read_checkpoint(
             layers += mjlab.read_mjlab(metadata, str(path))
         elif "dof_names" in metadata:
             layers += holosoma.read_holosoma(metadata, str(path))
-    files = [] if own.STAMP_KEY in metadata else _side_layers(path, robot_joints)
+    if own.STAMP_KEY not in metadata:
+        layers += _side_layers(path, robot_joints)
     chosen = own.find_contract(path) if contract_file is None else contract_file
-    hand = [] if chosen is None else [own.read_contract_file(chosen)]
-    reading = join([*layers, *files, *hand], str(path))
-    if width is not None and any(line.startswith("observation") for line in reading.differences):
-        inside, beside = (join([*some, *hand], str(path)) for some in (layers, files))
-        if _width(inside) == width and _width(beside) not in (None, width):
-            names = ", ".join(layer.source for layer in files if "observation" in layer.values)
-            line = f"{names} is of another network than this model of {width} inputs, and is not read"
-            return replace(inside, unused=(*inside.unused, line))
-    return reading
-
-
-def _width(reading: Reading) -> int | None:
-    """Return the width of the observation; None where the terms are not known."""
-    with suppress(FieldError):
-        return None if reading.outline is None else contract_layout(reading.outline).width
-    return None
+    if chosen is not None:
+        layers.append(own.read_contract_file(chosen))
+    return join(layers, str(path))
 
 
 def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
     """Return what the files state that trainers write beside the model, the one of its deployment last."""
     layers: list[Layer] = []
-    env, deploy = (trainer_files.find_beside(path, name) for name in ("env.yaml", "deploy.yaml"))
-    other = berkeley.find_berkeley(path)
-    if env is not None:
+    if env := trainer_files.find_beside(path, "env.yaml"):
         try:
             with blaming(env, _MALFORMED):
                 layers += isaaclab.read_env(env)
-        except InputError as error:
+        except InputError as error:  # the training's own file may hold what no deployment needs
             layers.append(Layer(env.name, {}, unused=(f"{env.name} cannot be read: {error}",)))
-    if deploy is not None:
+    if deploy := trainer_files.find_beside(path, "deploy.yaml"):
         with blaming(deploy, _MALFORMED):
             layers += unitree.read_deploy(deploy, robot_joints)
-    if other is not None:
+    if other := berkeley.find_berkeley(path):
         with blaming(other, _MALFORMED):
             layers += berkeley.read_berkeley(other, robot_joints)
     return layers
@@ -196,13 +170,7 @@ def file_digest(path: Path) -> str:
 
 def zero_policy(action_count: int) -> Policy:
     """Return a policy that answers zeros of shape (m,), whatever it observes."""
-    action = np.zeros(action_count, dtype=np.float32)
-    action.setflags(write=False)
-
-    def policy(observation: Float32Array, frame: int) -> Float32Array:  # noqa: ARG001
-        return action
-
-    return policy
+    return lambda _observation, _frame: np.zeros(action_count, dtype=np.float32)
 
 
 def placeholder_checkpoint(

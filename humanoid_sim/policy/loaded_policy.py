@@ -14,6 +14,7 @@ from humanoid_sim.controllers.reference import MotionReference, build_reference,
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.ros2.topics import is_used
 
 
@@ -97,25 +98,17 @@ def _reference(contract: PolicyContract, motion: Motion | None, motion_source: s
     return build_reference(contract, motion.frames)
 
 
-def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
+def contract_layout(contract: PolicyContract) -> ObservationLayout:
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
-    The number of a piano's keys follows from N, which the model declares. Raises `FieldError` for an unknown term, or
-    one that the contract does not say enough about.
+    Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
     """
-    one = _layout(contract, keys=1)
-    per_key = _layout(contract, keys=2).width - one.width
-    more = 0 if observation_width is None else observation_width - one.width
-    return _layout(contract, keys=1 + more // per_key) if per_key and more > 0 and more % per_key == 0 else one
-
-
-def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
     joints, bodies = len(contract.joint_names), len(contract.body_names)
     widths = {
         **{"reference_joint_pos": joints, "reference_joint_vel": joints, "anchor_pos": 3, "anchor_quat": 4},
         **{"motion_body_pos_b": 3 * bodies, "motion_body_ori_b": 6 * bodies},
-        **{"target_keys": keys, "target_keys_future": keys * len(contract.lookahead_steps)},
+        **{"target_keys": KEY_COUNT, "target_keys_future": KEY_COUNT * len(contract.lookahead_steps)},
     }
     reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
-    extern = {KEY_PRESSED: keys, **contract.extern_widths}
+    extern = {KEY_PRESSED: KEY_COUNT, **contract.extern_widths}
     return resolve_observation(contract, contract.joint_names, reference, extern)

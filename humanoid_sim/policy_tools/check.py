@@ -60,7 +60,7 @@ def check_checkpoint(
         regular_file(contract_file, "a contract.yaml")
     try:
         joints = description.joint_names
-        reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, joints, model.width)
+        reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, joints)
         names = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:
@@ -78,7 +78,7 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
     contract, width = reading.outline, policy.observation_width
     if contract is not None:
         try:
-            layout = contract_layout(contract, width)
+            layout = contract_layout(contract)
             problem = "" if layout.width == width else width_problem(layout, width)
         except FieldError as error:
             problem = str(error)
@@ -92,8 +92,6 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
     for line in reading.differences:
         field, _, what = line.partition(": ")
         yield Finding("error", field, f"{what}; the right value in {hand} decides")
-    if reading.problem:
-        yield Finding("error", "contract", reading.problem)
     for line in reading.unused:
         yield Finding("warning", "not used", line)
 

@@ -33,7 +33,7 @@ def show(options: Show) -> int:
     if options.contract is not None:
         regular_file(options.contract, "a contract.yaml")
     model = OnnxModel(options.checkpoint)
-    reading = read_checkpoint(model.path, model.metadata, model.output_names, options.contract, joints, model.width)
+    reading = read_checkpoint(model.path, model.metadata, model.output_names, options.contract, joints)
     refusal = reading.refusal(own_contract(options.checkpoint).name)
     golden = ""
     if not refusal:
@@ -65,7 +65,7 @@ def _print(console: Console, model: OnnxModel, reading: Reading, golden: str) ->
     table = Table("field", "value", "source", box=None, pad_edge=False)
     widths: tuple[BoundTerm, ...] = ()
     with suppress(FieldError):  # `check` names the term
-        widths = () if reading.outline is None else contract_layout(reading.outline, model.width).terms
+        widths = () if reading.outline is None else contract_layout(reading.outline).terms
     for field, text, source in contract_rows(reading.values, reading.source):
         terms = " + ".join(f"{term.name} {term.width}" for term in widths)
         value = terms if field == "observation" and terms else text

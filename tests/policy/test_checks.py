@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from findings import found
 from models import contract_of
-from trainer import JOINTS, contract, terms
+from trainer import JOINTS, contract
 
 from humanoid_sim.controllers.contract import Term
 from humanoid_sim.policy.checks import contract_findings, suspicious_findings
@@ -39,36 +39,30 @@ CASES = {
     "placeholders": ({"joint_stiffness": 1.0}, "error joint_stiffness", ANY, "placeholder"),
     "no damping anywhere": ({"joint_damping": -0.0}, "error joint_damping", JOINTS, "all 4 joints"),
     "no damping": ({"joint_damping": [0.0, 0.0, 2.0, 2.0]}, "warning joint_damping", HIPS, "nothing brakes"),
-    "swapped gains": ({"joint_damping": 70.0}, "error joint_damping", ANY, "swapped?"),
     "left and right": ({"joint_stiffness": [40.0, 44.0, 50.0, 50.0]}, "warning joint_stiffness", ("left_hip",), "44"),
     "a pose": ({"default_joint_pos": [-0.2, -0.2, 0.6, 0.5]}, "warning default_joint_pos", ("left_knee",), "0.5"),
     "beyond": ({"default_joint_pos": [-0.2, -0.2, 2.5, 2.5]}, "error default_joint_pos", KNEES, "range -0.1 to 2"),
     "degrees": ({"default_joint_pos": [-20.0, -20.0, 0.6, 0.6]}, "error default_joint_pos", HIPS, "in degrees?"),
-    "an offset": ({"action_offset": [0.6, 0.1, 1.9]}, "error action_offset", ("right_hip",), "1.9"),
     "no scale": ({"action_scale": [0.25, 0.0, 0.0]}, "error action_scale", HIPS, "cannot move"),
-    "a negative scale": ({"action_scale": [0.25, -0.3, 0.3]}, "warning action_scale", ("left_hip",), "reversed?"),
-    "a forgotten scale": ({"action_scale": 1.0}, "warning action_scale", ANY, "forgotten"),
     "no torque limit": ({"effort_limit": None}, "warning effort_limit", JOINTS, "all 4 joints"),
-    "a world upside down": (
-        {"observation": terms(projected_gravity={"scale": -1.0})},
-        "warning observation term projected_gravity",
-        ANY,
-        "gravity points up",
-    ),
-    "no term": ({"observation": [Term("base_ang_vel", scale=0.0)]}, "warning observation term base_ang_vel", ANY, "0"),
     "a live input": ({"observation": [Term("mood", width=2)]}, "info observation term mood", ANY, "/mood"),
-    "a point": ({"observation": [Term("base_lin_vel", at="x")]}, "error observation term base_lin_vel", ANY, "no site"),
+    "a point": (
+        {"observation": [Term("base_lin_vel", at="x")]},
+        "error observation term base_lin_vel",
+        ANY,
+        "body or site",
+    ),
     "a body": (
         {**TRACKING, "observation": ("command",), "body_names": ("pelvis", "left_shin")},
         "error body_names",
         ANY,
-        "'left_shin' is no body of 'walker'",
+        "body or site of 'walker' 'left_shin'",
     ),
     "missing suffix": (
         {"joint_names": SUFFIXED, "action_joint_names": SUFFIXED, "action_scale": 0.3},
         "error joint_names",
         SUFFIXED,
-        "robot has left_knee",
+        "did you mean 'left_knee'",
     ),
     "a joint too many": (
         {"joint_names": (*JOINTS[:3], "tail"), "action_joint_names": JOINTS[:1], "action_scale": 0.3},
@@ -106,7 +100,7 @@ def test_damping_of_the_model_beside_the_contracts(robot):
     damped.dof_damping[6:8] = 0.5
     wiring = contract(**{**SOUND, "joint_damping": [1.5, 0.0, 2.0, 2.0]})
     kept = contract_findings(wiring, robot, damped, hardware=False)
-    assert "left_hip (1.5 + 0.5)" in found(kept, "warning", "model_joint_damping", "nobody decides").message
+    assert "left_hip (1.5 + 0.5)" in found(kept, "warning", "model_joint_damping", "nobody decided").message
     assert "right_hip" in found(suspicious_findings(wiring), "warning", "joint_damping", "nothing brakes").message
     for decision in ("keep", "drop"):
         decided = contract_findings(replace(wiring, model_joint_damping=decision), robot, damped, hardware=False)
@@ -198,9 +192,9 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
 
 def test_decimals_that_an_exporter_cut(robot):
     source = {"source": dict.fromkeys(("action_scale", "joint_damping"), "mjlab metadata")}
-    for scale, severity in ((0.349, "info"), (0.055, "warning"), (0.001, "error")):
+    for scale, severity in ((0.055, "warning"), (0.001, "error")):
         findings = findings_of(robot, action_joint_names=JOINTS, action_scale=scale, **source)
-        found(findings, severity, "rounding", "3 decimals")
+        found(findings, severity, "rounding", "action_scale was cut at 3 decimals")
 
 
 def test_assumptions_of_a_dialect_are_one_line(robot):

@@ -53,10 +53,7 @@ def read_env(path: Path) -> list[Layer]:
 def _by_pattern(group: Section, key: str) -> Iterator[tuple[str, Any]]:
     """Yield one actuator group's values by patterns of joints; a limit of the simulation comes before the motor's."""
     value = group.get(key) if group.get(f"{key}_sim") is None else group.get(f"{key}_sim")
-    patterns = group.get("joint_names_expr") or []
-    if not isinstance(patterns, list) or not all(isinstance(pattern, str) for pattern in patterns):
-        raise InputError(f"{group.where}: joint_names_expr is {patterns!r}, expected patterns of joint names")
-    for pattern in patterns:
+    for pattern in group.get("joint_names_expr") or []:
         if isinstance(value, dict):
             yield from ((f"(?=(?:{pattern})$){name}", item) for name, item in value.items())
         elif value is not None:

@@ -48,11 +48,13 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
     values = {name: csv_field(name, key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
     names = values.get("observation", ())
     rows = {key: _rows(key, metadata[key], len(names), where) for key in _OF_TERMS if key in metadata}
-    assumed: dict[str, Any] = {"policy_dt": 0.02, "reference_quaternion": "wxyz"}
+    assumed: dict[str, Any] = {"policy_dt": 0.02}
     for i, name in enumerate(names):
         kind, field = term_kind(name), f"observation.{name}"
         own = {key: table[i] for key, table in rows.items()}
         assumed |= {f"{field}.scale": 1.0, f"{field}.history": 1}
+        if kind.task == "tracking":
+            assumed["reference_quaternion"] = "wxyz"
         if kind.name == HEIGHT_SCAN:
             assumed[f"{field}.scan"] = HeightScan()
         elif kind.name == "base_lin_vel" and _SCALE in metadata:

@@ -69,7 +69,7 @@ def observation_fields(group: Section) -> dict[str, Any]:
         return {}
     stacked = group.get("use_gym_history") is True
     found: dict[str, Any] = {"observation": names, "history_layout": "per_step" if stacked else "per_term"}
-    commands: dict[str, None] = {}
+    commands: list[str] = []
     for name in names:
         if is_group(group.get(name)):
             raise InputError(f"{group.where}: has the groups {', '.join(names)}, expected one, for one input")
@@ -82,31 +82,18 @@ def observation_fields(group: Section) -> dict[str, Any]:
             found[f"{field}.relative"] = function == "joint_pos_rel"
         found[f"{field}.scale"] = 1.0 if term.get("scale") is None else term.get("scale")
         if term.get("clip") is not None:
-            found[f"{field}.clip"] = _clip(term, scale_first=group.get("scale_first") is True)
+            factor = found[f"{field}.scale"] if group.get("scale_first") is True else 1.0
+            found[f"{field}.clip"] = [bound / factor for bound in term.get("clip")]
         history = term.get("history_length") if group.get("history_length") is None else group.get("history_length")
-        # 0 stands for a term without a history: it shows the present step alone.
-        found[f"{field}.history"] = max(history or 1, 1) if isinstance(history, int | None) else history
+        found[f"{field}.history"] = history or 1  # 0: no history, the present step alone
         if isinstance(params.get("command_name"), str):
-            commands[params.get("command_name")] = None
+            commands.append(params.get("command_name"))
         joints = params["asset_cfg"].get("joint_ids")
         if kind.reads.startswith("joint_") and joints not in (None, slice(None)):
             found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
             found["phase.period"] = params.number("period")
-    return found | ({"command_names": list(commands)} if commands else {})
-
-
-def _clip(term: Section, *, scale_first: bool) -> list[float]:
-    """Return the bounds of the value before it is scaled."""
-    clip, scale = term.get("clip"), term.get("scale") or 1.0
-    if not isinstance(clip, list) or len(clip) != 2:
-        raise InputError(f"{term.where}: clip is {shown(clip)}, expected [least, greatest]")
-    if not scale_first:
-        return clip
-    factor, *others = set(scale if isinstance(scale, list) else [scale])
-    if others or not factor > 0.0:
-        raise InputError(f"{term.where}: scale is {shown(scale)}, expected one positive factor, as scale_first is set")
-    return [bound / factor for bound in clip]
+    return found | ({"command_names": list(dict.fromkeys(commands))} if commands else {})
 
 
 def isaac_scans(group: Section) -> dict[str, Any]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
+import msgspec
 
 from humanoid_sim.controllers.terms import term_kind
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer, checked
+from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
-from humanoid_sim.policy.readers.trainer_files import Section, is_group, isaac_scans, observation_fields, read_section
+from humanoid_sim.policy.readers.trainer_files import is_group, isaac_scans, observation_fields, read_section
 
 _ACTION = {"scale": "action_scale", "offset": "action_offset", "clip": "position_clip"}
 
@@ -29,12 +30,13 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         group = group[next(iter(group.values))]
     values = observation_fields(group)
     values |= file.fields({"step_dt": "policy_dt", "default_joint_pos": "default_joint_pos"})
-    places = _places(file)
+    with blaming(f"{path}: joint_ids_map", msgspec.ValidationError):
+        places = msgspec.convert(file.get("joint_ids_map") or [], list[Annotated[int, msgspec.Meta(ge=0)]])
     for key in ("stiffness", "damping"):
-        if file.get(key) is not None:
-            gains = checked(f"joint_{key}", file.get(key), f"{path}: {key}")
-            if places and np.ndim(gains):
-                gains = gains[_order(places, len(gains), f"{path}: {key} has {len(gains)} values")]
+        gains = file.get(key)
+        if places and isinstance(gains, list):
+            gains = [gains[i] for i in _order(places, len(gains), f"{path}: {key} has {len(gains)} values")]
+        if gains is not None:
             values[f"joint_{key}"] = gains
     ranges = file["commands"]["base_velocity"]["ranges"]
     if ranges.values:
@@ -49,8 +51,11 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
     driven = action.get("joint_names") if action.get("joint_ids") is None else action.get("joint_ids")
     if driven not in (None, slice(None)):
         values["action_joint_names"] = driven
-    assumed = {"reference_quaternion": "wxyz", **isaac_scans(group)}
-    if any(term_kind(name).requires == "phase" for name in values.get("observation", ())):
+    assumed = isaac_scans(group)
+    kinds = [term_kind(name) for name in values.get("observation", ())]
+    if any(kind.task == "tracking" for kind in kinds):
+        assumed["reference_quaternion"] = "wxyz"
+    if any(kind.requires == "phase" for kind in kinds):
         assumed |= {**GAIT_CLOCK, "phase.advance_first": True}
     layers = [Layer("assumed (Unitree)", assumed)]
     if robot_joints is not None:
@@ -64,17 +69,6 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         rest = f"{len(places) - 1}, and leaves those to {max(places)} without"
         unused.append(f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}")
     return [*layers, Layer(path.name, values, unused=tuple(unused))]
-
-
-def _places(file: Section) -> list[int]:
-    """Return the place on the robot of each of the policy's joints; empty where the file gives none."""
-    value = file.get("joint_ids_map")
-    if value is None:
-        return []
-    found = value if isinstance(value, list) else []
-    if not found or not all(type(i) is int and 0 <= i < 1000 for i in found) or len(set(found)) < len(found):
-        raise InputError(f"{file.where}: joint_ids_map is {shown(value)}, expected places on the robot, none twice")
-    return found
 
 
 def _order(places: Sequence[int], count: int, what: str) -> list[int]:
