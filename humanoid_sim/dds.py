@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import SessionError
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached
 from humanoid_sim.frontends.dds.commands import CommandReader
 from humanoid_sim.frontends.dds.telemetry import Telemetry
-from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
+from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
 
 _POLL = 0.002  # s that a command is waited for between two polls of the session
 
@@ -29,32 +28,23 @@ class DdsConfig:
     """Process id of the session. Default: the only one that runs."""
     interface: str = LOOPBACK
     """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
-    and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
-
-    safety: bool = False
-    """Take safety statuses from that network too. Whoever is there can then damp the robot. On this machine they always
-    count."""
+    and transforms alone. Anybody on that network can then command the robot in REMOTE."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until the session ends; returns the exit status."""
     config = parse(DdsConfig, "dds", arguments)
-    require_packages("dds")
     is_local = config.interface == LOOPBACK
     with ExitStack() as stack:
         # On the machine itself nothing goes before commands for REMOTE; a network may be flooded by anybody.
         attachment = stack.enter_context(attached(config.session, "dds", niceness=0 if is_local else 5))
         participant = stack.enter_context(Participant(interface=config.interface))
-        reader = CommandReader(attachment, participant, is_local=is_local, safety=is_local or config.safety)
+        reader = CommandReader(attachment, participant, is_local=is_local)
         stack.callback(reader.close)
-        telemetry = Telemetry(attachment, participant, is_local=is_local, taken=frozenset(reader.topics))
+        telemetry = Telemetry(attachment, participant, is_local=is_local, taken=reader.live_topics)
         print(f"domain {participant.domain} on {participant.interface}, for {attachment}", flush=True)
         if not is_local:
             print(f"warning: anybody on the network at {config.interface} can command the robot in REMOTE", flush=True)
-        if is_wireless(config.interface):
-            print(
-                f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment", flush=True
-            )
         while attachment.is_running():
             try:
                 reader.poll(_POLL)

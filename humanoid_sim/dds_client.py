@@ -5,8 +5,7 @@
             robot.command(MITCommand(state.position, zeros, effort, zeros, damping))
 
 It speaks to the bridge (`humanoid_sim.dds`) with nothing but the topics of the original ROS 2 stack, so it works with
-that stack's robots too. Modes are not on DDS: `RobotClient.ask` asks a session of this machine. A program on the
-session's own machine may also read its feed and write to its intake directly (`humanoid_sim.client`).
+that stack's robots too. Modes are not on DDS: `RobotClient.ask` asks a session of this machine.
 """
 
 from __future__ import annotations
@@ -14,10 +13,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 from humanoid_sim.client import Answer, Intake, find_session
-from humanoid_sim.errors import FieldError
+from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.messages import ControlMode, Mode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
 from humanoid_sim.ros2 import topics as ros
@@ -26,8 +26,14 @@ from humanoid_sim.ros2.dds.endpoints import Subscription, Writer
 from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.ros2.messages import encode_mit_command
 
-JOINT_ARRAYS = ("position", "velocity", "effort")
-"""Arrays of `sensor_msgs/msg/JointState`."""
+_READ = (
+    ros.IMU_TOPIC,
+    ros.CONTROL_MODE_TOPIC,
+    ros.SAFETY_TOPIC,
+    ros.STANDBY_TOPIC,
+    ros.DESCRIPTION_TOPIC,
+    ros.TF_TOPIC,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,41 +56,30 @@ class Imu:
     linear_acceleration: FloatArray  # (3,), m/s²
     time_ns: int  # the robot's stamp
 
-    @classmethod
-    def of(cls, message: Mapping[str, Any]) -> Imu:
-        """Read a decoded `sensor_msgs/msg/Imu`."""
-        vectors = (("orientation", "wxyz"), ("angular_velocity", "xyz"), ("linear_acceleration", "xyz"))
-        turn, gyro, acceleration = (
-            frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in vectors
-        )
-        return cls(turn, gyro, acceleration, stamp_ns(message))
 
-
-def stamp_ns(message: Mapping[str, Any]) -> int:
-    """Return the time in the header of a decoded message, ns."""
+def _stamp_ns(message: Mapping[str, Any]) -> int:
     stamp = message["header"]["stamp"]
     return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
 
 
 class RobotClient:
-    """A robot on DDS. A context manager; for one thread."""
+    """A robot on DDS. A context manager; for one thread.
+
+    What reads raises `InputError` for what this version does not know, and for a subscription that is broken.
+    """
 
     def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
-        """Join the robot's domain.
+        """Join the robot's domain. Raises `InputError`.
 
         Args:
             prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
-
-        Raises `InputError` or `MissingPackageError`.
         """
         self._participant = Participant(domain, interface)
         self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
-        names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.DESCRIPTION_TOPIC)
-        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
+        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in _READ}
         self._safety: dict[str, SafetyStatus] = {}
-        self._writer = Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
         self.joint_names: tuple[str, ...] = ()
         """The robot's joints in its order; empty before the first state."""
 
@@ -98,32 +93,29 @@ class RobotClient:
         """Leave the domain. May be called twice."""
         self._participant.close()
 
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """Return the latest message of each topic that was not understood, such as a mode of a later version."""
-        return tuple(topic.problem for topic in (self._states, *self._topics.values()) if topic.problem)
+    @cached_property
+    def _writer(self) -> Writer:
+        return Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
 
     def state(self, timeout: float = 1.0) -> JointStates | None:
-        """Return the newest joint states that were not given yet; None if none come within `timeout` s.
-
-        Raises `InputError` if the subscription is broken; all that read raise it then.
-        """
+        """Return the newest joint states that were not given yet; None if none come within `timeout` s."""
         deadline = time.monotonic() + timeout
-        while not (taken := self._states.take()):
+        while not (messages := self._states.take()):
             left = deadline - time.monotonic()
             if left <= 0.0:
                 return None
             self._states.reader.wait(left)
-        message = taken[-1]
-        self.joint_names = tuple(message["name"])
-        position, velocity, effort = (frozen_array("JointStates", name, message[name]) for name in JOINT_ARRAYS)
-        return JointStates(self.joint_names, position, velocity, effort, stamp_ns(message))
+        newest = messages[-1]
+        self.joint_names = tuple(newest["name"])
+        names = ("position", "velocity", "effort")
+        position, velocity, effort = (frozen_array("JointStates", name, newest[name]) for name in names)
+        return JointStates(self.joint_names, position, velocity, effort, _stamp_ns(newest))
 
     def command(self, command: MITCommand) -> bool:
-        """Send a command for REMOTE, one value per joint in each field; whether it left.
+        """Send a command for REMOTE, one value per joint in each field; True if sent.
 
-        What is not repeated ends: 100 ms after the last command the robot damps its joints. Raises `FieldError` if
-        before the first state, or if its shape is not that of the robot's joints.
+        What is not repeated ends: 100 ms after the last command the robot damps its joints. Raises `FieldError` before
+        the first state, or if its shape is not that of the robot's joints.
         """
         if command.position.shape != (len(self.joint_names),) or not self.joint_names:
             raise FieldError(
@@ -132,47 +124,36 @@ class RobotClient:
             )
         return self._writer.write(encode_mit_command(time.time_ns(), self.joint_names, command))
 
-    @property
-    def is_heard(self) -> bool:
-        """True if anybody subscribes to commands."""
-        return self._writer.readers > 0
-
     def control_mode(self) -> ControlMode | None:
-        """Return the mode, who is in control, and the latest word to the operator.
-
-        None before the first message, and while the robot is in a mode that is not known here: `problems` says so.
-        """
+        """Return the mode, who is in control, and the latest word to the operator; None before the first message."""
         message = self._topics[ros.CONTROL_MODE_TOPIC].look()
         if message is None:
             return None
-        if message["mode"] not in list(Mode):
-            self._topics[ros.CONTROL_MODE_TOPIC].refuse(
-                f"mode {message['mode']} is not known here, expected 0 to {max(Mode)}"
-            )
-            return None
-        return ControlMode(Mode(message["mode"]), message["controller_name"], message["status_message"])
+        with blaming(ros.CONTROL_MODE_TOPIC, ValueError):
+            return ControlMode(Mode(message["mode"]), message["controller_name"], message["status_message"])
 
     def imu(self) -> Imu | None:
         """Return the newest IMU sample; None before the first message."""
         message = self._topics[ros.IMU_TOPIC].look()
-        return None if message is None else Imu.of(message)
+        if message is None:
+            return None
+        fields = (("orientation", "wxyz"), ("angular_velocity", "xyz"), ("linear_acceleration", "xyz"))
+        turn, gyro, acceleration = (
+            frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in fields
+        )
+        return Imu(turn, gyro, acceleration, _stamp_ns(message))
 
     def standby(self) -> StandbyState | None:
-        """Return how far the latest standby pose has come; None before the first message."""
+        """Return the progress of the latest standby pose; None before the first message."""
         message = self._topics[ros.STANDBY_TOPIC].look()
         fields = ("current_segment", "total_segments", "progress", "is_finished")
         return None if message is None else StandbyState(*(message[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
-        """Return the latest status of each source, such as a CAN bus. A level that is not known here is CRITICAL."""
-        topic = self._topics[ros.SAFETY_TOPIC]
-        for message in topic.take():
-            level = min(message["level"], SafetyLevel.CRITICAL)
-            if level != message["level"]:
-                topic.refuse(f"level {message['level']} is not known here, expected 0 to {SafetyLevel.CRITICAL:d}")
-            self._safety[message["source"]] = SafetyStatus(
-                SafetyLevel(level), SafetyFlag(message["flags"]), message["source"], message["message"]
-            )
+        """Return the latest status of each source, such as a CAN bus. A level beyond CRITICAL is CRITICAL."""
+        for message in self._topics[ros.SAFETY_TOPIC].take():
+            level, source = SafetyLevel(min(message["level"], SafetyLevel.CRITICAL)), message["source"]
+            self._safety[source] = SafetyStatus(level, SafetyFlag(message["flags"]), source, message["message"])
         return dict(self._safety)
 
     def description(self) -> str | None:
@@ -180,11 +161,20 @@ class RobotClient:
         message = self._topics[ros.DESCRIPTION_TOPIC].look()
         return None if message is None else str(message["data"])
 
+    def frame_pose(self, frame: str) -> FloatArray | None:
+        """Return the pose of a frame in its parent's, shape (7,), m and w x y z; None if the newest `/tf` lacks it."""
+        message = self._topics[ros.TF_TOPIC].look()
+        for one in () if message is None else message["transforms"]:
+            if one["child_frame_id"] == frame:
+                where, turn = one["transform"]["translation"], one["transform"]["rotation"]
+                pose = [*(where[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")]
+                return frozen_array("frame_pose", frame, pose)
+        return None
+
     def ask(self, word: str, timeout: float = 2.0) -> Answer:
         """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...
 
-        No mode crosses a network. See `humanoid_sim.client.Intake.ask`. Raises `SessionError` if there is no session
-        here, or several.
+        No mode crosses a network. Raises `SessionError` if there is no session here, or several.
         """
         with Intake(find_session(), "dds client") as intake:
             return intake.ask(word, timeout)

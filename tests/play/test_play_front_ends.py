@@ -71,10 +71,9 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
         ("dds", (), ""),
         ("dds", ("--interface", "eth1"), "dds eth1"),
     ]
-    with pytest.raises(InputError, match=r"^--dds: unknown network interface 'eth7'; known: lo, eth1$"):
-        wanted_front_ends(PlayConfig(dds=("eth7",)))
-    with pytest.raises(InputError, match=r"^--dds: is lo, which leads to no other machine"):
-        wanted_front_ends(PlayConfig(dds=("lo",)))
+    for name in ("eth7", "lo"):
+        with pytest.raises(InputError, match=rf"^--dds: unknown network interface .* '{name}'.*; known: eth1$"):
+            wanted_front_ends(PlayConfig(dds=(name,)))
 
 
 @pytest.mark.parametrize(

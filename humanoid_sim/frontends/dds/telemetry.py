@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 from humanoid_sim.frontends.attach import Attachment, Tick
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
 from humanoid_sim.ros2 import topics as ros
@@ -28,7 +30,7 @@ class Telemetry:
     """Publishes ticks. Never waits for a subscriber."""
 
     def __init__(
-        self, attachment: Attachment, participant: Participant, *, is_local: bool, taken: frozenset[str] = frozenset()
+        self, attachment: Attachment, participant: Participant, *, is_local: bool, taken: Set[str] = frozenset()
     ) -> None:
         """Announce the topics.
 
@@ -37,7 +39,6 @@ class Telemetry:
             taken: topics of live inputs that the bridge subscribes to.
         """
         self._attachment, self._participant = attachment, participant
-        self._start_time_ns: int | None = None
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._topics = served_topics(attachment, is_local=is_local)
         self._writers: dict[tuple[str, str], Writer] = {}
@@ -49,10 +50,8 @@ class Telemetry:
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick."""
-        if self._start_time_ns is None:  # of a robot whose clock begins with its first tick
-            told = int(self._attachment.status().get("start_time_ns", 0))
-            self._start_time_ns = told or self._attachment.header.start_time_ns
-        time_ns = self._start_time_ns + round(1e9 * float(tick.record.input.state.time))
+        start_time_ns = self._attachment.status().get("start_time_ns", self._attachment.header.start_time_ns)
+        time_ns = start_time_ns + round(1e9 * float(tick.record.input.state.time))
         self._put(TopicMessage(ros.CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
         for message in self._messages.messages(tick.record, time_ns):
             self._put(message)

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import os
 import socket
-from pathlib import Path
 from typing import Any, Self
 
 from humanoid_sim.client import network_on
-from humanoid_sim.errors import InputError, blaming, needing, require_known
+from humanoid_sim.errors import InputError, needing, require_known
 
 LOOPBACK = "lo"
 _LARGEST_DOMAIN = 232  # beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)
@@ -39,28 +38,10 @@ def domain_id() -> int:
     return int(text)
 
 
-def _check_interface(name: str) -> None:
-    require_known("network interface", (name,), [label for _, label in socket.if_nameindex()])
-
-
 def check_network_interface(option: str, name: str) -> None:
     """Refuse an interface that this machine lacks, or that leads to no other machine."""
-    with blaming(option, InputError):
-        _check_interface(name)
-    if name == LOOPBACK:
-        raise InputError(f"{option}: is {LOOPBACK}, which leads to no other machine, expected one such as eth1")
-
-
-def is_wireless(interface: str) -> bool:
-    """Return whether a network interface has no cable."""
-    return Path("/sys/class/net", interface, "wireless").exists()
-
-
-def configuration(interface: str = LOOPBACK) -> str:
-    """Return Cyclone DDS's configuration for one network interface; by default nothing leaves the machine."""
-    is_local = interface == LOOPBACK
-    peers = _LOCAL_PEERS if is_local else ""
-    return _CONFIGURATION.format(interface=interface, loopback=str(is_local).lower(), peers=peers)
+    others = [label for _, label in socket.if_nameindex() if label != LOOPBACK]
+    require_known("network interface to another machine", (name,), others, f"{option}: ")
 
 
 class Participant:
@@ -78,12 +59,14 @@ class Participant:
             from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
         self.domain = domain_id() if domain is None else domain
-        _check_interface(interface)
         self.interface = interface
         self._domain: Any = None
+        is_local = interface == LOOPBACK
+        peers, loopback = (_LOCAL_PEERS, "true") if is_local else ("", "false")
+        configuration = _CONFIGURATION.format(interface=interface, loopback=loopback, peers=peers)
         try:
-            with network_on(interface, from_here=interface == LOOPBACK):
-                self._domain = Domain(self.domain, configuration(interface))
+            with network_on(interface, from_here=is_local):
+                self._domain = Domain(self.domain, configuration)
                 self.entity: Any = DomainParticipant(self.domain)  # Cyclone DDS's
         except (DDSException, OSError) as error:
             self.close()

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from humanoid_sim.client import Decoder, SessionError
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields, schema_text
 from humanoid_sim.ros2.topics import Topic
@@ -49,7 +49,6 @@ class Received(NamedTuple):
     """A sample that came."""
 
     data: bytes  # the whole message, with its encapsulation header
-    source_ns: int  # ns, when it was written, by the writer's clock
     writer: int  # handle of its writer; see `Reader.name_of`
 
 
@@ -87,15 +86,6 @@ class Writer:
         is_sent: bool = self._put(self._writer._ref, message + bytes(-len(message) % 4)) >= 0
         return is_sent
 
-    @property
-    def readers(self) -> int:
-        """Return how many subscribe."""
-        while True:
-            try:
-                return len(self._writer.get_matched_subscriptions())
-            except IndexError:  # a reader joined meanwhile, and the library reads beyond the end of its list
-                continue
-
 
 class Reader:
     """Subscribes to a topic. For one thread."""
@@ -113,7 +103,7 @@ class Reader:
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
 
-        self._name, self._depth = topic, depth or kind.depth
+        self.topic, self._depth = topic, depth or kind.depth
         described, qos = _topic(participant, topic, kind), _qos(kind, self._depth, any_writer=any_writer)
         self._reader = DataReader(participant.entity, described, qos)
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
@@ -121,14 +111,9 @@ class Reader:
         self._set.attach(self._condition)
         self._get = ddspy_take
 
-    def wait(self, timeout: float) -> bool:
-        """Wait at most `timeout` s for a message; True if there is one. Raises `InputError` as `take`."""
-        from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
-
-        try:
-            return bool(self._set.wait(round(1e9 * timeout)))
-        except DDSException as error:
-            raise self._broken(error.code) from None
+    def wait(self, timeout: float) -> None:
+        """Wait at most `timeout` s for a message."""
+        self._set.wait(round(1e9 * timeout))
 
     def take(self) -> list[Received]:
         """Return the messages since the last call, oldest first.
@@ -137,12 +122,8 @@ class Reader:
         """
         samples = self._get(self._reader._ref, self._condition.mask, self._depth)
         if isinstance(samples, int):
-            raise self._broken(samples)
-        valid = ((data, info) for data, info in samples if info.valid_data)
-        return [Received(data, info.source_timestamp, info.publication_handle) for data, info in valid]
-
-    def _broken(self, code: int) -> InputError:
-        return InputError(f"{self._name}: the subscription is broken (DDS error {code}), nothing more is received")
+            raise InputError(f"{self.topic}: the subscription is broken (DDS error {samples})")
+        return [Received(data, info.publication_handle) for data, info in samples if info.valid_data]
 
     def name_of(self, writer: int) -> str:
         """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""
@@ -156,24 +137,14 @@ class Subscription:
     def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
         self.reader = Reader(participant, name, kind, depth=_DEPTH)
         self.latest: dict[str, Any] | None = None
-        self.problem = ""  # reason why a message was not understood, the latest one; empty for none
-        self._name, self._decoder = name, Decoder(schema_text(kind.schema))
+        self._decoder = Decoder(schema_text(kind.schema))
 
     def take(self) -> list[dict[str, Any]]:
-        """Return the messages since the last call, oldest first, without what is not such a message."""
-        found = []
-        for sample in self.reader.take():
-            try:
-                found.append(self._decoder(sample.data))
-            except SessionError as error:
-                self.refuse(str(error))
-        return found
+        """Return the messages since the last call, oldest first. Raises `InputError` for one of another type."""
+        with blaming(self.reader.topic, SessionError):
+            return [self._decoder(sample.data) for sample in self.reader.take()]
 
     def look(self) -> dict[str, Any] | None:
         """Return the newest message, whenever it came; None while there is none."""
         self.latest = next(iter(self.take()[-1:]), self.latest)
         return self.latest
-
-    def refuse(self, problem: str) -> None:
-        """Keep why a message was not understood."""
-        self.problem = f"{self._name}: {problem}"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.dds.commands import ArrivalClock, StatusForwarder, read_command
+from humanoid_sim.frontends.dds.commands import StatusForwarder, read_command
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.ros2.cdr import CdrError, CdrWriter
 from humanoid_sim.ros2.messages import SESSION_FRAME, ForeignStatus, encode_mit_command
@@ -38,19 +38,12 @@ def test_a_command_is_read():
     ("data", "reason"),
     [
         (message(("shoulder", "wrist", "elbow")), "joint_names are shoulder, wrist, elbow, expected shoulder, elbow, "),
-        (message(("shoulder", "elbow")), "joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this"),
-        (message(()), "joint_names are missing, expected shoulder"),
         (message(("x" * 100_000,)), f"joint_names are {'x' * 400}, expected shoulder"),
         (message(velocity=[0.0] * 4), r"velocity: shape is (4,), expected (3,)"),
-        (message(damping=[]), "damping: shape is (0,), expected (3,)"),
         (message(**{name: [0.0] * 2 for name in COMMAND_FIELDS}), "command has shape (2,), expected (3,)"),
         (message(effort=[0.0, float("nan"), 0.0]), "effort of elbow is nan"),
-        (message(velocity=[float("-inf"), 0.0, 0.0]), "velocity of shoulder is -inf"),
-        (message(position=[1e300, 0.0, 0.0]), "position of shoulder is 1e+300"),
         (message(stiffness=[20.0, 20.0, -1.0]), "stiffness of wrist is -1.0"),
         (b"", "encapsulation header is missing"),
-        (b"\0\0\0\0" + message()[4:], "encapsulation header is 00 00 00 00"),
-        (message() + bytes(4), "4 bytes left after the last field"),
         (message()[:24] + b"\xff\xff\xff\x7f" + message()[28:], "a sequence of 2147483647 elements"),
     ],
 )
@@ -62,27 +55,19 @@ def test_what_is_no_command_is_refused_in_one_short_line(data, reason):
     assert "\n" not in str(refused.value)
 
 
-def test_what_a_suspended_process_finds_is_as_old_as_the_poll_before():
-    ms = 1_000_000
-    clock = ArrivalClock(0)
-    stamps = []
-    for now in (5, 10, 700, 705, 750, 790, 805, 810):
-        clock.poll(now * ms)
-        stamps.append(clock.stamp // ms)
-    assert stamps == [0, 5, 10, 10, 10, 10, 790, 805], "until 100 ms after it"
-
-
-def test_a_fault_is_handed_on_at_once_and_a_flood_twenty_times_a_second():
+def test_a_fault_is_forwarded_at_once_and_a_flood_twenty_times_a_second():
     reported = []
     intake = SimpleNamespace(post_safety=lambda name, level, *_, **__: reported.append((name, level)))
     forwarder = StatusForwarder(intake)
     for number in range(100):
-        now = 0.001 * number
-        forwarder.take(ForeignStatus("", number % 2, "lidar", 0, ""), 0, now)
-        forwarder.flush(now)
-    assert reported[0] == ("lidar", 0)
-    assert ("lidar", 1) in reported[:2], "the first fault"
+        forwarder.take(ForeignStatus("", number % 2, "lidar", 0, ""))
+        forwarder.flush(0, 0.001 * number)
+    assert reported[:2] == [("lidar", 0), ("lidar", 1)], "the first fault"
     assert len(reported) <= 8
-    forwarder.take(ForeignStatus(SESSION_FRAME, 2, "can0", 0, ""), 0, 1.0)
-    forwarder.flush(1.0)
+    for level in (1, 0):
+        forwarder.take(ForeignStatus("", level, "glitch", 0, ""))
+    forwarder.take(ForeignStatus(SESSION_FRAME, 2, "can0", 0, ""))
+    for now in (1.0, 1.01, 1.06):
+        forwarder.flush(0, now)
+    assert reported[-2:] == [("glitch", 1), ("glitch", 0)], "a fault that ends within one poll still damps"
     assert "can0" not in dict(reported), "what a session publishes does not come back"
