@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import MotorGroup, Readings
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, bounded_position
@@ -57,7 +57,6 @@ def make_wiring(
 ) -> Wiring:
     """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
-    Raises `InputError` if a joint has no motor or a motor of no known model, or the channels do not fit the buses.
     `calibration`: homing offset of every joint, rad, motor frame; None: 0 for all.
     """
     name, joints = description.name, description.joint_names
@@ -65,16 +64,13 @@ def make_wiring(
     if len(motors) < description.joint_count:
         without = ", ".join(joint.name for joint in description.joints if joint.motor is None)
         raise InputError(f"{name}: these joints have no motor in the robot description: {without}")
-    for joint, motor in zip(joints, motors, strict=True):
-        if motor.model not in MOTORS:
-            raise InputError(f"{name}: joint '{joint}': {known_names('motor model', motor.model, MOTORS)}")
     buses = max(motor.bus for motor in motors) + 1
     if channel_count not in {1, buses}:
         raise InputError(f"{name}: {channel_count} channels given, expected 1, or one for each of its {buses} buses")
     offsets = dict.fromkeys(joints, 0.0) if calibration is None else calibration
-    wrong = [joint for joint in {**offsets, **dict.fromkeys(joints)} if joint not in joints or joint not in offsets]
-    if wrong := wrong or [joint for joint in joints if not math.isfinite(offsets[joint])]:
-        raise InputError(f"{name}: calibration: expected one finite offset for every joint; wrong: {', '.join(wrong)}")
+    wrong = set(offsets) ^ set(joints) | {joint for joint, offset in offsets.items() if not math.isfinite(offset)}
+    if wrong:
+        raise InputError(f"{name}: calibration: expected a finite offset of every joint; wrong: {', '.join(wrong)}")
     models = tuple(MOTORS[motor.model] for motor in motors)
     return Wiring(
         names=joints,
@@ -105,12 +101,6 @@ class JointReadings(NamedTuple):
     effort: FloatArray  # N·m; 0 where never received
 
 
-def unknown_joints(joint_count: int) -> JointReadings:
-    """Return the state of joints that were never received."""
-    zeros = np.zeros(joint_count)
-    return JointReadings(np.full(joint_count, -np.inf), np.full(joint_count, np.nan), zeros, zeros)
-
-
 class JointTracker:
     """Follows the motors' positions over wraps, and notices when one cannot be believed any more."""
 
@@ -129,17 +119,15 @@ class JointTracker:
         wiring, last, position = self._wiring, self._last, readings.position
         if last is not None:
             period = 2.0 * wiring.position_range
-            periods = np.round((last.position - position) / period)
-            position = position + period * np.where(np.isfinite(periods), periods, 0.0)
+            position = position + period * np.nan_to_num(np.round((last.position - position) / period))
             self.jumped = self.jumped | _has_jumped(last, readings._replace(position=position), wiring.fastest)
             self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = readings._replace(position=position)
-        is_known = np.isfinite(readings.time)
         return JointReadings(
-            time=np.where(is_known, readings.time, -np.inf),
+            time=np.nan_to_num(readings.time, nan=-np.inf),
             position=wiring.direction * (position + self._shift - wiring.offset),
-            velocity=np.where(is_known, wiring.direction * readings.velocity, 0.0),
-            effort=np.where(is_known, wiring.direction * readings.effort, 0.0),
+            velocity=wiring.direction * np.nan_to_num(readings.velocity),
+            effort=wiring.direction * np.nan_to_num(readings.effort),
         )
 
     def to_motor(self, position: FloatArray) -> FloatArray:
@@ -156,8 +144,7 @@ def _has_jumped(last: Readings, now: Readings, fastest: FloatArray) -> npt.NDArr
     """Return where a position moved by more than its velocity explains, shape (n,); False where anything is NaN.
 
     Between two frames a joint moves by the mean of its velocities times the time, to within a quarter of its
-    acceleration times the time squared. So what is found at rest is a jump of 0.15 rad within 20 ms. An encoder that
-    lost its place has lost its zero. `fastest`: shape (n,), rad/s, the motors' largest velocity.
+    acceleration times the time squared. So what is found at rest is a jump of 0.15 rad within 20 ms.
     """
     moved, elapsed = now.position - last.position, now.time - last.time
     speed, time = np.maximum(np.abs(now.velocity), np.abs(last.velocity)), np.abs(elapsed)
@@ -213,31 +200,17 @@ def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
 def check_positions(wiring: Wiring, joints: Iterable[int], position: FloatArray, checks: CheckList) -> None:
     """Note where these joints are, or why that is not known; `position` as for `find_turns`."""
     turns = find_turns(wiring, position)
+    angle = wiring.direction * (position + _TURN * np.nan_to_num(turns) - wiring.offset)
+    ends = np.array([wiring.lower, wiring.upper])
+    reach = np.abs(wiring.direction * ends + wiring.offset - _TURN * turns).max(axis=0)
     for i in joints:
-        name, problem = wiring.names[i], _position_problem(wiring, i, float(position[i]), float(turns[i]))
-        if problem:
-            checks.problem(name, problem)
-            continue
-        joint = wiring.direction[i] * (position[i] + _TURN * turns[i] - wiring.offset[i]) + 0.0
-        counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
-        checks.passed(name, f"at {joint:.3f} rad = {np.rad2deg(joint):.1f}°{counts}")
-
-
-def _position_problem(wiring: Wiring, i: int, position: float, turns: float) -> str:
-    lower, upper = float(wiring.lower[i]), float(wiring.upper[i])
-    if not math.isfinite(position):
-        return "has not reported its position"
-    if not math.isfinite(turns):
-        middle = 0.5 * (lower + upper)
-        nearest = middle + math.remainder(float(wiring.direction[i] * (position - wiring.offset[i])) - middle, _TURN)
-        if lower - MARGIN <= nearest <= upper + MARGIN:
-            return f"may be on more than one turn: its range, {lower:g} to {upper:g} rad, is almost a whole one"
-        return f"is at {nearest:.2f} rad, outside {lower:g} to {upper:g} on any turn: calibrate it, or check direction"
-    ends = wiring.direction[i] * np.array([lower, upper]) + wiring.offset[i] - _TURN * turns
-    reach = wiring.position_range[i]
-    if np.isfinite(ends).all() and np.abs(ends).max() > reach:
-        return (
-            f"its range is {ends.min():.2f} to {ends.max():.2f} rad at the motor, commands reach ±{reach:.2f}: "
-            "switch the motor off and on, or set its zero"
-        )
-    return ""
+        name, limits = wiring.names[i], f"{wiring.lower[i]:g} to {wiring.upper[i]:g} rad"
+        if not math.isfinite(position[i]):
+            checks.problem(name, "has not reported its position")
+        elif not math.isfinite(turns[i]):
+            checks.problem(name, f"is at {angle[i]:.2f} rad, not within {limits} on one turn: calibrate it")
+        elif wiring.position_range[i] < reach[i] < math.inf:
+            text = f"needs commands of {reach[i]:.2f} rad, which reach {wiring.position_range[i]:.2f}"
+            checks.problem(name, f"{text}: switch the motor off and on, or set its zero")
+        else:
+            checks.passed(name, f"at {angle[i]:.3f} rad = {np.rad2deg(angle[i]):.1f}°")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
+
+CAN_TIMEOUT = 0.1  # s without a command after which a motor stops by itself, unless another time is wanted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,10 +36,6 @@ class MotorGroup:
     def on_channel(self, channel: int) -> tuple[int, ...]:
         """Return indices of the motors on a channel."""
         return tuple(i for i, index in enumerate(self.channel) if index == channel)
-
-    def of_family(self, family: str) -> tuple[int, ...]:
-        """Return indices of the motors of a family."""
-        return tuple(i for i, model in enumerate(self.model) if model.family == family)
 
     def select(self, indices: Sequence[int]) -> MotorGroup:
         """Return some of these motors as a group of their own, in this order."""
@@ -71,6 +69,7 @@ class LinkTerms:
     control_period: float  # s between two commands
     damping: FloatArray = field(default_factory=lambda: np.zeros(0))  # shape (motors,), N·m·s/rad, for a watchdog
     known_uids: Mapping[str, bytes] = field(default_factory=dict)  # of an earlier activation, by joint
+    accepted_firmware: Collection[str] = ()  # versions that no document mentions and an operator accepts
 
 
 class MotorLink(Protocol):
@@ -104,6 +103,7 @@ class MotorLink(Protocol):
 
     def status(self) -> SafetyStatus | None:
         """Return what is wrong with the watchdog of these motors; FAULT: it has taken over, and nothing is sent."""
+        return None
 
     def command(self, values: FloatArray) -> None:
         """Queue one command to every motor, superseding what has not left.

@@ -5,17 +5,16 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import socket
 import time as system_time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_address
-from humanoid_sim.hardware.bus.address import open_bus as open_python_can
-from humanoid_sim.hardware.bus.channel import NEVER, OpenBus
-from humanoid_sim.hardware.bus.open_channels import ChannelLock, OpenChannels, lock_channels
+from humanoid_sim.hardware.can_bus import NEVER, BusAddress, OpenBus, OpenChannels, lock_channels, parse_address
+from humanoid_sim.hardware.can_bus import open_bus as open_python_can
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
 from humanoid_sim.hardware.joints import (
@@ -25,13 +24,11 @@ from humanoid_sim.hardware.joints import (
     find_turns,
     make_wiring,
     motor_values,
-    unknown_joints,
 )
-from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink, Readings
-from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
+from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, Finding, LinkTerms, MotorGroup, MotorLink, Readings
 from humanoid_sim.hardware.robstride.motors import RobstrideMotors
-from humanoid_sim.hardware.robstride.parameters import CanTimeout
-from humanoid_sim.hardware.safety import SafetyWatch
+from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, LONGEST_CAN_TIMEOUT
+from humanoid_sim.hardware.safety import channel_status, joint_findings
 from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand, MITState
@@ -80,16 +77,13 @@ class HardwareRobot:
         accepted_firmware: Collection[str] = (),  # versions that no document mentions and an operator accepts
         open_bus: OpenBus = open_python_can,
     ) -> None:
-        """Describe the robot; nothing is opened yet.
-
-        Raises `InputError` if a channel, the calibration or a number does not fit.
-        """
+        """Describe the robot; nothing is opened yet."""
         self.description = description
         self.control_period = 1.0 / description.hardware.control_frequency if control_period is None else control_period
         self._name = description.name
         self._addresses = tuple(parse_address(each) if isinstance(each, str) else each for each in channels)
         self._wiring = wiring = make_wiring(description, len(self._addresses), calibration)
-        longest = CanTimeout.to_seconds(CanTimeout.LONGEST)
+        longest = CAN_TIMEOUT_TICK * LONGEST_CAN_TIMEOUT
         if not self.control_period < can_timeout <= longest:
             accepted = f"more than the control period of {self.control_period:g} s, and at most {longest:g} s"
             raise InputError(f"CAN timeout: is {can_timeout:g} s, expected {accepted}")
@@ -99,35 +93,33 @@ class HardwareRobot:
                 f"{self._name}: motors that execute their last command for ever when this program dies: {endless}; "
                 "--allow-no-timeout accepts that"
             )
-        sources = []
-        for index, address in enumerate(self._addresses):
-            families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(index))
-            sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
-        self._sources = tuple(sources)
-        self._can_timeout = can_timeout
+        families = [dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(k)) for k in range(len(channels))]
+        self._sources = [
+            f"humanoid_devices_{'_'.join(names)}/{address}"
+            for names, address in zip(families, self._addresses, strict=True)
+        ]
+        self._can_timeout, self._rx_timeout = can_timeout, description.hardware.rx_timeout_ms / 1000.0
         self._undirected = ", ".join(unconfirmed)
-        self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._imu, self._anchor, self._live = imu, anchor, live
-        self.accepted = set(accepted_firmware)
-        self._open_bus = open_bus
+        self._accepted_firmware, self._open_bus = accepted_firmware, open_bus
         self._clock, self._origin = clock, clock()
         zeros = np.zeros(wiring.count)
         self._damped = MITCommand(zeros, zeros, zeros, zeros, description.mode_damping)
 
-        self._locks: tuple[ChannelLock, ...] = ()
+        self._locks: tuple[socket.socket, ...] = ()
         self._line: OpenChannels | None = None
-        self._links: tuple[tuple[MotorLink, list[int]], ...] = ()  # with the joints of their motors
-        self._tracker: JointTracker | None = None
-        self._watch: SafetyWatch | None = None
-        self._joints = unknown_joints(wiring.count)
-        self._last_command: MITCommand | None = None
-        self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
-        self._commands = 0
-        self._saturated = np.zeros(wiring.count, dtype=int)
+        self._links: list[tuple[MotorLink, list[int]]] = []  # with the joints of their motors
+        self._tracker = JointTracker(wiring, np.full(wiring.count, np.nan))
+        self._joints = self._tracker.update(self._readings())
+        self._enabled_since: float | None = None  # s, robot's clock; None: the motors are not enabled
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
+        self._last_command: MITCommand | None = None
+        self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
+        self._findings: list[Finding] = []  # of the latest reading, by joint
+        self._commands, self._saturated = 0, np.zeros(wiring.count, dtype=int)
         self._uids: dict[str, bytes] = {}
-        self._slipped: frozenset[str] = frozenset()
+        self._slipped: set[str] = set()
         self.checks = CheckList(self._name)  # findings of the latest `prepare` or `activate`
         self._is_closing = False
         self.is_closed = False  # `close` has done all it does: before that, there may be motors to protect
@@ -145,7 +137,7 @@ class HardwareRobot:
     @property
     def is_enabled(self) -> bool:
         """Return whether the motors were enabled, and not disabled since by this program."""
-        return self._watch is not None
+        return self._enabled_since is not None
 
     # --- activation
 
@@ -155,125 +147,122 @@ class HardwareRobot:
         Raises `RobotError` with the whole list of what is wrong. The robot can still be read, and reports that it is
         not enabled.
         """
-        if self._is_closing:
-            raise RobotError(f"{self._name}: the robot is closed")
-        if self._tracker is not None:
-            self._slipped |= {self.joints[i] for i in np.flatnonzero(self._tracker.jumped)}
-        self._damp()  # or arms that still sink would fall while their motors are verified
-        self._retire()
-        self.checks = checks = CheckList(self._name, self.accepted)
-        if self._undirected:
-            checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._undirected}")
-        for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
-            checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
-        with self._giving_up():
-            line = self._open()
-            for link, _ in self._links:
-                link.examine(checks)
-            checks.refuse()
-            for link, _ in self._links:
-                link.make_ready(checks)
-            known = [i for link, joints in self._links if link.knows_positions for i in joints]
-            check_positions(self._wiring, known, self._readings().position, checks)
-            line.check(checks)
-            checks.refuse()
-            line.warn_of_strangers(checks)
-        self._may_run = frozenset()
-        self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
-        self._track()
+        self._bring_up(enables=False)
 
     def activate(self) -> None:
         """Verify and configure everything afresh, then enable every motor, without torque.
 
         Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
         """
-        self.prepare()
-        line, checks = self._line, self.checks
-        assert line is not None
-        with self._giving_up():
-            checks.refuse_questions()
-            self._may_run = frozenset(range(self._wiring.count))
-            # First those that nothing stops. They report where they are once they are enabled, and not before.
-            for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
-                link.enable(checks)
-                line.check(checks)
-                checks.refuse()
-            late = [i for link, joints in self._links if not link.knows_positions for i in joints]
-            check_positions(self._wiring, late, self._readings().position, checks)
-            checks.refuse()
-        self._track()
-        self._commands = 0
-        self._watch = SafetyWatch(self._wiring, self._sources, line, self._rx_timeout)
+        self._bring_up(enables=True)
 
-    def _open(self) -> OpenChannels:
+    def _bring_up(self, *, enables: bool) -> None:
+        if self._is_closing:
+            raise RobotError(f"{self._name}: the robot is closed")
+        self._slipped |= {self.joints[i] for i in np.flatnonzero(self._tracker.jumped)}
+        self._damp()  # or arms that still sink would fall while their motors are verified
+        self._retire()
+        self.checks = CheckList(self._name)
+        try:
+            self._verify(self.checks)
+            if enables:
+                self._enable(self.checks)
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
+        self._read_joints()
+        if enables:
+            self._enabled_since, self._commands = self.time, 0
+
+    def _verify(self, checks: CheckList) -> None:
+        """Open everything, identify every motor, and only then stop and configure them."""
+        if self._undirected:
+            checks.warn(self._name, f"no person has confirmed the direction (hardware identify) of {self._undirected}")
+        for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
+            checks.warn(joint, "its position jumped before: compare it with this list, and calibrate if it differs")
+        line = self._open(checks)
+        for link, _ in self._links:
+            link.examine(checks)
+        checks.refuse()
+        for link, _ in self._links:
+            link.make_ready(checks)
+        known = [i for link, joints in self._links if link.knows_positions for i in joints]
+        check_positions(self._wiring, known, self._readings().position, checks)
+        line.check(checks)
+        checks.refuse()
+        self._may_run = frozenset()
+        self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
+        for source, channel in zip(line.sources, line.channels, strict=True):
+            for kind, count in channel.strangers.items():
+                checks.warn(source, f"{count} × {kind}: another program, or a motor in another protocol")
+
+    def _open(self, checks: CheckList) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
-        checks, wiring = self.checks, self._wiring
+        wiring = self._wiring
         self._locks = self._locks or lock_channels(self._addresses, checks)
         if self._imu is not None:
             self._imu.close()
             with checks.collecting("imu"):
                 self._imu.open()
-        self._line = line = OpenChannels(
-            self._addresses,
-            checks,
-            clock=lambda: self.time,
-            open_bus=self._open_bus,
-            locks=self._locks,
-        )
+        clock = lambda: self.time  # noqa: E731
+        self._line = OpenChannels(self._addresses, checks, clock=clock, open_bus=self._open_bus, locks=self._locks)
         for family, make_link in LINKS.items():
-            joints = list(wiring.of_family(family))
+            joints = [i for i, model in enumerate(wiring.model) if model.family == family]
             damping = self._damped.damping[joints]
-            terms = LinkTerms(self._can_timeout, self.control_period, damping, self._uids)
+            terms = LinkTerms(self._can_timeout, self.control_period, damping, self._uids, self._accepted_firmware)
             # A family without motors here has a link as well, which takes that family's frames off the others.
-            link = make_link(line, wiring.select(joints), terms)
-            line.listeners.append(link.receive)
+            link = make_link(self._line, wiring.select(joints), terms)
+            self._line.listeners.append(link.receive)
             if joints:
-                self._links = (*self._links, (link, joints))
-        return line
+                self._links.append((link, joints))
+        return self._line
 
-    def _track(self) -> None:
-        """Begin to follow the joints from where their motors are."""
-        self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
-        self._read_joints()
+    def _enable(self, checks: CheckList) -> None:
+        """Enable first the motors that nothing stops; they report where they are once they are enabled."""
+        assert self._line is not None
+        self._may_run = frozenset(range(self._wiring.count))
+        for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
+            link.enable(checks)
+            self._line.check(checks)
+            checks.refuse()
+        late = [i for link, joints in self._links if not link.knows_positions for i in joints]
+        check_positions(self._wiring, late, self._readings().position, checks)
+        checks.refuse()
 
     def _retire(self) -> None:
-        """Stop what nothing else stops, and close the channels of an earlier activation."""
-        endless = set(self._wiring.endless)
-        if self._may_run & endless:
-            self._may_run = (self._may_run - endless) | self._stop(endless).keys()
+        """Stop what may run, and close the channels of an earlier activation."""
+        if self._may_run:
+            self._may_run &= self._stop(self._may_run).keys()
         for link, _ in self._links:
             link.close()
         if self._line is not None:
             self._line.close()
-        self._line, self._links, self._tracker, self._watch = None, (), None, None
-        self._joints = unknown_joints(self._wiring.count)
-        self._last_command = None
+        self._line, self._links, self._findings = None, [], []
+        self._tracker = JointTracker(self._wiring, np.full(self._wiring.count, np.nan))
+        self._enabled_since = self._last_command = None
+        self._read_joints()
         self._why_not = "not enabled"
 
-    @contextlib.contextmanager
-    def _giving_up(self) -> Iterator[None]:
-        """After a refusal within, stop the motors, unless another master drives them, whose arms would fall.
+    def _give_up(self, error: BaseException) -> None:
+        """After a refusal, stop the motors, unless another master drives them, whose arms would fall.
 
-        Raises `RobotError` in place of one of these, where motors of an earlier activation do not confirm it.
+        Raises `RobotError` in place of one where motors of an earlier activation do not confirm it.
         """
-        try:
-            yield
-        except BaseException as error:
-            line, checks = self._line, self.checks
-            is_ours = line is not None and (bool(self._may_run) or all(notes.intruder is NEVER for notes in line.notes))
-            if line is not None and is_ours:
-                line.forget_queues()
-                self._may_run &= self._stop(range(self._wiring.count)).keys()
-            for link, _ in self._links:
-                link.close()
-            reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
-            head = "the motors are off" if is_ours and not self._may_run else "no motor is driven"
-            self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
-            if not self._may_run or not isinstance(error, RobotError):
-                raise
+        line = self._line
+        is_ours = line is not None and (self._may_run or all(each.intruder is NEVER for each in line.channels))
+        if line is not None and is_ours:
+            line.forget_queues()
+            self._may_run &= self._stop(range(self._wiring.count)).keys()
+        for link, _ in self._links:
+            link.close()
+        reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
+        head = "the motors are off" if is_ours and not self._may_run else "no motor is driven"
+        self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
+        if isinstance(error, RobotError) and self._may_run:
             for i in sorted(self._may_run):
-                checks.problem(self.joints[i], "does not confirm that it is disabled")
-            checks.refuse()
+                self.checks.problem(self.joints[i], "does not confirm that it is disabled")
+            self.checks.refuse()
 
     # --- the control loop
 
@@ -314,25 +303,28 @@ class HardwareRobot:
         return Readings(*arrays)
 
     def _read_joints(self) -> JointReadings:
-        if self._tracker is not None:
-            self._joints = self._tracker.update(self._readings())
+        self._joints = self._tracker.update(self._readings())
         return self._joints
 
     def _statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
-        watch, tracker = self._watch, self._tracker
-        if watch is None or tracker is None:
-            flag = SafetyFlag.BUS_OFF if self._line is None else SafetyFlag.MOTOR_FAULT
+        line = self._line
+        if line is None or self._enabled_since is None:
+            flag = SafetyFlag.BUS_OFF if line is None else SafetyFlag.MOTOR_FAULT
             return tuple(SafetyStatus(SafetyLevel.FAULT, flag, source, self._why_not) for source in self._sources)
         watchdogs = tuple(status for link, _ in self._links if (status := link.status()) is not None)
         if any(status.level is SafetyLevel.FAULT for status in watchdogs):
             return watchdogs  # whatever the motors do is its doing
-        findings = [
-            finding._replace(motor=joints[finding.motor])
-            for link, joints in self._links
-            for finding in link.findings(watch.since(now))
-        ]
+        since = max(now - self._rx_timeout, self._enabled_since)
+        findings = joint_findings(age, self._rx_timeout, self._tracker)
+        for link, joints in self._links:
+            findings += [finding._replace(motor=joints[finding.motor]) for finding in link.findings(since)]
+        self._findings = findings
+        statuses = []
+        for index, (source, channel) in enumerate(zip(self._sources, line.channels, strict=True)):
+            own = [finding for finding in findings if self._wiring.channel[finding.motor] == index]
+            statuses.append(channel_status(source, channel, self.joints, own, since))
         bad = (_BAD_COMMAND,) if now - self._bad_command <= self._rx_timeout else ()
-        return (*watch.statuses(now, age, tracker, findings), *bad, *watchdogs)
+        return (*statuses, *bad, *watchdogs)
 
     def write(self, command: MITCommand) -> None:
         """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
@@ -347,14 +339,14 @@ class HardwareRobot:
         self._write(command)
 
     def _write(self, command: MITCommand) -> None:
-        tracker = self._tracker
-        if self._watch is None or tracker is None:
+        if self._enabled_since is None:
             return
         if not command.is_finite():
             self._bad_command = self.time
             command = self._damped
         self._last_command = command
-        values, cut_off = motor_values(self._wiring, command, self._joints, tracker, _LEAD * self.control_period)
+        lead = _LEAD * self.control_period
+        values, cut_off = motor_values(self._wiring, command, self._joints, self._tracker, lead)
         self._saturated += cut_off
         self._commands += 1
         for link, joints in self._links:
@@ -374,18 +366,18 @@ class HardwareRobot:
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
             for lock in self._locks:
-                stack.callback(lock.release)
+                stack.callback(lock.close)
             if self._imu is not None:
                 stack.callback(self._imu.close)
             if self._line is not None:
                 stack.callback(self._line.close)
             for link, _ in self._links:
                 stack.callback(link.close)
-            if self._line is not None and (self._tracker is not None or self._may_run):
+            if self._line is not None and self._may_run:
                 try:
                     self._damp()
                 finally:
-                    self._watch = None
+                    self._enabled_since = None
                     self._line.forget_queues()
                     left = self._stop(self._stop(range(self._wiring.count)))  # once more, for a lost frame
                     self._may_run &= left.keys()
@@ -412,7 +404,7 @@ class HardwareRobot:
     def _damp(self) -> None:
         """Damp the joints until they are known to rest, for 3 s at most; unless there was no torque."""
         last = self._last_command
-        if last is None or self._watch is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
+        if not self.is_enabled or last is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
             return
         rest = RestDetector(_PERIOD)
         deadline = system_time.monotonic() + _LONGEST
@@ -429,19 +421,20 @@ class HardwareRobot:
             for channel in (() if self._line is None else self._line.channels)
         ]
         saturated = {joint: int(count) for joint, count in zip(self.joints, self._saturated, strict=True) if count}
-        temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
         lines = [f"{self._commands} commands to each of {self._wiring.count} motors"]
-        for channel in channels:
-            counts = [f"{count} {name}" for name, count in channel.items() if name != "source" and count]
-            lines.append(f"{channel['source']}: {', '.join(counts)}")
+        lines += [", ".join(f"{name} {value}" for name, value in channel.items() if value) for channel in channels]
         if saturated:
             cut_off = ", ".join(f"{joint} {count} times" for joint, count in saturated.items())
             lines.append(f"commands cut off at the motor's range: {cut_off}")
+        faults: dict[str, list[str]] = {}
+        for finding in self._findings:
+            faults.setdefault(self.joints[finding.motor], []).append(finding.text)
+        temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
         return {
             "channels": channels,
             "commands": self._commands,
             "saturated": saturated,
             "temperature": {joint: value for joint, value in temperatures if math.isfinite(value)},
-            "faults": {} if self._watch is None else dict(self._watch.faults),
+            "faults": faults,
             "lines": lines,
         }

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from humanoid_sim.errors import InputError, require_known
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, Drive
 from humanoid_sim.hardware.mock.plant import MotorPlant

@@ -9,21 +9,43 @@ from __future__ import annotations
 
 import math
 
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
-from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID, decode_command, encode_command, encode_reply
 from humanoid_sim.hardware.robstride.firmware import emulated_version
-from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
 from humanoid_sim.hardware.robstride.parameters import (
+    CAN_TIMEOUT_TICK,
+    OPERATION_MODE,
     PARAMETERS,
     PARAMETERS_BY_INDEX,
-    CanTimeout,
-    RunMode,
+    PROFILE_POSITION_MODE,
     fault_word,
     pack_value,
     report_interval,
     unpack_value,
+)
+from humanoid_sim.hardware.robstride.protocol import (
+    CLEAR_FAULTS,
+    DEFAULT_HOST_ID,
+    HERE,
+    LARGEST_MOTOR_ID,
+    READ_VERSION,
+    DeviceId,
+    FaultBit,
+    FaultReport,
+    FrameType,
+    MotorMode,
+    OperationControl,
+    ParameterReply,
+    Reply,
+    Status,
+    StatusFault,
+    Version,
+    WarningBit,
+    decode_operation,
+    encode_operation,
+    encode_reply,
+    flag_names,
+    split_identifier,
 )
 from humanoid_sim.robots.motors import MotorModel
 
@@ -45,7 +67,7 @@ class RobstrideMotor:
         self.parameters = defaults | limits | self.stored
         lowest = -math.pi if self.parameters["zero_sta"] else 0.0
         self.origin = self.sensed.shaft - lowest - (self.sensed.shaft - self.zero - lowest) % (2.0 * math.pi)
-        self.host_id = messages.DEFAULT_HOST_ID
+        self.host_id = DEFAULT_HOST_ID
         self.received = -math.inf
         self.status_faults, self.fault_bits = StatusFault(0), FaultBit(0)
         self.next_report = math.inf
@@ -53,7 +75,7 @@ class RobstrideMotor:
 
     def _reset(self) -> None:
         self.is_running = False
-        self.command: messages.OperationControl | None = None
+        self.command: OperationControl | None = None
 
     def is_for(self, frame: Frame) -> bool:
         """Return whether a frame names this motor."""
@@ -61,31 +83,33 @@ class RobstrideMotor:
 
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
         """Execute a frame that names it, at a time, s; returns its answers."""
-        command = decode_command(frame, self.can_id, self.model)
-        if isinstance(command, messages.Ignored | messages.Malformed):
+        kind, high, host, _ = split_identifier(frame.arbitration_id)
+        if not frame.is_extended or frame.is_error or frame.is_remote:
             return ()
-        self.received = time
-        if isinstance(command, messages.OperationControl):
-            self.command = command if self.is_running else None
-            return (encode_reply(self._status(), self.model),)
-        self.host_id = command.host_id  # it answers the last host that sent anything but operation control
-        reply = self._execute(command, time)
-        return () if reply is None else (encode_reply(reply, self.model),)
+        if kind == FrameType.OPERATION_CONTROL and len(frame.data) == 8:
+            self.command = decode_operation(frame, self.model) if self.is_running else None
+            self.received = time
+            return (encode_reply(self._status(), self.model, self.host_id),)
+        reply = self._execute(kind, high, frame.data.ljust(8, b"\0"), time)
+        if reply is None:
+            return ()
+        self.received, self.host_id = time, host  # it answers the last host that sent anything but operation control
+        return (encode_reply(reply, self.model, host),)
 
     def advance(self, time: float) -> tuple[Frame, ...]:
         """Check protections and timeouts at a time, s; returns the frames that it sends unasked."""
-        replies: list[messages.Reply] = []
+        replies: list[Reply] = []
         before = self.fault_bits
         self._protect()
         if self.fault_bits != before:
-            replies.append(messages.FaultReport(self.can_id, self.host_id, self.fault_bits, WarningBit(0)))
+            replies.append(FaultReport(self.can_id, self.fault_bits, WarningBit(0)))
         ticks = int(self.parameters["canTimeout"])
-        if self.is_running and 0.0 < CanTimeout.to_seconds(ticks) <= time - self.received:
+        if self.is_running and 0.0 < CAN_TIMEOUT_TICK * ticks <= time - self.received:
             self._reset()  # the mode bits show it, no fault bit
         if time >= self.next_report:
             replies.append(self._status(is_report=True))
             self.next_report += self._report_interval()
-        return tuple(encode_reply(reply, self.model) for reply in replies)
+        return tuple(encode_reply(reply, self.model, self.host_id) for reply in replies)
 
     def drive(self) -> Drive:
         """Return the command of its control loop."""
@@ -102,14 +126,14 @@ class RobstrideMotor:
 
     def zero_torque(self) -> tuple[Frame, ...]:
         """Return the frames with which another computer commands no torque."""
-        return (encode_command(messages.OperationControl(self.can_id, 0.0, 0.0, 0.0, 0.0, 0.0), self.model),)
+        return (encode_operation(self.can_id, OperationControl(0.0, 0.0, 0.0, 0.0, 0.0), self.model),)
 
-    def _status(self, *, is_report: bool = False) -> messages.Status:
+    def _status(self, *, is_report: bool = False) -> Status:
         sensed, limit = self.sensed, self.model.position
         position = (sensed.shaft - self.origin + limit) % (2.0 * limit) - limit  # it wraps, it does not saturate
         mode = MotorMode.RUN if self.is_running else MotorMode.RESET
         measured = position, sensed.velocity, sensed.torque, sensed.temperature
-        return messages.Status(self.can_id, self.host_id, *measured, mode, self.status_faults, is_report)
+        return Status(self.can_id, *measured, mode, self.status_faults, is_report)
 
     def _report_interval(self) -> float:
         return report_interval(max(int(self.parameters["EPScan_time"]), 1))
@@ -129,39 +153,41 @@ class RobstrideMotor:
         if self.is_running and self.fault_bits:
             self._reset()
 
-    def _execute(self, command: messages.Command, time: float) -> messages.Reply | None:  # noqa: PLR0912 - one for each
-        match command:
-            case messages.GetDeviceId():
-                return messages.DeviceId(self.can_id, self.uid)
-            case messages.ReadVersion():
-                return messages.Version(self.can_id, self.host_id, emulated_version(self.model))
-            case messages.ReadParameter(index=index):
+    def _execute(self, kind: int, high: int, data: bytes, time: float) -> Reply | None:  # noqa: PLR0912
+        """Obey a command; None for a frame that is none. Shorter forms that other hosts send are accepted as well."""
+        index = int.from_bytes(data[:2], "little")
+        match kind:
+            case FrameType.GET_DEVICE_ID:
+                return DeviceId(self.can_id, self.uid)
+            case FrameType.STOP if data.startswith(READ_VERSION):
+                return Version(self.can_id, emulated_version(self.model))
+            case FrameType.READ_PARAMETER:
                 return self._read(index)
-            case messages.SetDeviceId(new_id=new_id):
-                self.can_id = new_id if 1 <= new_id <= LARGEST_MOTOR_ID else self.can_id
-                return messages.DeviceId(self.can_id, self.uid)
-            case messages.Enable():
-                if not (self.is_running or self.fault_bits or self.parameters["run_mode"]):
+            case FrameType.SET_DEVICE_ID:
+                self.can_id = high if 1 <= high <= LARGEST_MOTOR_ID else self.can_id
+                return DeviceId(self.can_id, self.uid)
+            case FrameType.ENABLE:
+                if not (self.is_running or self.fault_bits or self.parameters["run_mode"] != OPERATION_MODE):
                     self.is_running, self.command = True, None
-            case messages.Stop(clear_fault=clear):
+            case FrameType.STOP:
                 self._reset()
-                if clear:
+                if data.startswith(CLEAR_FAULTS):
                     self.status_faults, self.fault_bits = StatusFault(0), FaultBit(0)
                     self._protect()
-            case messages.SetZero():
-                if self.parameters["run_mode"] != RunMode.PROFILE_POSITION:
+            case FrameType.SET_ZERO if data.startswith(HERE):
+                if self.parameters["run_mode"] != PROFILE_POSITION_MODE:
                     self.origin = self.sensed.shaft
-            case messages.WriteParameter(index=index, payload=payload):
-                self._write(index, payload)
-            case messages.SaveParameters():
+            case FrameType.WRITE_PARAMETER:
+                self._write(index, data[4:])
+            case FrameType.SAVE_PARAMETERS:
                 self.stored, self.zero = dict(self.parameters), self.origin
-            case messages.SetActiveReport(is_on=is_on):
-                self.next_report = time + self._report_interval() if is_on else math.inf
+            case FrameType.ACTIVE_REPORT if data[6] <= 1:
+                self.next_report = time + self._report_interval() if data[6] else math.inf
             case _:
                 return None
         return self._status()
 
-    def _read(self, index: int) -> messages.ParameterReply:
+    def _read(self, index: int) -> ParameterReply:
         sensed, word = self.sensed, fault_word(self.model.name)
         measured = {
             "mechPos": sensed.shaft - self.origin,
@@ -173,8 +199,8 @@ class RobstrideMotor:
         known = word if index == word.index else PARAMETERS_BY_INDEX.get(index)
         values = self.parameters | measured
         if known is None or known.name not in values:
-            return messages.ParameterReply(self.can_id, self.host_id, index, bytes(4), is_success=False)
-        return messages.ParameterReply(self.can_id, self.host_id, index, pack_value(known.type, values[known.name]))
+            return ParameterReply(self.can_id, index, bytes(4), is_success=False)
+        return ParameterReply(self.can_id, index, pack_value(known.type, values[known.name]))
 
     def _write(self, index: int, payload: bytes) -> None:
         """Set a parameter, whatever its range; a read-only or unknown one, or NaN, changes nothing."""

@@ -11,8 +11,7 @@ from typing import Self
 
 import can
 
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
-from humanoid_sim.hardware.bus.frame import Echoes, frame_of, message_of
+from humanoid_sim.hardware.can_bus import BusAddress, frame_of, message_of, open_bus, parse_address
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors
 from humanoid_sim.mit import MITState
@@ -21,7 +20,6 @@ from humanoid_sim.robots.schema import RobotDescription
 _POLL_PERIOD = 0.0005  # s between two polls of the channels
 _TRUTH_PERIOD = 0.002  # s between two snapshots of the truth: 500 Hz, the rate of a common IMU
 _MOST_AT_ONCE = 256  # frames read from one channel before time goes on: a flood must not stop the motors
-_MOST_ECHOES = 1024  # frames of motors that are remembered until they are received again
 _MOST_BEHIND = 0.05  # s that the motors may be behind; their clock stands still for the rest
 
 
@@ -48,7 +46,6 @@ class MockServer:
             self._opened = opened.pop_all()
         self._origin = time.monotonic()
         self._lock, self._closing = threading.Lock(), threading.Event()
-        self._echoes = tuple(Echoes(address.interface, _MOST_ECHOES) for address in self.addresses)
         self.truth: MITState = self._motors.plant.truth(0.0)
         """The true state, at most a few ms old."""
         self.stood_still = 0.0  # s for which this computer was too slow
@@ -122,11 +119,9 @@ class MockServer:
                     break
                 # `is_rx` says nothing: on SocketCAN frames of other processes of this machine come without it
                 frame = frame_of(message)
-                is_data = not (message.is_error_frame or message.is_fd)
-                if is_data and not self._echoes[index].take(frame):
+                if not (message.is_error_frame or message.is_fd):
                     self._motors.submit(index, frame, until - max(wall - message.timestamp, 0.0))
         for arrival in self._motors.advance(until):
-            self._echoes[arrival.bus].expect(arrival.frame)
             with contextlib.suppress(can.CanError):  # a channel without a listener takes none
                 self._buses[arrival.bus].send(message_of(arrival.frame, wall - until + arrival.time))
 

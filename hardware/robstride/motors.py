@@ -1,31 +1,50 @@
-"""A robot's Robstride motors: prepare, enable, watch and command them."""
+"""A robot's Robstride motors: identify, configure, enable, watch, command and stop them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
-from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
-from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.enabling import enable_motors, make_ready, stop_motors
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, has_active_reports
-from humanoid_sim.hardware.robstride.identification import identify
-from humanoid_sim.hardware.robstride.link import MotorSlot, RobstrideLink
-from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, SetActiveReport, flag_names
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
-from humanoid_sim.messages import SafetyFlag, SafetyStatus
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_problem, has_active_reports, version_text
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.parameters import (
+    CAN_TIMEOUT_TICK,
+    OPERATION_MODE,
+    PARAMETERS,
+    fault_word,
+    pack_value,
+    report_interval,
+    unpack_value,
+)
+from humanoid_sim.hardware.robstride.protocol import (
+    REPORTS_OFF,
+    REPORTS_ON,
+    FaultBit,
+    FrameType,
+    MotorMode,
+    OperationControl,
+    ParameterReply,
+    encode_operation,
+    flag_names,
+    parameter_data,
+)
+from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import FloatArray
 
 _LISTENING = 0.05  # s of silence in which another host would be noticed, before anything is sent
+_QUIET = 0.1  # s without an answer that end the scan; motors answer within a few milliseconds
+_LONGEST = 1.0  # s in which every motor must run and have confirmed its CAN timeout
+_PERIOD = 0.02  # s between two rounds of commands meanwhile, well within the CAN timeout
 _POLL = 0.001  # s
-_REPORT_WAIT = 0.3  # s at most in which the first active reports must come
+_SILENCE = 1.5  # CAN timeouts without a command after which a motor must have stopped
+_TOO_LONG = 2.5  # CAN timeouts after which that shows nothing: this program itself was held up
 _SCAN_TIME = 1  # `EPScan_time` of the shortest report interval
-_FRAME_TIME = 145e-6  # s that a frame of 8 bytes takes at 1 Mbit/s: 131 bits without stuff bits, 160 with the most
-_FULL_BUS = 0.6  # share of a bus up to which active reports are worth their frames
 _LIFETIME = 2.0  # control periods after which a command that has not left never leaves
+_TIMEOUT = PARAMETERS["canTimeout"]
 _FLAGS = {  # of faults that are more, or less, than a motor fault
     "motor_overtemperature": SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
     "motor_overtemperature_warning": SafetyFlag.TEMPERATURE_LIMIT,
@@ -33,117 +52,238 @@ _FLAGS = {  # of faults that are more, or less, than a motor fault
 
 
 class RobstrideMotors(RobstrideLink, MotorLink):
-    """See `MotorLink`."""
+    """See `MotorLink`. A motor is stopped by its own CAN timeout, which is set and read back before it is enabled."""
 
     knows_positions = True
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
-        """Send nothing yet."""
         super().__init__(line, motors)
         self._terms = terms
         self._all = range(motors.count)
+        self._timeout_ticks = float(round(terms.can_timeout / CAN_TIMEOUT_TICK))
+        self._hidden: list[int] = []  # motors whose CAN timeout cannot be read, and is tried out
         self._versions: Mapping[int, FirmwareVersion] = {}
         self._reporting: list[int] = []
         self.uids: Mapping[str, bytes] = {}
 
-    # --- activation
+    # --- identify
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`."""
         time.sleep(_LISTENING)
         self.line.check(checks)
         checks.refuse()
-        self.uids, self._versions = identify(self, checks, self._terms.known_uids)
+        uids = self._identify(checks)
+        self._versions = self.read_versions(uids)
+        for i in sorted(uids):
+            name, model = self.motors.names[i], self.motors.model[i]
+            version = self._versions.get(i)
+            if version is None:
+                checks.problem(name, "does not report its firmware's version, by which its scales are known")
+            elif problem := firmware_problem(model, version, self._terms.accepted_firmware):
+                checks.problem(name, problem)
+            else:
+                where = f"motor {self.motors.motor_id[i]} on {self.sources[self.motors.channel[i]]}"
+                checks.passed(name, f"{where}, {model.name}, firmware {version_text(version)}, uid {uids[i].hex()}")
+        self.uids = {self.motors.names[i]: uid for i, uid in uids.items()}
+
+    def _identify(self, checks: CheckList) -> dict[int, bytes]:
+        """Return the unique ids of the motors of which there is one with their id, on their channel."""
+        motors = self.motors
+        answers: defaultdict[int, set[tuple[int, bytes]]] = defaultdict(set)  # channel and unique id, by motor id
+        for channel, reply in self.scan(sorted(set(motors.motor_id)), _QUIET):
+            answers[reply.motor_id].add((channel, reply.uid))
+        places = list(zip(motors.channel, motors.motor_id, strict=True))
+        missing = [i for i, (channel, number) in enumerate(places) if channel not in {c for c, _ in answers[number]}]
+        for i, uid in self.read_uids(missing).items():  # an answer may have been lost
+            answers[motors.motor_id[i]].add((motors.channel[i], uid))
+        uids = {}
+        for i, (channel, number) in enumerate(places):
+            name, source = motors.names[i], self.sources[channel]
+            found = [f"{uid.hex()} on {self.sources[other]}" for other, uid in sorted(answers[number])]
+            if [other for other, _ in answers[number]] != [channel]:
+                reasons = "; ".join([*found, *self.line.channels[channel].troubles()])
+                checks.problem(name, f"expected one motor {number} on {source}; {reasons or 'none answers'}")
+                continue
+            ((_, uids[i]),) = answers[number]
+            if self._terms.known_uids.get(name, uids[i]) != uids[i]:
+                checks.problem(name, f"its motor was exchanged (id {number} on {source}): calibrate it")
+        return uids
+
+    # --- stop, configure, read back
 
     def make_ready(self, checks: CheckList) -> None:
-        """See `MotorLink`."""
-        make_ready(self, self._terms.can_timeout, checks)
+        """See `MotorLink`.
+
+        Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not
+        confirm it is not enabled; nor is one that would take another kind of command, or more torque than it was given.
+        """
+        self._stop_and_clear(checks)
+        self._configure("run_mode", dict.fromkeys(self._all, OPERATION_MODE), checks)
+        found = self._configure("canTimeout", dict.fromkeys(self._all, self._timeout_ticks), checks, may_hide=True)
+        self._hidden = [
+            i for i in self._all if found.get(i) is None
+        ]  # some manuals have it as one that is written only
+        # Never a limit above the peak of the motor's data sheet; 0 leaves the firmware's own.
+        motors = self.motors
+        torque = {i: min(top, motors.model[i].peak_torque) for i, top in enumerate(motors.torque_limit) if top > 0.0}
+        self._configure("limit_torque", torque, checks)
+        # Documented for the velocity and position modes only, so that it need not be readable.
+        current = {i: min(top, motors.model[i].peak_current) for i, top in enumerate(motors.current_limit) if top > 0.0}
+        self._configure("limit_cur", current, checks, may_hide=True)
         counted = self.read(dict.fromkeys(self._all, PARAMETERS["mechPos"]))
         for i, slot in enumerate(self.slots):  # the reported position wraps; `mechPos` counts turns since power-on
-            name, own, sample = self.motors.names[i], counted.get(i), slot.sample
+            name, own, sample = motors.names[i], counted.get(i), slot.sample
             if own is None:
                 checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
-            elif sample is not None and not abs(own - sample.status.position) < self.motors.model[i].position:
-                text = f"counts {own:.2f} rad and reports {sample.status.position:.2f}"
-                checks.problem(name, f"{text}: it turned beyond ±4π since power-on; switch it off and on")
+            elif sample is not None and not abs(own - sample.status.position) < motors.model[i].position:
+                checks.problem(name, "turned beyond ±4π since power-on: switch it off and on")
+
+    def _stop_and_clear(self, checks: CheckList) -> None:
+        """Stop the motors and clear their faults; what is left of them is a problem."""
+        silent = self.stop_motors(self._all)
+        before = self._faults()
+        self.stop_motors([i for i in self._all if before[i] and i not in silent], clear_faults=True)
+        left = self._faults()
+        for i, name in enumerate(self.motors.names):
+            if i in silent:
+                checks.problem(name, f"does not confirm that it is stopped ({self.slots[i].mode_text})")
+            elif left[i]:
+                checks.problem(name, f"faults do not clear: {left[i]}")
+            elif before[i]:
+                checks.warn(name, f"had faults, cleared: {before[i]}")
+
+    def _faults(self) -> list[str]:
+        """Return each motor's faults: of its status, and of its fault word, which alone shows overvoltage."""
+        words = self.read({i: fault_word(self.motors.model[i].name) for i in self._all})
+        faults = []
+        for i, slot in enumerate(self.slots):
+            names = [] if slot.sample is None else [*flag_names(slot.sample.status.faults)]
+            faults.append(", ".join(dict.fromkeys([*names, *flag_names(FaultBit(int(words.get(i) or 0)))])))
+        return faults
+
+    def _configure(
+        self, name: str, values: Mapping[int, float], checks: CheckList, *, may_hide: bool = False
+    ) -> dict[int, float | None]:
+        """Write a parameter and return what is read back; another value is a problem, but for a limit that is lower."""
+        parameter = PARAMETERS[name]
+        found = self.write(parameter, values)
+        for i, wanted in values.items():
+            value = found.get(i)
+            if value is None and may_hide:
+                checks.warn(self.motors.names[i], f"{name} cannot be read")
+            elif value is None or not (parameter.is_same(value, wanted) or (parameter.is_float and value < wanted)):
+                checks.problem(self.motors.names[i], f"{name} reads {value} after {wanted:g} was written")
+        return found
+
+    # --- enable
 
     def enable(self, checks: CheckList) -> None:
-        """See `MotorLink`."""
-        self._start_reports(checks)
-        enable_motors(self, self._terms.can_timeout, checks)
+        """See `MotorLink`.
 
-    def _start_reports(self, checks: CheckList) -> None:
+        A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
+        nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those
+        that run already, or their CAN timeout would stop them meanwhile. The timeout is read back once more from each
+        motor that runs: one whose supply failed for a moment since it was configured has lost it. A motor whose timeout
+        cannot be read must show it first, and gets it once more right before it is enabled.
+        """
+        self._start_reports()
+        self._try_timeouts(checks)
+        if checks.problems:
+            return
+        before = [slot.sample for slot in self.slots]
+        confirmed: dict[int, float] = {}
+        self.take_answers()
+        deadline = time.monotonic() + _LONGEST
+        while True:
+            running = [i for i, slot in enumerate(self.slots) if slot.sample is not before[i] and slot.runs]
+            hidden = dict.fromkeys(self._hidden, self._timeout_ticks)
+            confirmed = {i: ticks for i, ticks in (confirmed | hidden).items() if i in running}
+            if len(confirmed) == len(self._all) or time.monotonic() > deadline:
+                break
+            for i in self._all:  # one motor after the other: no other's frames between enable and limp
+                self.send({i: self._enabling_frames(i, i in running, i in confirmed)})
+            end = time.monotonic() + _PERIOD
+            while time.monotonic() < end and len(confirmed) < len(self._all):
+                for i, reply in self.take_answers():
+                    if isinstance(reply, ParameterReply) and reply.index == _TIMEOUT.index:
+                        confirmed[i] = unpack_value(_TIMEOUT.type, reply.payload) if reply.is_success else -1.0
+                time.sleep(_POLL)
+        for i, name in enumerate(self.motors.names):
+            if i not in running:
+                checks.problem(name, f"was not enabled ({self.slots[i].mode_text})")
+            elif confirmed.get(i) != self._timeout_ticks:
+                checks.problem(name, f"its canTimeout reads {confirmed.get(i)} after it was enabled: has it booted?")
+
+    def _enabling_frames(self, motor: int, runs: bool, is_confirmed: bool) -> list[Frame]:
+        limp, index = self._limp(motor), parameter_data(_TIMEOUT.index)
+        if runs:
+            return [limp] if is_confirmed else [limp, self.frame(motor, FrameType.READ_PARAMETER, index)]
+        data = parameter_data(_TIMEOUT.index, pack_value(_TIMEOUT.type, self._timeout_ticks))
+        again = [self.frame(motor, FrameType.WRITE_PARAMETER, data)] if motor in self._hidden else []
+        return [*again, limp, self.frame(motor, FrameType.ENABLE), limp]
+
+    def _limp(self, motor: int) -> Frame:
+        """Return a command without gains or effort, at the motor's position if that is known."""
+        sample = self.slots[motor].sample
+        position = 0.0 if sample is None else sample.status.position
+        command = OperationControl(position, 0.0, 0.0, 0.0, 0.0)
+        return encode_operation(self.motors.motor_id[motor], command, self.motors.model[motor])
+
+    def _try_timeouts(self, checks: CheckList) -> None:
+        """Run motors that hide their timeout without torque, be silent for longer, and reject those that run on.
+
+        Nothing at all is sent to them meanwhile: no document says which frames restart the timeout.
+        """
+        begin, can_timeout = time.monotonic(), self._terms.can_timeout
+        limp = {i: [self._limp(i)] for i in self._hidden}
+        frames: Mapping[int, Sequence[Frame]] = {i: self._enabling_frames(i, False, False) for i in self._hidden}
+        running = self.until_status(frames, lambda status: status.mode is MotorMode.RUN and not status.faults)
+        time.sleep(_SILENCE * can_timeout if running else 0.0)
+        found = self.until_status({i: limp[i] for i in running}, lambda _: True)
+        in_time = time.monotonic() - begin <= _TOO_LONG * can_timeout
+        for i in self._hidden:
+            if not (in_time and i in found and found[i].mode is MotorMode.RESET and not found[i].faults):
+                text = f"it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the last command"
+                checks.problem(self.motors.names[i], f"its canTimeout cannot be read, and {text}")
+
+    def _start_reports(self) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
-        interval, period, channels = report_interval(_SCAN_TIME), self._terms.control_period, self.motors.channel
-        frames = [channels.count(channel) * (2.0 / period + 1.0 / interval) for channel in channels]  # a second
-        self._reporting = [
-            i
-            for i, version in self._versions.items()
-            if interval < period
-            and _FRAME_TIME * frames[i] <= _FULL_BUS
-            and has_active_reports(self.motors.model[i], version)
-        ]
-        self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, float(_SCAN_TIME)))
-        before = [slot.statuses for slot in self.slots]
-        self._set_reports(self._reporting, is_on=True)
-
-        def silent() -> list[int]:
-            """Return motors that sent no more than one status: that may have answered the request."""
-            return [i for i in self._reporting if self.slots[i].statuses <= before[i] + 1]
-
-        deadline = time.monotonic() + _REPORT_WAIT
-        while silent() and time.monotonic() < deadline:
-            time.sleep(_POLL)
-        for i in silent():
-            checks.warn(self.motors.names[i], "sends no active reports: its state is a control period old")
-
-    def _set_reports(self, motors: Iterable[int], *, is_on: bool) -> None:
-        self.send({i: [SetActiveReport(self.motors.motor_id[i], is_on)] for i in motors})
+        if report_interval(_SCAN_TIME) < self._terms.control_period:
+            models = self.motors.model
+            self._reporting = [i for i, version in self._versions.items() if has_active_reports(models[i], version)]
+        self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, _SCAN_TIME))
+        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_ON)] for i in self._reporting})
 
     # --- control
 
     def findings(self, since: float) -> Iterator[Finding]:
-        """See `MotorLink`."""
         for i, slot in enumerate(self.slots):
-            for flag, text in _findings(slot, since):
-                yield Finding(i, flag, text)
+            names: list[str] = []
+            if slot.sample is not None:
+                status = slot.sample.status
+                names += flag_names(status.faults)
+                if status.mode is not MotorMode.RUN:
+                    yield Finding(i, SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})")
+            if slot.report is not None:
+                names += [*flag_names(slot.report.faults), *flag_names(slot.report.warnings)]
+            for name in names:
+                yield Finding(i, _FLAGS.get(name, SafetyFlag.MOTOR_FAULT), name)
+            if slot.invalid.time >= since:
+                yield Finding(i, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
     def command(self, values: FloatArray) -> None:
-        """See `MotorLink`."""
         motors = self.motors
-        batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self.channels]
+        batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self.sources]
         for i, row in enumerate(values.T.tolist()):
-            command = OperationControl(motors.motor_id[i], *row)
-            batches[motors.channel[i]].append((motors.names[i], encode_command(command, motors.model[i])))
-        for channel, batch in zip(self.channels, batches, strict=True):
+            frame = encode_operation(motors.motor_id[i], OperationControl(*row), motors.model[i])
+            batches[motors.channel[i]].append((motors.names[i], frame))
+        for channel, batch in zip(self.line.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._terms.control_period)
-
-    def status(self) -> SafetyStatus | None:
-        """See `MotorLink`: these motors stop by themselves."""
-        return None
 
     # --- the end
 
     def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        """See `MotorLink`."""
         motors = list(motors)
-        self._set_reports([i for i in self._reporting if i in motors], is_on=False)
-        return {i: self.slots[i].mode_text for i in stop_motors(self, motors)}
-
-    def close(self) -> None:
-        """See `MotorLink`: there is nothing to release."""
-
-
-def _findings(slot: MotorSlot, since: float) -> Iterator[tuple[SafetyFlag, str]]:
-    names: list[str] = []
-    if slot.alarm is not None and (slot.alarm is slot.sample or slot.alarm.time >= since):
-        status = slot.alarm.status
-        names += flag_names(status.faults)
-        if status.mode is not MotorMode.RUN:
-            yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})"
-    if slot.report is not None:
-        names += [*flag_names(slot.report.faults), *flag_names(slot.report.warnings)]
-    for name in names:
-        yield _FLAGS.get(name, SafetyFlag.MOTOR_FAULT), name
-    if slot.invalid.time >= since:
-        yield SafetyFlag.INVALID_FRAME, slot.invalid.text
+        reporting = [i for i in self._reporting if i in motors]
+        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_OFF)] for i in reporting})
+        return {i: self.slots[i].mode_text for i in self.stop_motors(motors)}

@@ -9,7 +9,7 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum
 
 from humanoid_sim.errors import FieldError, InputError, known_names
 
@@ -25,11 +25,6 @@ class ParameterType(Enum):
     I32 = "<i"
     F32 = "<f"
 
-    @property
-    def is_float(self) -> bool:
-        """True if values are not whole numbers."""
-        return self is ParameterType.F32
-
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -42,9 +37,12 @@ class Parameter:
     is_writable: bool = True
     default: float | None = None  # as delivered; None: the documents do not say, or models differ
     meaning: str = ""
-    accepted: tuple[float, float] | frozenset[int] | None = (
-        None  # lowest and highest, or the only values; None: unknown
-    )
+    accepted: tuple[float, float] = (-math.inf, math.inf)  # lowest and highest that the documents allow
+
+    @property
+    def is_float(self) -> bool:
+        """True if values are not whole numbers."""
+        return self.type is ParameterType.F32
 
     def is_same(self, value: float, other: float) -> bool:
         """Tell whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
@@ -53,13 +51,13 @@ class Parameter:
 
 def pack_value(kind: ParameterType, value: float) -> bytes:
     """Return a value's 4 bytes: little-endian, left-aligned, the rest zero; a `FieldError` if it does not fit."""
-    accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
+    is_float = kind is ParameterType.F32
     try:
-        if math.isfinite(value) and (kind.is_float or value == int(value)):
-            return struct.pack(kind.value, value if kind.is_float else int(value)).ljust(4, b"\0")
+        if math.isfinite(value) and (is_float or value == int(value)):
+            return struct.pack(kind.value, value if is_float else int(value)).ljust(4, b"\0")
     except (struct.error, OverflowError):
         pass
-    raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
+    raise FieldError(f"parameter: is {value}, expected a {'finite' if is_float else 'whole'} number of {kind.name}")
 
 
 def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
@@ -68,40 +66,15 @@ def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
     return value
 
 
-class RunMode(IntEnum):
-    """Values of `run_mode`: the kind of command that a motor executes."""
+OPERATION_MODE, PROFILE_POSITION_MODE = 0, 1  # values of `run_mode`; operation is the MIT law, which all here uses
+CAN_TIMEOUT_TICK = 50e-6  # s, in which the manuals count `canTimeout`
+LONGEST_CAN_TIMEOUT = 100_000  # ticks: the stored one's maximum
 
-    OPERATION = 0  # the MIT law, which everything here uses
-    PROFILE_POSITION = 1
-    VELOCITY = 2
-    CURRENT = 3
-    CYCLIC_POSITION = 5
-
-
-class CanTimeout:
-    """`canTimeout`, in which the manuals count 50 µs ticks."""
-
-    TICK = 50e-6  # s
-    LONGEST = 100_000  # ticks: the stored one's maximum
-
-    @classmethod
-    def to_ticks(cls, seconds: float) -> int:
-        """Return the nearest number of ticks, at least 1 above 0 s, which is off."""
-        return max(round(seconds / cls.TICK), 1 if seconds > 0.0 else 0)
-
-    @classmethod
-    def to_seconds(cls, ticks: int) -> float:
-        """Return the time of a number of ticks, s."""
-        return ticks * cls.TICK
-
-
-_MODES = frozenset(int(mode) for mode in RunMode)
-_SWITCH = frozenset({0, 1})
 _U8, _U16, _U32, _F32 = ParameterType.U8, ParameterType.U16, ParameterType.U32, ParameterType.F32
 _STOPS = "without a command for so long the motor stops; 0: never"
 
 _PARAMETERS = (
-    Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP", _MODES),
+    Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP", (0, 5)),
     Parameter(0x7006, "iq_ref", _F32, "A", True, 0.0, "current of current mode"),
     Parameter(0x700A, "spd_ref", _F32, "rad/s", True, 0.0, "velocity of velocity mode"),
     Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
@@ -123,13 +96,13 @@ _PARAMETERS = (
     Parameter(0x7024, "vel_max", _F32, "rad/s", True, 10.0, "velocity of PP mode"),
     Parameter(0x7025, "acc_set", _F32, "rad/s²", True, 10.0, "acceleration of PP mode"),
     Parameter(0x7026, "EPScan_time", _U16, "", True, 1, "report interval: 10 ms + 5 ms for each above 1", (1, 0xFFFF)),
-    Parameter(0x7028, "canTimeout", _U32, "50 µs", True, 0, _STOPS, (0, CanTimeout.LONGEST)),
-    Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π", _SWITCH),
+    Parameter(0x7028, "canTimeout", _U32, "50 µs", True, 0, _STOPS, (0, LONGEST_CAN_TIMEOUT)),
+    Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π", (0, 1)),
     # 1 takes a protection away and gives nothing: nobody says that it makes a motor brake after its CAN timeout.
-    Parameter(0x702A, "damper", _U8, "", True, 0, "0: resists fast turning without power; not rs-05", frozenset({0})),
+    Parameter(0x702A, "damper", _U8, "", True, 0, "0: resists fast turning without power; not rs-05", (0, 0)),
     Parameter(0x702B, "add_offset", _F32, "rad", True, None, "newer firmware: shifts zero at the next power-on"),
-    Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware: 1 compensates cogging", _SWITCH),
-    Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware: 1 calibrates more exactly at power-on", _SWITCH),
+    Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware: 1 compensates cogging", (0, 1)),
+    Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware: 1 calibrates more exactly at power-on", (0, 1)),
     Parameter(0x702E, "dcc_set", _F32, "rad/s²", True, None, "newer firmware: deceleration of PP mode"),
 )
 PARAMETERS: Mapping[str, Parameter] = {parameter.name: parameter for parameter in _PARAMETERS}  # by the manuals' names
@@ -138,27 +111,17 @@ PARAMETERS_BY_INDEX: Mapping[int, Parameter] = {parameter.index: parameter for p
 
 def check_value(parameter: Parameter, value: float) -> None:
     """Refuse, by `InputError`, a value that the documents do not allow."""
-    try:
-        pack_value(parameter.type, value)
-    except FieldError as error:
-        raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
-    accepted = parameter.accepted
-    if isinstance(accepted, frozenset) and value not in accepted:
-        raise InputError(f"{parameter.name}: is {value:g}, expected {', '.join(map(str, sorted(accepted)))}")
-    if isinstance(accepted, tuple) and not accepted[0] <= value <= accepted[1]:
-        raise InputError(f"{parameter.name}: is {value:g}, expected {accepted[0]:g} to {accepted[1]:g}")
+    lowest, highest = parameter.accepted
+    if not (lowest <= value <= highest and (parameter.is_float or value.is_integer())):
+        raise InputError(f"{parameter.name}: is {value:g}, expected {parameter.type.name}, {lowest:g} to {highest:g}")
 
 
 def find_parameter(name_or_index: str) -> Parameter:
     """Return a parameter by its name in any case, or by its index such as `0x7019`; the `InputError` lists them."""
-    text = name_or_index.strip()
     for parameter in PARAMETERS.values():
-        if text.lower() == parameter.name.lower():
+        if name_or_index.lower() in (parameter.name.lower(), f"0x{parameter.index:x}"):
             return parameter
-    try:
-        return PARAMETERS_BY_INDEX[int(text, 0)]  # however it is written: 0x7018, 0x07018, 28696
-    except (ValueError, KeyError):
-        raise InputError(known_names("parameter", name_or_index, PARAMETERS)) from None
+    raise InputError(known_names("parameter", name_or_index, PARAMETERS))
 
 
 def fault_word(model: str) -> Parameter:

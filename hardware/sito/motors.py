@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.hardware.bus.channel import NEVER, Channel, Note
-from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.can_bus import NEVER, Channel, Frame, Note, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
 from humanoid_sim.hardware.sito import protocol
@@ -74,9 +72,9 @@ class SitoMotors(MotorLink):
         parts = protocol.split_identifier(frame)
         if parts is None:
             return False
-        notes, index, kind = self._line.notes[channel], self._index.get((channel, parts[0])), parts[1]
+        bus, index, kind = self._line.channels[channel], self._index.get((channel, parts[0])), parts[1]
         if index is None:
-            notes.strangers["frame of no motor of this robot"] += 1
+            bus.strangers["frame of no motor of this robot"] += 1
             return True
         slot = self.slots[index]
         match protocol.decode(frame, self.motors.model[index]):
@@ -89,10 +87,10 @@ class SitoMotors(MotorLink):
             case None if kind in (MessageType.FEEDBACK_1, MessageType.FEEDBACK_2):
                 slot.invalid = Note(time, f"feedback with data '{frame.data.hex(' ')}'")
             case None if kind not in set(MessageType):
-                notes.strangers["unknown message type"] += 1
+                bus.strangers["unknown message type"] += 1
             case _:
                 name = MessageType(kind).name.lower().replace("_", " ")
-                notes.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")
+                bus.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")
         return True
 
     # --- activation

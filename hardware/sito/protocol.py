@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
 
 

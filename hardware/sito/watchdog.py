@@ -24,8 +24,7 @@ import can
 import msgspec
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus
-from humanoid_sim.hardware.bus.frame import Frame, message_of
+from humanoid_sim.hardware.can_bus import BusAddress, Frame, message_of, open_bus
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.realtime import real_time
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from rich import box
 from rich.console import Console
@@ -12,15 +12,13 @@ from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_address
-from humanoid_sim.hardware.bus.open_channels import OpenChannels, lock_channels
+from humanoid_sim.hardware.can_bus import BusAddress, OpenChannels, lock_channels, parse_address
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
-from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter
+from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, Parameter
+from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID, FrameType
 from humanoid_sim.robots.motors import MOTORS
 
 
@@ -48,7 +46,7 @@ def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None
     with contextlib.ExitStack() as opened:
         locks = lock_channels(addresses, checks)
         for lock in locks:
-            opened.callback(lock.release)
+            opened.callback(lock.close)
         line = OpenChannels(addresses, checks, locks=locks)
         opened.callback(line.close)
         link = RobstrideLink(line, motors or some_motors([], []))
@@ -67,21 +65,18 @@ def open_motor(channel: str, motor_id: int) -> Iterator[RobstrideLink]:
 
 
 @contextlib.contextmanager
-def enabled(
-    bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms, accepted_firmware: Collection[str] = ()
-) -> Iterator[MotorLink]:
+def enabled(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> Iterator[MotorLink]:
     """Enable some motors of one family, limp, after all checks of a session; disable them at the end, and verify it."""
     link = LINKS[motors.model[0].family](bench.line, motors, terms)
     bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
-    checks = CheckList(accepted=accepted_firmware)
+    checks = CheckList()
     link.examine(checks)
     checks.refuse()
-    checks.refuse_questions()
     try:
         link.make_ready(checks)
         bench.line.check(checks)
         checks.refuse()
-        for warning in checks.warnings:
+        for warning in checks.of("warning"):
             complain(f"warning: {warning}")
         link.enable(checks)
         bench.line.check(checks)
@@ -105,7 +100,7 @@ def check_channels(link: RobstrideLink) -> None:
 def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
     """Return the error for a channel on which `no motor answers`, with what was received there instead."""
     check_channels(link)
-    troubles = "; ".join(link.line.troubles(channel))
+    troubles = "; ".join(link.line.channels[channel].troubles())
     return SilentMotorError(f"{text} on {link.sources[channel]}" + f" ({troubles})" * bool(troubles))
 
 
@@ -115,16 +110,15 @@ def _silent_motor(link: RobstrideLink, motor: int) -> SilentMotorError:
 
 def ask_uid(link: RobstrideLink, motor: int = 0) -> bytes:
     """Return a motor's unique id."""
-    question = GetDeviceId(link.motors.motor_id[motor])
-    found = link.ask({motor: [question]}, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
+    found = link.read_uids([motor])
     if motor not in found:
         raise _silent_motor(link, motor)
     return found[motor]
 
 
-def command_motor(link: RobstrideLink, command: Command) -> None:
+def command_motor(link: RobstrideLink, kind: FrameType, data: bytes) -> None:
     """Send a command that is answered by a status to the only motor."""
-    if not link.until_status({0: [command]}, lambda _: True):
+    if not link.until_status({0: [link.frame(0, kind, data)]}, lambda _: True):
         raise _silent_motor(link, 0)
 
 
@@ -148,8 +142,8 @@ def shown(parameter: Parameter, value: float | None) -> str:
     if value is None:
         return "not there"
     if parameter.name == "canTimeout":
-        return f"{int(value)} ({1000.0 * CanTimeout.to_seconds(int(value)):g} ms)" if value else "0 (off)"
-    return f"{value:g} {parameter.unit}".rstrip() if parameter.type.is_float else str(int(value))
+        return f"{int(value)} ({1000.0 * CAN_TIMEOUT_TICK * value:g} ms)" if value else "0 (off)"
+    return f"{value:g} {parameter.unit}".rstrip() if parameter.is_float else str(int(value))
 
 
 def confirm(question: str, yes: bool, otherwise: str) -> None:

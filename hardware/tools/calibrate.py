@@ -16,8 +16,8 @@ from rich.table import Table
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.files import output_file
-from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, Verdict, evaluate, read_entries, save_calibration
+from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import LinkTerms
 from humanoid_sim.hardware.robstride.link import RobstrideLink
@@ -108,7 +108,9 @@ def _sweep(
         received = dict.fromkeys(chosen, begin)
         while not _is_over(config, time.monotonic() - begin):
             bench.check_channels(link)
-            found = link.poll_values(PARAMETERS["mechPos"], [i for i in chosen if i not in unasked], _ANSWER_TIME)
+            asked = dict.fromkeys([i for i in chosen if i not in unasked], PARAMETERS["mechPos"])
+            answers = link.read(asked, (_ANSWER_TIME,), takes_late=True)
+            found = {i: value for i, value in answers.items() if value is not None}
             if limp is not None:
                 readings = limp.readings()
                 fresh = link.line.clock() - readings.time <= _LATE

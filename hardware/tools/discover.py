@@ -5,10 +5,10 @@ from __future__ import annotations
 from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import MotorGroup
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.robots.description import load_robot

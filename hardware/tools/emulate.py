@@ -6,8 +6,8 @@ import signal
 import time
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
+from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.tools.options import Emulate

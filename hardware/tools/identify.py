@@ -14,12 +14,11 @@ import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError, require_known
-from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import CalibrationEntry, read_entries, save_calibration
+from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import Wiring, make_wiring
-from humanoid_sim.hardware.motor_link import LinkTerms, MotorLink
-from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
+from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, LinkTerms, MotorLink
 from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
@@ -92,11 +91,11 @@ def identify(config: Identify) -> int:
 def _enabled(config: Identify, wiring: Wiring, joint: int, link: RobstrideLink) -> Iterator[MotorLink]:
     """Enable the joint's motor with the torque as its limit, and give it its own limit back at the end."""
     alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
-    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]))
+    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), {}, config.accept_firmware)
     old = None if joint in wiring.unasked else link.read({joint: _LIMIT}).get(joint)
     was_enabled = False
     try:
-        with bench.enabled(link, alone, terms, config.accept_firmware) as motor:
+        with bench.enabled(link, alone, terms) as motor:
             was_enabled = True
             yield motor
     finally:
@@ -141,7 +140,8 @@ def _move(
                 raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
             if first == last:
                 moved = distance
-                there.update(link.poll_values(_POSITION, missing, 0.0))
+                found = link.read(dict.fromkeys(missing, _POSITION), (0.0,), takes_late=True)
+                there.update((i, position) for i, position in found.items() if position is not None)
                 missing -= there.keys()
     return moved, there
 

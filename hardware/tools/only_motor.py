@@ -11,12 +11,10 @@ import time
 from collections.abc import Iterator, Sequence
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.enabling import stop_motors
+from humanoid_sim.hardware.can_bus import parse_address
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.protocol import HERE, LARGEST_MOTOR_ID, SAVE, FrameType, encode_command
 from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import SetId, SetZero
 
@@ -49,9 +47,9 @@ def _only_motor(channel: str) -> Iterator[tuple[RobstrideLink, bytes]]:
         link.expect(bench.some_motors([(0, motor_id)], link.sources))
         time.sleep(_LISTENING)
         bench.check_channels(link)
-        if troubles := link.line.troubles(0):
+        if troubles := link.line.channels[0].troubles():
             raise RobotError(f"{source}: {'; '.join(troubles)}: expected one motor alone, and no other host")
-        if stop_motors(link, [0]):
+        if link.stop_motors([0]):
             raise bench.SilentMotorError(f"{link.motors.names[0]}: does not confirm that it is stopped")
         print(f"found motor {motor_id} on {source}, unique id {uid.hex()}, and no other")
         yield link, uid
@@ -59,7 +57,7 @@ def _only_motor(channel: str) -> Iterator[tuple[RobstrideLink, bytes]]:
 
 def _save(link: RobstrideLink, uid: bytes) -> None:
     """Let the motor keep its values beyond power-off, and check that it is still the one that answers."""
-    bench.command_motor(link, messages.SaveParameters(link.motors.motor_id[0]))
+    bench.command_motor(link, FrameType.SAVE_PARAMETERS, SAVE)
     if (found := bench.ask_uid(link)) != uid:
         raise RobotError(f"{link.motors.names[0]}: unique id {found.hex()} answers, expected {uid.hex()}")
 
@@ -78,7 +76,7 @@ def set_id(config: SetId) -> int:
         found: set[tuple[int, bytes]] = set()
         for _ in range(_ATTEMPTS):
             if found != {(new_id, uid)}:
-                link.send({0: [messages.SetDeviceId(old_id, new_id)]})
+                link.send({0: [encode_command(FrameType.SET_DEVICE_ID, old_id, high=new_id)]})
                 found = _scan(link, [old_id, new_id] * 2)
         if found != {(new_id, uid)}:
             ids = ", ".join(str(motor_id) for motor_id, _ in sorted(found)) or "none"
@@ -98,7 +96,7 @@ def set_zero(config: SetZero) -> int:
         before = bench.read_value(link, PARAMETERS["mechPos"])
         print(f"its position is {before:.3f} rad; a calibration of its joint is void afterwards")
         bench.confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
-        bench.command_motor(link, messages.SetZero(motor_id))
+        bench.command_motor(link, FrameType.SET_ZERO, HERE)
         after = bench.read_value(link, PARAMETERS["mechPos"])
         if after is None or not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor_id}: reads {after} rad after its zero was set, expected 0: hold it still")

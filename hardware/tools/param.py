@@ -8,9 +8,8 @@ import time
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
-from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.messages import DeviceId, FaultBit, GetDeviceId, SaveParameters, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, check_value, fault_word, find_parameter
+from humanoid_sim.hardware.robstride.protocol import SAVE, DeviceId, FaultBit, FrameType, flag_names
 from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Get, Ping, Save, Set
 
@@ -23,7 +22,7 @@ def ping(config: Ping) -> int:
     """Ask, print, and return the exit status."""
     with bench.open_motor(config.channel, config.motor_id) as link:
         print(f"{link.motors.names[0]}, unique id {bench.ask_uid(link).hex()}")
-        question, times = {0: [GetDeviceId(config.motor_id)]}, []
+        question, times = {0: [link.frame(0, FrameType.GET_DEVICE_ID)]}, []
         for _ in range(_QUESTIONS):
             begin = time.perf_counter()
             if link.ask(question, lambda _, reply: isinstance(reply, DeviceId) or None, (_ANSWER_TIME,)):
@@ -31,7 +30,7 @@ def ping(config: Ping) -> int:
         summary = f"median {statistics.median(times):.2f} ms, max {max(times):.2f} ms" if times else "none came back"
         rows = {"answered": f"{len(times)} of {_QUESTIONS}, {summary}"}
         rows |= {name: bench.shown(PARAMETERS[name], bench.read_value(link, PARAMETERS[name])) for name in _PINGED}
-        version = read_versions(link, [0]).get(0)
+        version = link.read_versions([0]).get(0)
         model = None if version is None else model_name(version)
         if version is not None and model is not None:
             word = bench.read_value(link, fault_word(model))
@@ -50,7 +49,7 @@ def param(config: Get | Set | Save) -> int:
         case Set():
             return _set(config)
     with bench.open_motor(config.channel, config.motor_id) as link:
-        bench.command_motor(link, SaveParameters(config.motor_id))
+        bench.command_motor(link, FrameType.SAVE_PARAMETERS, SAVE)
         print(f"{link.motors.names[0]}: saved")
     return 0
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
-from humanoid_sim.hardware.checks import Verdict
+from humanoid_sim.hardware.can_bus import BusAddress, parse_addresses
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
@@ -148,9 +147,7 @@ def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
     return BringUp(
         question,
         prepare=robot.prepare,
-        checks=lambda: [(check.verdict.value, check.subject, check.text) for check in robot.checks],
-        unanswered=lambda: sorted({check.about for check in robot.checks if check.verdict is Verdict.QUESTION}),
-        accept=robot.accepted.update,
+        checks=lambda: robot.checks.all,
     )
 
 

@@ -44,10 +44,7 @@ class BringUp:
     prepare: Callable[[], None]
     """Does everything but enable. Raises `RobotError` if something is wrong."""
     checks: Callable[[], Sequence[tuple[str, str, str]]]
-    """Findings so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
-    unanswered: Callable[[], Sequence[str]]
-    """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
-    accept: Callable[[Sequence[str]], None]
+    """Findings so far: verdict (`ok`, `warning`, `problem`), subject, text."""
 
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings of the latest checks, one line each."""

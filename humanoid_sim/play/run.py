@@ -170,7 +170,7 @@ def _write_video(path: Path, run: Run, poses: Poses) -> str:
     return f"{path.stat().st_size / 1e6:.1f} MB"
 
 
-_STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
+_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
 
 def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
@@ -196,18 +196,9 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
     if config.dry_run:
         console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
         return False
-    unanswered = robot.unanswered()
-    if unanswered and not asks:
-        raise InputError(
-            f"--accept-firmware: is needed for {', '.join(unanswered)}, which no document mentions, as nobody is asked"
-        )
-    questions = [f"Firmware {', '.join(unanswered)} is undocumented. Drive these motors anyway?"] if unanswered else []
-    questions += [robot.question] if asks else []
-    for question in questions:
-        if console.input(Text(f"{question} [y/N] ")).strip().lower() not in ("y", "yes"):
-            console.print("nothing was enabled", markup=False)
-            return False
-    robot.accept(unanswered)
+    if asks and console.input(Text(f"{robot.question} [y/N] ")).strip().lower() not in ("y", "yes"):
+        console.print("nothing was enabled", markup=False)
+        return False
     return True
 
 
@@ -223,8 +214,6 @@ def _print_checks(robot: BringUp, console: Console, *, is_verdict: bool) -> None
     about = {verdict: ", ".join(dict.fromkeys(subjects)) for verdict, subjects in found.items()}
     if "problem" in found:
         text = f"not ready: {about['problem']}"
-    elif unanswered := robot.unanswered():
-        text = f"not ready: nobody knows firmware {', '.join(unanswered)}; if you do, add --accept-firmware"
     elif "warning" in found:
         text = f"ready to be enabled, once you have read the warnings about {about['warning']}"
     else:

@@ -14,8 +14,7 @@ from msgspec.structs import replace
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import open_bus
-from humanoid_sim.hardware.bus.frame import frame_of, message_of
+from humanoid_sim.hardware.can_bus import frame_of, message_of, open_bus
 from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot

@@ -40,7 +40,7 @@ def test_a_single_turn_encoder_that_boots_a_turn_off_reads_the_calibrated_angle(
 
 @pytest.mark.parametrize(
     ("offset", "beyond", "part"),
-    [(0.0, math.nan, "has not reported"), (0.0, 1.0, "on any turn"), (11.9, 0.0, "commands reach")],
+    [(0.0, math.nan, "has not reported"), (0.0, 1.0, "on one turn"), (11.9, 0.0, "needs commands")],
 )
 def test_a_joint_that_nobody_can_place_is_a_problem(offset, beyond, part):
     """A joint beyond its limits on every turn is not calibrated, or turns the other way."""

@@ -8,7 +8,7 @@ import can
 import numpy as np
 import pytest
 
-from humanoid_sim.hardware.bus.frame import frame_of
+from humanoid_sim.hardware.can_bus import frame_of
 from humanoid_sim.hardware.joints import JointTracker, make_wiring, motor_values
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.motor_link import Readings

@@ -15,13 +15,13 @@ import can
 import numpy as np
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.hardware import can_bus
 from humanoid_sim.hardware import main as hardware_main
 from humanoid_sim.hardware import robot as robot_module
-from humanoid_sim.hardware.bus import channel
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.calibration import load_calibration
+from humanoid_sim.hardware.can_bus import BusAddress, open_bus
 from humanoid_sim.hardware.robot import HardwareRobot
-from humanoid_sim.hardware.robstride import enabling, identification, link, motors
+from humanoid_sim.hardware.robstride import link, motors
 from humanoid_sim.hardware.tools import identify as identify_tool
 from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand, MITState
@@ -85,7 +85,7 @@ class _TestClock:
 
 def bring_up_lines(robot: HardwareRobot) -> list[str]:
     """Return what the latest activation found, for an operator to read."""
-    return [str(check) for check in robot.checks]
+    return [str(check) for check in robot.checks.all]
 
 
 class Loop:
@@ -133,11 +133,10 @@ def short_waits(monkeypatch: Any, *, answers: float, listening: float) -> None:
         listening: s in which another master, or a second motor with an id, would be noticed.
     """
     monkeypatch.setattr(motors, "_LISTENING", listening)
-    monkeypatch.setattr(identification, "_QUIET", 2.0 * listening)
+    monkeypatch.setattr(motors, "_QUIET", 2.0 * listening)
     monkeypatch.setattr(link, "_ANSWER_TIMES", (answers,) * 3)
-    monkeypatch.setattr(enabling, "_LONGEST", 3.0 * answers)
-    monkeypatch.setattr(motors, "_REPORT_WAIT", answers)
-    monkeypatch.setattr(channel, "_POLL", 0.005)
+    monkeypatch.setattr(motors, "_LONGEST", 3.0 * answers)
+    monkeypatch.setattr(can_bus, "_POLL", 0.005)
     monkeypatch.setattr(robot_module, "_LONGEST", 0.05)  # s for which closing damps at most
     monkeypatch.setattr(identify_tool, "_RAMP", 0.06)
     monkeypatch.setattr(identify_tool, "_HOLD", 0.02)

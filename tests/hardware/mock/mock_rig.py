@@ -3,15 +3,25 @@
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.motors import Arrival, MockMotors
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
-from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
-from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Reply, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
+from humanoid_sim.hardware.robstride.protocol import (
+    FrameType,
+    OperationControl,
+    ParameterReply,
+    Reply,
+    Status,
+    decode_reply,
+    encode_command,
+    encode_operation,
+    parameter_data,
+)
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 
@@ -37,8 +47,8 @@ class Lone:
     motor: RobstrideMotor = field(default_factory=robstride)
     time: float = 0.0
 
-    def tell(self, command: Command) -> list[Reply]:
-        return self._read(self.motor.receive(encode_command(command, self.motor.model), self.time))
+    def tell(self, kind: FrameType, data: bytes = b"") -> list[Reply]:
+        return self._read(self.motor.receive(encode_command(kind, self.motor.can_id, data), self.time))
 
     def wait(self, duration: float) -> list[Reply]:
         """Let the motor look after itself every ms."""
@@ -48,23 +58,26 @@ class Lone:
             replies += self._read(self.motor.advance(self.time))
         return replies
 
-    def status(self, command: Command) -> Status:
-        (reply,) = self.tell(command)
+    def status(self, kind: FrameType, data: bytes = b"") -> Status:
+        (reply,) = self.tell(kind, data)
         assert isinstance(reply, Status)
         return reply
 
     def mit(self, position: float = 0.0, stiffness: float = 0.0, effort: float = 0.0) -> Status:
-        return self.status(OperationControl(self.motor.can_id, position, 0.0, effort, stiffness, 0.0))
+        command = OperationControl(position, 0.0, effort, stiffness, 0.0)
+        (reply,) = self._read(self.motor.receive(encode_operation(ID, command, self.motor.model), self.time))
+        assert isinstance(reply, Status)
+        return reply
 
     def write(self, name: str, value: float) -> Status:
         parameter = PARAMETERS[name]
-        payload = pack_value(parameter.type, value)
-        return self.status(messages.WriteParameter(self.motor.can_id, parameter.index, payload))
+        data = parameter_data(parameter.index, pack_value(parameter.type, value))
+        return self.status(FrameType.WRITE_PARAMETER, data)
 
     def read(self, name: str) -> float:
         parameter = PARAMETERS[name]
-        (reply,) = self.tell(messages.ReadParameter(self.motor.can_id, parameter.index))
-        assert isinstance(reply, messages.ParameterReply)
+        (reply,) = self.tell(FrameType.READ_PARAMETER, parameter_data(parameter.index))
+        assert isinstance(reply, ParameterReply)
         assert reply.is_success
         return unpack_value(parameter.type, reply.payload)
 
@@ -82,27 +95,32 @@ class Bench:
         self.mock = MockMotors(LITE, buses)
         self.log: list[Arrival] = []
 
-    def submit(self, command: Command) -> None:
-        bus = _MOTORS[IDS.index(command.motor_id)].bus if self.mock.bus_count > 1 else 0
-        self.mock.submit(bus, encode_command(command, MODELS[command.motor_id]), self.mock.time)
+    def submit(self, frame: Frame) -> None:
+        bus = _MOTORS[IDS.index(frame.arbitration_id & 0xFF)].bus if self.mock.bus_count > 1 else 0
+        self.mock.submit(bus, frame, self.mock.time)
 
     def advance(self, duration: float) -> list[Reply]:
         arrived = self.mock.advance(self.mock.time + duration)
         self.log += arrived
         return [reply for reply in self._read(arrived) if isinstance(reply, Reply)]
 
-    def ask(self, make: Callable[[int], Command], duration: float = 0.01) -> list[Reply]:
+    def ask(self, make: Callable[[int], Frame], duration: float = 0.01) -> list[Reply]:
         for motor_id in IDS:
             self.submit(make(motor_id))
         return self.advance(duration)
 
     def enable(self) -> None:
-        modes = [reply.mode.name for reply in self.ask(Enable) if isinstance(reply, Status)]
+        modes = [
+            reply.mode.name
+            for reply in self.ask(partial(encode_command, FrameType.ENABLE))
+            if isinstance(reply, Status)
+        ]
         assert modes == ["RUN"] * len(IDS)
 
     def command(self, *, duration: float, effort: float = 0.0) -> list[Status]:
         """Command every motor the same; returns the statuses that came back."""
-        replies = self.ask(lambda motor_id: OperationControl(motor_id, 0.0, 0.0, effort, 0.0, 0.0), duration)
+        command = OperationControl(0.0, 0.0, effort, 0.0, 0.0)
+        replies = self.ask(lambda motor_id: encode_operation(motor_id, command, MODELS[motor_id]), duration)
         return [reply for reply in replies if isinstance(reply, Status)]
 
     def torque(self) -> np.ndarray:

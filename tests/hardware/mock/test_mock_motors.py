@@ -10,8 +10,13 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.mock.faults import Fault, parse_fault
 from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.mock.plant import MotorPlant
-from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
-from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, StatusFault
+from humanoid_sim.hardware.robstride.protocol import (
+    MotorMode,
+    OperationControl,
+    StatusFault,
+    decode_operation,
+    encode_operation,
+)
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import SimConfig
@@ -43,8 +48,9 @@ def test_the_physics_are_those_of_the_simulated_robot_under_the_quantised_comman
         for i, motor_id in enumerate(IDS):
             direction, model = DIRECTION[i], MODELS[motor_id]
             turn = bench.turn(i)
-            frame = encode_command(OperationControl(motor_id, direction * wanted[i] + turn, 0, 0, 50.0, 2.0), model)
-            read = decode_command(frame, motor_id, model)
+            command = OperationControl(direction * wanted[i] + turn, 0.0, 0.0, 50.0, 2.0)
+            frame = encode_operation(motor_id, command, model)
+            read = decode_operation(frame, model)
             position, velocity, effort = read.position - turn, read.velocity, read.effort
             quantised[:, i] = (*(direction * v for v in (position, velocity, effort)), read.stiffness, read.damping)
             bench.mock.submit(0, frame, bench.mock.time)
@@ -104,7 +110,8 @@ def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(fault, bits, bench)
 def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(bench):
     here = {reply.motor_id: reply.position for reply in bench.command(duration=0.02)}
     bench.mock.inject(Fault("encoder_jump", (ELBOW,), value=-0.3))
-    bench.submit(OperationControl(ELBOW_ID, here[ELBOW_ID], 0.0, 0.0, 50.0, 2.0))
+    command = OperationControl(here[ELBOW_ID], 0.0, 0.0, 50.0, 2.0)
+    bench.submit(encode_operation(ELBOW_ID, command, MODELS[ELBOW_ID]))
     bench.advance(0.5)
     moved = bench.mock.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
     assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)

@@ -4,13 +4,12 @@ import time
 
 import can
 import pytest
-from mock_rig import IDS, LITE, MODELS
+from mock_rig import IDS, LITE
 from waiting import until
 
-from humanoid_sim.hardware.bus.address import open_bus
+from humanoid_sim.hardware.can_bus import open_bus
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.messages import Enable
+from humanoid_sim.hardware.robstride.protocol import FrameType, encode_command
 
 
 @pytest.fixture
@@ -23,7 +22,7 @@ def test_motors_answer_and_their_frames_are_stamped_with_their_arrival(motors):
     sent = time.time()
     with open_bus(motors.addresses[0]) as bus:
         for motor_id in IDS:
-            frame = encode_command(Enable(motor_id), MODELS[motor_id])
+            frame = encode_command(FrameType.ENABLE, motor_id)
             bus.send(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=True))
         found = [bus.recv(20.0) for _ in IDS]
     assert sorted(message.arbitration_id >> 8 & 0xFF for message in found) == sorted(IDS)

@@ -7,14 +7,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mock_rig import ID, Lone, robstride
 
-from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, StatusFault
+from humanoid_sim.hardware.can_bus import Frame
+from humanoid_sim.hardware.robstride.protocol import (
+    CLEAR_FAULTS,
+    REPORTS_OFF,
+    REPORTS_ON,
+    SAVE,
+    FaultBit,
+    FrameType,
+    MotorMode,
+    Status,
+    StatusFault,
+    parameter_data,
+)
 
 
 def enabled(shaft=0.0):
     lone = Lone(robstride(shaft))
-    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+    assert lone.status(FrameType.ENABLE).mode is MotorMode.RUN
     return lone
 
 
@@ -26,7 +36,7 @@ def test_after_power_on_it_is_disabled_and_knows_its_angle_within_one_turn():
     assert Lone(robstride(shaft=0.13 + 14 * math.pi)).mit().position == pytest.approx(0.13, abs=4e-4)
     lone.write("zero_sta", 1)
     lone.write("limit_torque", 3.0)
-    lone.tell(messages.SaveParameters(ID))
+    lone.tell(FrameType.SAVE_PARAMETERS, SAVE)
     lone.write("limit_torque", 4.0)
     lone.motor.power_on()
     assert lone.mit().position == pytest.approx(-0.13, abs=4e-4)
@@ -38,11 +48,11 @@ def test_commands_act_only_while_it_is_enabled():
     lone.mit(1.0, 20.0)
     assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(2):  # the old command does not come back
-        assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+        assert lone.status(FrameType.ENABLE).mode is MotorMode.RUN
         assert lone.motor.command is None, "enabling brings no torque by itself"
         lone.mit(1.0, 20.0)
         assert lone.motor.drive()[:5] == pytest.approx((1.0, 0.0, 0.0, 20.0, 0.0), abs=8e-3)
-        assert lone.status(messages.Stop(ID)).mode is MotorMode.RESET
+        assert lone.status(FrameType.STOP).mode is MotorMode.RESET
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
@@ -80,23 +90,23 @@ def test_a_fault_stops_it_and_is_latched_until_it_is_cleared_without_its_cause(s
     assert [report.faults for report in lone.wait(0.003)] == [in_report]
     status = lone.mit(effort=1.0)
     assert (status.mode, status.faults) == (MotorMode.RESET, in_status)
-    assert lone.status(messages.Enable(ID)).mode is MotorMode.RESET
-    assert lone.status(messages.Stop(ID, clear_fault=True)).faults == in_status, "the cause is still there"
+    assert lone.status(FrameType.ENABLE).mode is MotorMode.RESET
+    assert lone.status(FrameType.STOP, CLEAR_FAULTS).faults == in_status, "the cause is still there"
     setattr(lone.motor.sensed, sensor, healthy)
     lone.wait(0.1)
-    assert lone.status(messages.Stop(ID)).faults == in_status, "latched"
-    assert lone.status(messages.Stop(ID, clear_fault=True)).faults == StatusFault(0)
-    assert lone.status(messages.Enable(ID)).mode is MotorMode.RUN
+    assert lone.status(FrameType.STOP).faults == in_status, "latched"
+    assert lone.status(FrameType.STOP, CLEAR_FAULTS).faults == StatusFault(0)
+    assert lone.status(FrameType.ENABLE).mode is MotorMode.RUN
 
 
 def test_active_reports_have_their_interval():
     lone = enabled()
     lone.write("EPScan_time", 3)
-    lone.tell(messages.SetActiveReport(ID, True))
+    lone.tell(FrameType.ACTIVE_REPORT, REPORTS_ON)
     reports = lone.wait(0.1)
     assert len(reports) == 5, "every 20 ms"
-    assert all(isinstance(report, messages.Status) and report.is_report for report in reports)
-    lone.tell(messages.SetActiveReport(ID, False))
+    assert all(isinstance(report, Status) and report.is_report for report in reports)
+    lone.tell(FrameType.ACTIVE_REPORT, REPORTS_OFF)
     assert lone.wait(0.1) == []
 
 
@@ -116,7 +126,7 @@ def test_parameters():
     assert lone.read("iqf") == pytest.approx(1.7 * 23.0 / 17.0, rel=1e-6)
     lone.write("mechPos", 1.0)
     assert lone.read("mechPos") == 0.0, "read only"
-    (reply,) = lone.tell(messages.ReadParameter(ID, 0x7FFF))
+    (reply,) = lone.tell(FrameType.READ_PARAMETER, parameter_data(0x7FFF))
     assert not reply.is_success
-    lone.tell(messages.WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
+    lone.tell(FrameType.WRITE_PARAMETER, parameter_data(0x700B, b"\x00\x00\xc0\x7f"))
     assert lone.read("limit_torque") == 17.0, "NaN is not taken"

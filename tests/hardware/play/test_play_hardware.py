@@ -9,9 +9,7 @@ from rich.console import Console
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.bus.open_channels import ChannelLock
+from humanoid_sim.hardware.can_bus import lock_channel, parse_address
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
@@ -78,12 +76,11 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
 
 
 class Asked:
-    """A robot with a motor whose firmware no document mentions, unless it has other checks."""
+    """A robot with some checks."""
 
     question = "Enable the motors of lite on can0, without torque?"
 
     def __init__(self, *checks):
-        self.accepted = []
         self.prepared = 0
         self._checks = checks
 
@@ -91,13 +88,7 @@ class Asked:
         self.prepared += 1
 
     def checks(self):
-        return [*self._checks] or [("question", "left_wrist_yaw", "its firmware 0.5.3.12 is in no document")]
-
-    def unanswered(self):
-        return [] if self._checks else ["0.5.3.12"]
-
-    def accept(self, versions):
-        self.accepted += versions
+        return self._checks
 
 
 class Terminal(io.StringIO):
@@ -105,21 +96,12 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_neither_a_dry_run_nor_yes_answers_for_firmware_that_nobody_knows(capsys):
-    assert not run_module.bring_up(Asked(), PlayConfig(hardware="can0", dry_run=True), Console(width=120))
-    out = capsys.readouterr().out
-    assert "question left_wrist_yaw  its firmware 0.5.3.12 is in no document" in out
-    assert "verdict: not ready: nobody knows firmware 0.5.3.12; if you do, add --accept-firmware" in out
-    with pytest.raises(InputError, match=r"^--accept-firmware: is needed for 0\.5\.3\.12, which no document mentions"):
-        run_module.bring_up(Asked(), PlayConfig(hardware="can0", yes=True), Console())
-
-
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
 def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, capsys):
     robot = Asked(("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports"))
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
     assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
-    assert (robot.prepared, robot.accepted) == (1, [])
+    assert robot.prepared == 1
     out = capsys.readouterr().out
     assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on can0")
 
@@ -140,10 +122,10 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
 
 
 def test_a_channel_that_another_session_drives_is_refused(run, quick):
-    with ChannelLock(parse_address("virtual:play")):
+    with lock_channel(parse_address("virtual:play")):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
         dry = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
-    assert "problem virtual:play  is in use by another session (of this process)" in result.out
+    assert "problem virtual:play  is in use by another session" in result.out
     assert (result.status, result.err) == (2, "error: lite: not enabled\n")
     assert dry.status == 2
     assert dry.out.endswith("verdict: not ready: virtual:play\n")

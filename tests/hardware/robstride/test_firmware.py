@@ -1,24 +1,29 @@
 import pytest
 
-from humanoid_sim.hardware.robstride.firmware import gain_factor, has_active_reports, parse_version, position_range
-from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
+from humanoid_sim.hardware.robstride.firmware import firmware_problem, has_active_reports, parse_version
+from humanoid_sim.robots.motors import MOTORS
 
 
 @pytest.mark.parametrize(
-    ("model", "version", "range_", "factor", "reports"),
+    ("model", "version", "problem", "reports"),
     [
-        ("rs-00", "0.0.2.6", 12.5, 1.0, False),
-        ("rs-00", "0.0.2.7", POSITION_RANGE, 1.0, False),
-        ("rs-01", "0.1.2.1", 12.5, 1.4167, False),
-        ("rs-01", "0.1.3.3", POSITION_RANGE, 1.4167, True),
-        ("rs-01", "0.1.3.4", POSITION_RANGE, 1.0, True),
-        ("rs-02", "0.2.2.11", 12.5, 1.4167, False),
-        ("rs-02", "0.2.3.6", POSITION_RANGE, 1.0, True),
-        ("rs-03", "0.3.0.5", 12.5, 1.0, False),
-        ("rs-05", "0.5.0.0", POSITION_RANGE, 1.0, True),
+        ("rs-00", "0.0.2.6", "12.5 rad", False),
+        ("rs-00", "0.0.2.7", "", False),
+        ("rs-01", "0.1.3.3", "1.4167", True),
+        ("rs-01", "0.1.3.4", "", True),
+        ("rs-02", "0.2.2.11", "older than 0.2.3.6", False),
+        ("rs-02", "0.2.3.6", "", True),
+        ("rs-02", "0.2.3.10", "--accept-firmware 0.2.3.10", True),
+        ("rs-03", "0.3.0.5", "12.5 rad", False),
+        ("rs-04", "0.0.3.0", "is of rs-00", False),
+        ("rs-05", "0.5.0.0", "--accept-firmware 0.5.0.0", True),
     ],
 )
-def test_ranges_and_gains_depend_on_the_version(model, version, range_, factor, reports):
+def test_firmware_decides_whether_and_how_a_motor_is_driven(model, version, problem, reports):
     found = parse_version(version)
-    assert (position_range(MOTORS[model], found), gain_factor(MOTORS[model], found)) == (range_, factor)
+    text = firmware_problem(MOTORS[model], found, ())
+    assert problem in text
+    assert bool(problem) == bool(text)
     assert has_active_reports(MOTORS[model], found) == reports
+    if "--accept-firmware" in problem:
+        assert firmware_problem(MOTORS[model], found, [version]) == ""

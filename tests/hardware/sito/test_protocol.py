@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.sito.protocol import Command, Enable, Gains, MessageType, Reset, decode, encode
 from humanoid_sim.robots.motors import MOTORS
 

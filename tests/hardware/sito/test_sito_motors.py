@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from humanoid_sim.hardware.bus.open_channels import ChannelNotes
+from humanoid_sim.hardware.can_bus import NEVER
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup
 from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.hardware.sito.protocol import Command, Feedback, Gains, PositionFeedback, decode, encode
@@ -19,8 +19,10 @@ class Rig:
 
     def __init__(self, count=2):
         self.sent = []
-        channel = SimpleNamespace(send=lambda frames, _: self.sent.append(frames), counters=SimpleNamespace(sent=0))
-        line = SimpleNamespace(channels=(channel,), notes=(ChannelNotes(),), sources=("can0",), clock=lambda: 0.0)
+        self.channel = channel = SimpleNamespace(
+            send=lambda frames, _: self.sent.append(frames), counters=SimpleNamespace(sent=0), intruder=NEVER
+        )
+        line = SimpleNamespace(channels=(channel,), sources=("can0",), clock=lambda: 0.0)
         ids = tuple(range(22, 22 + count))
         zeros = (0.0,) * count
         group = MotorGroup(tuple(map(str, ids)), (0,) * count, ids, (MODEL,) * count, zeros, zeros)
@@ -70,4 +72,4 @@ def test_the_position_of_a_damping_command_is_where_the_motor_is():
 def test_another_host_is_noticed():
     rig = Rig()
     rig.receive(Gains(22, 1.0, 0.0))
-    assert "another host sends 'gains' to motor 22" in rig.motors._line.notes[0].intruder.text
+    assert "another host sends 'gains' to motor 22" in rig.channel.intruder.text

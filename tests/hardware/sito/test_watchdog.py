@@ -15,7 +15,7 @@ from waiting import until
 from watched_loop import COMMAND, DAMPING, DAMPING_TIME, GAINS, RESET, motor
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import open_bus, parse_address
+from humanoid_sim.hardware.can_bus import open_bus, parse_address
 from humanoid_sim.hardware.sito import watchdog
 from humanoid_sim.hardware.sito.watchdog import BEAT, ENABLED, RELEASED, Watchdog
 from humanoid_sim.messages import SafetyLevel

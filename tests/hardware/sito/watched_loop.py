@@ -5,9 +5,7 @@ import time
 
 import can
 
-from humanoid_sim.hardware.bus.address import open_bus, parse_address
-from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.open_channels import ChannelLock
+from humanoid_sim.hardware.can_bus import Frame, lock_channel, open_bus, parse_address
 from humanoid_sim.hardware.sito import watchdog
 from humanoid_sim.hardware.sito.watchdog import Watchdog, WatchedMotor
 
@@ -24,8 +22,8 @@ def motor(channel: str) -> WatchedMotor:
 
 def main(channel: str) -> None:
     watchdog.DAMPING_TIME = DAMPING_TIME
-    with ChannelLock(parse_address(channel)) as lock, open_bus(parse_address(channel)) as bus:
-        dog = Watchdog([motor(channel)], [lock.descriptor])
+    with lock_channel(parse_address(channel)) as lock, open_bus(parse_address(channel)) as bus:
+        dog = Watchdog([motor(channel)], [lock.fileno()])
         dog.enabled()
         print(dog.pid, flush=True)
         count, was_displaced = 0, False

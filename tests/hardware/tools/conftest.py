@@ -9,7 +9,7 @@ import pytest
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.robstride import enabling, link
+from humanoid_sim.hardware.robstride import link, motors
 from humanoid_sim.hardware.sito import motors as sito_motors
 from humanoid_sim.hardware.tools import discover, identify, only_motor
 from humanoid_sim.robots.description import load_robot
@@ -84,10 +84,10 @@ def pace(monkeypatch):
     monkeypatch.setattr(sito_motors, "_FIRST_FEEDBACK", 20.0)
     enter = MockServer.__enter__
 
-    def with_clock(motors):
-        own = SimpleNamespace(monotonic=motors.clock, sleep=time.sleep)
-        for module in (link, enabling, identify):
+    def with_clock(server):
+        own = SimpleNamespace(monotonic=server.clock, sleep=time.sleep)
+        for module in (link, motors, identify):
             monkeypatch.setattr(module, "time", own)
-        return enter(motors)
+        return enter(server)
 
     monkeypatch.setattr(MockServer, "__enter__", with_clock)

@@ -5,6 +5,7 @@ from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_cali
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.protocol import FrameType
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.robots.description import load_robot
 
@@ -83,12 +84,12 @@ def test_no_motor_is_enabled_or_written_to(run, motors, tmp_path, monkeypatch):
     send = RobstrideLink.send
 
     def watched(requests, commands):
-        sent.extend(type(command).__name__ for group in commands.values() for command in group)
+        sent.extend(frame.arbitration_id >> 24 for group in commands.values() for frame in group)
         send(requests, commands)
 
     monkeypatch.setattr(RobstrideLink, "send", watched)
     run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS, "--duration", "0.2")
-    assert set(sent) == {"ReadParameter"}
+    assert set(sent) == {FrameType.READ_PARAMETER}
     assert len(sent) >= 3  # one reading of each joint, however busy the machine is
 
 

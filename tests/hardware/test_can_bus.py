@@ -1,0 +1,220 @@
+"""CAN channels: addresses, locks, threads that never stop for a driver, and frames that come or leave late."""
+
+import errno
+import itertools
+import queue
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import pytest
+from waiting import until, wait_until
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.hardware.can_bus import (
+    NEVER,
+    BusAddress,
+    Channel,
+    Frame,
+    OpenChannels,
+    lock_channel,
+    message_of,
+    open_bus,
+    parse_address,
+    parse_addresses,
+)
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.joints import make_wiring
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.robots.description import load_robot
+
+FRAME = Frame(0x1234567, b"12345678")
+_numbers = itertools.count()
+
+
+# --- addresses
+
+
+@pytest.mark.parametrize(
+    ("text", "interface", "channel"),
+    [
+        ("can0", "socketcan", "can0"),
+        (" can1 ", "socketcan", "can1"),
+        ("virtual:lite", "virtual", "lite"),
+        ("udp_multicast:ff15::6d:63", "udp_multicast", "ff15::6d:63"),
+        ("slcan:/dev/ttyACM0@115200", "slcan", "/dev/ttyACM0@115200"),
+    ],
+)
+def test_an_address_names_interface_and_channel(text, interface, channel):
+    address = parse_address(text)
+    assert (address.interface, address.channel) == (interface, channel)
+    assert parse_address(str(address)) == address
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "expected a network interface"),
+        (":can0", "expected a network interface"),
+        ("../can0", "expected a network interface"),
+        ("socketkan:can0", "unknown interface 'socketkan' .did you mean 'socketcan'"),
+        ("can0,can0", "'can0,can0': a channel is named twice"),
+    ],
+)
+def test_what_cannot_be_an_address_is_refused(text, says):
+    with pytest.raises(InputError, match=says) as caught:
+        parse_addresses(text)
+    assert f"'{text}'" in str(caught.value)
+
+
+def test_an_adapter_that_is_not_there_is_one_line():
+    with pytest.raises(RobotError, match=r"slcan:/dev/no-such-adapter: cannot be opened: \w+") as caught:
+        open_bus(BusAddress("slcan", "/dev/no-such-adapter"))
+    assert "\n" not in str(caught.value)
+
+
+# --- locks
+
+
+def test_a_channel_is_held_by_one_process_until_it_is_killed():
+    address = BusAddress("socketcan", "can-of-this-test")
+    script = (
+        "import time\n"
+        "from humanoid_sim.hardware.can_bus import BusAddress, lock_channel\n"
+        "held = lock_channel(BusAddress('socketcan', 'can-of-this-test'))\n"
+        "print('held', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(RobotError, match="can-of-this-test: is in use by another session"):
+            lock_channel(address)
+        process.kill()
+    lock_channel(address).close()
+
+
+# --- one channel
+
+
+class ScriptedBus(can.BusABC):
+    """Receives what is put into `incoming`; `on_send` is given what is sent, and may raise."""
+
+    def __init__(self):
+        super().__init__(channel="scripted")
+        self.incoming = queue.SimpleQueue()
+        self.on_send = lambda _: None
+
+    def _recv_internal(self, timeout):
+        try:
+            return self.incoming.get(timeout=timeout), False
+        except queue.Empty:
+            return None, False
+
+    def send(self, msg, timeout=None):
+        self.on_send(msg)
+
+
+@pytest.fixture
+def address():
+    """A virtual channel of this test's own."""
+    return BusAddress("virtual", f"test-{next(_numbers)}")
+
+
+@pytest.fixture
+def bus():
+    return ScriptedBus()
+
+
+@pytest.fixture
+def received():
+    """Frames with their times."""
+    return []
+
+
+@pytest.fixture
+def channel(bus, received, address):
+    channel = Channel(address, lambda frame, when: received.append((frame, when)), open_bus=lambda _: bus)
+    yield channel
+    channel.close()
+
+
+def test_frames_go_both_ways(received, address):
+    with can.Bus(interface="virtual", channel=address.channel) as peer:
+        channel = Channel(address, lambda frame, _: received.append(frame))
+        peer.send(message_of(FRAME))
+        until(lambda: received == [FRAME])
+        channel.send([("left", Frame(0x1FE, b"\1\2"))])
+        message = peer.recv(10.0)
+        channel.close()
+    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x1FE, b"\1\2", True)
+    assert (channel.counters.sent, channel.counters.received, channel.down) == (1, 1, "")
+
+
+def test_a_frame_is_as_old_as_its_stamp(received, bus, channel):
+    for age in (0.3, 3600.0, -5.0):  # it lay in the kernel; the process was stopped for an hour; the clock was set
+        bus.incoming.put(message_of(FRAME, time.time() - age))
+    assert wait_until(lambda: len(received) == 3)
+    now = time.monotonic()
+    ages = [now - when for _, when in received]
+    assert 0.3 <= ages[0] < 20.0
+    assert ages[1] > 5.0
+    assert 0.0 <= ages[2] < 20.0
+
+
+@pytest.mark.parametrize(
+    "error", [can.CanOperationError("Transmit buffer full"), can.CanTimeoutError(), OSError(errno.EAGAIN, "try again")]
+)
+def test_every_way_to_say_full_is_understood(error, bus, channel):
+    pending = [error]
+
+    def full(_):
+        if pending:
+            raise pending.pop()
+
+    bus.on_send = full
+    channel.send([("left", FRAME)])
+    assert wait_until(lambda: channel.counters.sent == 1)
+    assert channel.down == ""
+
+
+def test_sending_never_waits_for_the_driver(bus, channel):
+    stuck, returned = threading.Event(), []
+    bus.on_send = lambda _: returned.append(stuck.wait(60.0))
+    for number in range(20):
+        channel.send([(joint, Frame(number, bytes(8))) for joint in range(14)])
+        time.sleep(0.005)
+    assert returned == [], "the driver's first call has not come back"
+    assert channel.tx_full is not NEVER
+    stuck.set()
+
+
+def test_a_multicast_group_has_neither_its_own_frames_nor_another_groups():
+    groups = [BusAddress("udp_multicast", f"239.74.163.{number}") for number in (201, 202)]
+    with open_bus(groups[0]) as bus, open_bus(groups[0]) as peer, open_bus(groups[1]) as stranger:
+        stranger.send(message_of(Frame(7, b"another")))
+        bus.send(message_of(FRAME))
+        assert peer.recv(10.0).arbitration_id == FRAME.arbitration_id
+        peer.send(message_of(FRAME))  # the same frame once more: this one is another host's
+        assert bus.recv(10.0).arbitration_id == FRAME.arbitration_id
+        assert bus.recv(0.0) is None
+
+
+def test_motors_or_programs_that_speak_another_protocol_are_counted(address):
+    """LeRobot's motors speak MIT frames of 11 bits, which say nothing here."""
+    checks = CheckList()
+    line = OpenChannels([address], checks)
+    try:
+        link = RobstrideLink(line, make_wiring(load_robot("lite"), 1))
+        line.listeners.append(link.receive)
+        with can.Bus(interface="virtual", channel=address.channel) as peer:
+            for motor_id in range(11, 18):
+                peer.send(message_of(Frame(motor_id, bytes.fromhex("7fff7ff0000007ff"), is_extended=False)))
+        until(lambda: line.channels[0].strangers.total() == 7)
+        line.check(checks)
+    finally:
+        line.close()
+    assert checks.problems == ()
+    assert line.channels[0].troubles() == ("7 × frame with an 11-bit identifier",)
+    assert all(slot.sample is None for slot in link.slots)
