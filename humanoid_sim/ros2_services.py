@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ else:
 _WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
 """Names, and the words that they send to the session."""
-_DAMPS_AT_ONCE = 4  # threads that only a damp ever takes
+_CALLS_AT_ONCE = 8
 _TURN = 0.05  # s that the executor waits for at most: what it finds came after the turn before
 
 _FAST_DDS = """\
@@ -63,14 +63,6 @@ _ELSEWHERE = (
     "ROS_SUPER_CLIENT",
 )
 """Variables that would have the middleware look for others in places of their own."""
-_HELP = """\
-Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/Trigger:
-
-  /humanoid_control/mode/{damp,load_a,load_b,start_remote,start_locomotion,quit}
-
-success says whether the intent was granted, message what became of it, or why it was refused. damp
-goes to all sessions that run. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
-"""
 
 
 class ServiceError(Exception):
@@ -99,31 +91,21 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
 
 
 def answer(word: str, process: int | None, seen: int | None = None) -> tuple[bool, str]:
-    """Return whether an intent is granted, and the text that says so, or why not.
-
-    Args:
-        process: id of the session; None for the only one that runs, and all of them for `damp`.
-        seen: ns, since when it may have been requested; None: now.
-    """
+    """Return whether an intent is granted, and the text that says so, or why not; arguments as of `ask_sessions`."""
     granted, texts = True, []
     try:
-        for session, reply in ask_sessions(word, process, producer="ROS 2 service", seen=seen):
-            if isinstance(reply, SessionError):
-                granted = False
-                texts.append((session, str(reply)))
-            else:
-                granted = granted and reply.granted
-                texts.append((session, reply.text))
+        for _, reply in ask_sessions(word, process, producer="ROS 2 service", seen=seen):
+            granted = granted and not isinstance(reply, SessionError) and reply.granted
+            texts.append(str(reply) if isinstance(reply, SessionError) else reply.text)
     except SessionError as error:
         return False, str(error)
-    return granted, texts[0][1] if len(texts) == 1 else "; ".join(f"{session}: {text}" for session, text in texts)
+    return granted, "; ".join(texts)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until a signal, or the end of the session that is named; returns the exit status."""
-    parser = ArgumentParser(
-        "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
-    )
+    described = f"Serve the modes of a running session as std_srvs/srv/Trigger on this machine: {', '.join(SERVICES)}"
+    parser = ArgumentParser("python -m humanoid_sim.ros2_services", description=described)
     parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
     session = parser.parse_args(arguments).session
     try:
@@ -131,15 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             find_session(session)
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
             _serve(session, Path(folder) / "fastdds.xml")
-    except ImportError as error:
-        print(
-            f"error: the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run "
-            "them there",
-            file=sys.stderr,
-        )
-        return 2
-    except (ServiceError, SessionError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (ImportError, ServiceError, SessionError) as error:
+        hint = ": source /opt/ros/<distribution>/setup.bash first" if isinstance(error, ImportError) else ""
+        print(f"error: {error}{hint}", file=sys.stderr)
         return 2
     return 0
 
@@ -147,8 +123,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _serve(session: int | None, profiles: Path) -> None:
     """Run a node on this machine until a signal, or the end of the session that is named."""
     import rclpy  # noqa: PLC0415 - a user's own
+    from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: PLC0415
     from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
     from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
+    from std_srvs.srv import Trigger  # noqa: PLC0415
 
     for variable, value in loopback_environment(get_rmw_implementation_identifier(), profiles).items():
         os.environ.pop(variable, None)
@@ -157,45 +135,34 @@ def _serve(session: int | None, profiles: Path) -> None:
     domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (domain.isascii() and domain.isdigit() and int(domain) <= 232):  # Fast DDS would exit
         raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
+    begun = [monotonic_ns()]  # of the executor's turn: what a service is called for is as old as that
+
+    def respond(word: str, response: Any) -> Any:
+        response.success, response.message = answer(word, session, begun[0])
+        return response
+
     try:
         rclpy.init(args=[])
         with network_on("lo"):
-            node = rclpy.create_node("mode_services", start_parameter_services=False)
-            turns = _Turns(node, session)
+            node, group = rclpy.create_node("mode_services", start_parameter_services=False), ReentrantCallbackGroup()
+            for name, word in SERVICES.items():
+                callback = lambda _, response, word=word: respond(word, response)  # noqa: E731
+                node.create_service(Trigger, name, callback, callback_group=group)
     except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     except OSError as error:
         raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device lo: {error}") from None
-    # Five services, which run one at a time each, and damps, which wait for none of them.
-    executor = MultiThreadedExecutor(num_threads=len(SERVICES) + _DAMPS_AT_ONCE)
+    executor = MultiThreadedExecutor(num_threads=_CALLS_AT_ONCE)
     executor.add_node(node)
     print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)
     try:
         while rclpy.ok() and (session is None or find_session(session)):
-            turns.begun = monotonic_ns()
+            begun[0] = monotonic_ns()
             executor.spin_once(timeout_sec=_TURN)
     except (KeyboardInterrupt, ExternalShutdownException, SessionError):
         pass
     finally:
         rclpy.try_shutdown()
-
-
-class _Turns:
-    """Services of a node; what they are called for is as old as the turn in which the executor finds it."""
-
-    def __init__(self, node: Any, session: int | None) -> None:
-        from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
-        from std_srvs.srv import Trigger  # noqa: PLC0415
-
-        self.begun, self._session = monotonic_ns(), session
-        for name, word in SERVICES.items():
-            group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
-            respond = lambda _, response, word=word: self._respond(word, response)  # noqa: E731
-            node.create_service(Trigger, name, respond, callback_group=group)
-
-    def _respond(self, word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, self._session, self.begun)
-        return response
 
 
 if __name__ == "__main__":
