@@ -54,7 +54,7 @@ class Samples:
         """Return the trace with what a contract observes of the robot."""
         key = contract.anchor_body, contract.velocity_points
         if key not in self._traces:
-            bodies = body_reader(self._subject.description, *key, contract.height_scan)
+            bodies = body_reader(self._subject.description, contract)
             self._traces[key] = read_trace(self._path, contract, bodies)
         return self._traces[key]
 

@@ -83,83 +83,64 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
     Raises `InputError` with the array that is wrong. `bodies` is of the robot that the trace is of, for `qpos`.
     """
     given = {_NAMES.get(name, name): array for name, array in read_arrays(path).items()}
-    with blaming(path):
+    with blaming(path, (FieldError, ValueError)):
         return _trace(path.name, given, contract, bodies)
 
 
 def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReader | None) -> Trace:
-    action = _table(given, "action", None, contract.action_count)
-    steps, names = len(action), _joint_names(given)
+    if "action" not in given or "joint_names" not in given or not given["action"].size:
+        raise FieldError(f"has {', '.join(given)}, expected joint_names, and action with a row for each step")
+    steps, names = len(given["action"]), tuple(given["joint_names"].astype(str).tolist())
     # A free joint has 7 values, and any other 1; it has a name of its own, or none.
     surplus = given["qpos"].shape[-1] - len(names) if "qpos" in given else 0
-    hinges = names[1:] if surplus == 6 else names
-    missing = [name for name in contract.joint_names if name not in hinges]
+    hinges, free = names[1:] if surplus == 6 else names, 7 if surplus in (6, 7) else 0
+    missing = [joint for joint in contract.joint_names if joint not in hinges]
     if missing:
         raise FieldError(f"joint_names lacks {', '.join(missing)}, expected every joint of the policy")
-    known = _states(given, steps, hinges, 7 if surplus in (6, 7) else 0, bodies)
-    widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7}
-    widths |= {point_velocity(point): 3 for point in contract.velocity_points}
+    if "qpos" in given:
+        if bodies is None:
+            raise FieldError("qpos needs the trainer's robot, whose model says where its IMU is: --robot")
+        qpos = _table(given, "qpos", steps, free + len(hinges))
+        qvel = _table(given, "qvel", steps, max(free - 1, 0) + len(hinges))
+        joints = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
+        given = {**joints, **bodies(qpos, qvel, hinges), **given}  # what the file says itself counts
+    widths = {"joint_position": len(hinges), "joint_velocity": len(hinges), "imu_quaternion": 4}
+    widths |= dict.fromkeys(("imu_angular_velocity", "imu_linear_acceleration"), 3)
+    live = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, mit.KEY_PRESSED: None}
+    live |= {point_velocity(point): 3 for point in contract.velocity_points}
     if contract.height_scan is not None:
-        widths[mit.HEIGHT_SCAN] = contract.height_scan.count
-    live = (*widths, mit.KEY_PRESSED)
-    # What the file says itself comes before what follows from its qpos.
-    stated = [name for name in (*live, *STATE_ARRAYS[2:]) if name in given]
-    known |= {name: _table(given, name, steps, widths.get(name)) for name in stated}
+        live[mit.HEIGHT_SCAN] = contract.height_scan.count
     for term in contract.terms:
         array = contract.kind(term).input(term)
-        if array and array not in known:
+        if array in live and array not in given:
             raise FieldError(f"{array} is missing, expected it, as the policy observes {term.name}, or --robot")
-    columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
-    known.setdefault("imu_linear_acceleration", np.zeros((steps, 3)))
-    arrays: dict[str, npt.NDArray[Any]] = {name: known[name] for name in STATE_ARRAYS}
-    arrays |= {name: known[name][:, columns] for name in STATE_ARRAYS[:2]}
-    arrays |= {EXTERN + name: known[name] for name in live if name in known}
-    arrays["observation"] = _table(given, "observation", steps).astype(np.float32)
-    arrays["action"] = action.astype(np.float32)
+    given = {"imu_linear_acceleration": np.zeros((steps, 3)), **given}
+    arrays: dict[str, npt.NDArray[Any]] = {key: _table(given, key, steps, width) for key, width in widths.items()}
+    arrays |= {EXTERN + key: _table(given, key, steps, width) for key, width in live.items() if key in given}
+    arrays["observation"] = _table(given, "observation", steps, None).astype(np.float32)
+    arrays["action"] = _table(given, "action", steps, contract.action_count).astype(np.float32)
     if "target" in given:
-        arrays["target"] = _table(given, "target", steps, len(hinges))[:, columns]
-    for part in _MEMORY.keys() & given.keys():
-        values = np.broadcast_to(given[part], (steps, 7)) if given[part].shape == (7,) else given[part]
+        arrays["target"] = _table(given, "target", steps, len(hinges))
+    columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
+    for key in {"joint_position", "joint_velocity", "target"} & arrays.keys():
+        arrays[key] = arrays[key][:, columns]
+    for key in _MEMORY.keys() & given.keys():
+        values = np.broadcast_to(given[key], (steps, 7)) if given[key].shape == (7,) else given[key]
         if len(np.atleast_1d(values)) != steps:
-            raise FieldError(f"{part} has shape {values.shape}, expected {steps} rows")
-        arrays[part] = values.astype(_MEMORY[part])
+            raise FieldError(f"{key} has shape {values.shape}, expected {steps} rows")
+        arrays[key] = values.astype(_MEMORY[key])
     return Trace(name, tuple(hinges[i] for i in columns), arrays)
 
 
-def _table(arrays: Arrays, name: str, steps: int | None, width: int | None = None) -> FloatArray:
+def _table(arrays: Arrays, name: str, steps: int, width: int | None) -> FloatArray:
     """Return an array as shape (steps, width), float64; one row for all steps is spread out."""
-    values = arrays.get(name)
-    if values is None or values.dtype.kind not in "fiub":
-        problem = "is missing" if values is None else f"has type {values.dtype}"
-        raise FieldError(f"{name} {problem}, expected numbers, a row for each step")
-    if values.ndim == 1 and steps is not None and name != "observation":
-        values = np.broadcast_to(values, (steps, len(values)))
-    is_row = values.ndim == 2 and len(values) > 0 and width in (None, values.shape[1])
-    if not is_row or steps not in (None, len(values)):
-        raise FieldError(f"{name} has shape {values.shape}, expected ({steps or 'F'}, {width or 'width'})")
+    if name not in arrays:
+        raise FieldError(f"{name} is missing, expected a row for each step")
+    values: FloatArray = arrays[name].astype(np.float64)
+    if values.ndim == 1 and len(values) == width:
+        values = np.broadcast_to(values, (steps, width))
+    if values.ndim != 2 or len(values) != steps or width not in (None, values.shape[1]):
+        raise FieldError(f"{name} has shape {values.shape}, expected ({steps}, {width or 'width'})")
     if not np.isfinite(values).all():
         raise FieldError(f"{name} is not finite in row {int(np.argmax(~np.isfinite(values).all(axis=1)))}")
-    return values.astype(np.float64)
-
-
-def _joint_names(arrays: Arrays) -> tuple[str, ...]:
-    names = arrays.get("joint_names")
-    if names is None or names.ndim != 1 or names.dtype.kind not in "US" or len(set(names.tolist())) < len(names):
-        shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
-        raise FieldError(f"joint_names {shown}, expected one text per joint, none twice, in the order of the state")
-    return tuple(names.astype(str).tolist())
-
-
-def _states(
-    given: Arrays, steps: int, hinges: tuple[str, ...], free: int, bodies: BodyReader | None
-) -> dict[str, FloatArray]:
-    """Return what a run says of the robot: as arrays, or as it follows from `qpos` and `qvel` by the robot's model."""
-    joints, speeds = len(hinges), max(free - 1, 0)
-    if "qpos" not in given:
-        widths = zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False)
-        return {name: _table(given, name, steps, width) for name, width in widths}
-    if bodies is None:
-        raise FieldError("qpos needs the trainer's robot, whose model says where its IMU is: --robot")
-    qpos, qvel = _table(given, "qpos", steps, free + joints), _table(given, "qvel", steps, speeds + joints)
-    found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, speeds:]}
-    return found | dict(bodies(qpos, qvel, hinges))
+    return values

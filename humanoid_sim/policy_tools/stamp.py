@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from rich.markup import escape
 
-from humanoid_sim.controllers.contract import HeightScan
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
@@ -29,18 +29,11 @@ from humanoid_sim.simulation.sensing import Sensors
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and print what its golden vectors are worth."""
-    samples = stamp(
-        options.checkpoint,
-        options.output,
-        contract_file=options.contract,
-        description=None if options.robot is None else load_robot(options.robot),
-        trace=options.trace,
-        motion=options.motion,
-        overwrite=options.overwrite,
-    )
+    robot = None if options.robot is None else load_robot(options.robot)
+    files = {"contract_file": options.contract, "trace": options.trace, "motion": options.motion}
+    samples = stamp(options.checkpoint, options.output, description=robot, overwrite=options.overwrite, **files)
     label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
-    text = f"{options.output}: contract inside; golden vectors: {label}"
-    make_console().print(escape(text), soft_wrap=True)
+    make_console().print(escape(f"{options.output}: contract inside; golden vectors: {label}"), soft_wrap=True)
     return 0
 
 
@@ -65,8 +58,6 @@ def stamp(
         trace: a trainer's run, see `humanoid_sim.policy.traces`.
         motion: what the policy follows, where the model does not carry it.
     """
-    if output.exists() and path.exists() and output.samefile(path):
-        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
     output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names
     checkpoint = load_checkpoint(path, contract_file, joints, verify=trace is None)
@@ -74,9 +65,7 @@ def stamp(
     if trace is not None:
         if contract.live_inputs:
             raise InputError(f"--trace: {path} observes live inputs, {', '.join(contract.live_inputs)}: no samples")
-        bodies = None
-        if description is not None:
-            bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
+        bodies = None if description is None else body_reader(description, contract)
         followed = None if motion is None else read_motion(motion)
         samples = trainer_samples(checkpoint, read_trace(trace, contract, bodies), followed)
     with blaming(path):
@@ -94,10 +83,7 @@ def stamp(
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
-    """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
-
-    Raises `InputError` if a tensor is missing, or it is larger than the 2 GiB that a file can hold.
-    """
+    """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own."""
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
     with blaming(f"{path}: cannot be read, or written as one ONNX file", Exception):  # protobuf's own types
@@ -108,29 +94,22 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     return data
 
 
-def body_reader(
-    description: RobotDescription,
-    anchor_body: str,
-    velocity_at: Sequence[str] = (),
-    height_scan: HeightScan | None = None,
-) -> BodyReader:
-    """Return a reader of this robot's traces: anchor body, velocities and ground as far as the policy observes them.
+def body_reader(description: RobotDescription, contract: PolicyContract) -> BodyReader:
+    """Return a reader of this robot's traces: IMU, anchor body, velocities and ground as the policy observes them.
 
     The ground is what the robot's MJCF brings, or a level floor. Raises `InputError` if the robot's model lacks the
     anchor body, a site, or the middle of the scan.
     """
-    config = SimConfig(anchor_body=anchor_body, velocity_at=tuple(velocity_at), height_scan=height_scan)
-    model = build_model(description, scene=False if height_scan is None else "floor", sensors=config)
+    scan = contract.height_scan
+    config = SimConfig(anchor_body=contract.anchor_body, velocity_at=contract.velocity_points, height_scan=scan)
+    model = build_model(description, scene=False if scan is None else "floor", sensors=config)
     data, sensors = mujoco.MjData(model), Sensors(model, description, config)
-    no_effort = np.zeros(description.joint_count)
     free = 7 if description.is_floating else 0
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)
-        width = free + len(joint_names)
-        if qpos.shape[1] != width:
-            whose = "a free joint" if free else "no free joint"
-            raise InputError(f"trace: qpos is {qpos.shape[1]} wide, expected {width}: robot has {whose}")
+        if qpos.shape[1] != free + len(joint_names):
+            raise InputError(f"trace: qpos is {qpos.shape[1]} wide, expected {free + len(joint_names)} of this robot")
         rows: list[dict[str, FloatArray]] = []
         for position, velocity in zip(qpos, qvel, strict=True):
             if free:
@@ -139,7 +118,7 @@ def body_reader(
                 data.qvel[linear], data.qvel[angular] = velocity[:3], velocity[3:6]
             data.qpos[addresses.qpos], data.qvel[addresses.dof] = position[free:], velocity[max(free - 1, 0) :]
             mujoco.mj_forward(model, data)
-            state = sensors.state(0.0, data.qpos, data.qvel, data.sensordata, no_effort)
+            state = sensors.state(0.0, data.qpos, data.qvel, data.sensordata, np.zeros(description.joint_count))
             imu = {"imu_quaternion": state.imu_quaternion, "imu_angular_velocity": state.imu_angular_velocity}
             rows.append({**imu, **{name: live.value for name, live in state.extern.items()}})
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
