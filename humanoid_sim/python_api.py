@@ -8,14 +8,12 @@ would print.
 from __future__ import annotations
 
 import io
-import threading
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import finalize
 
 import msgspec
@@ -29,7 +27,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy_tools.show import print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.regress import RegressConfig, checked
+from humanoid_sim.regress import RegressConfig
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import schema_problem
 
@@ -59,6 +57,11 @@ class _Shown:
     def _print(self, console: Console) -> None:
         raise NotImplementedError
 
+    def _printed(self) -> Console:
+        console = Console(file=io.StringIO(), width=120, highlight=False, emoji=False, record=True, force_jupyter=False)
+        self._print(console)
+        return console
+
     def __str__(self) -> str:
         return self._printed().export_text()
 
@@ -66,11 +69,6 @@ class _Shown:
 
     def _repr_html_(self) -> str:
         return self._printed().export_html(inline_styles=True, code_format=_PAGE)
-
-    def _printed(self) -> Console:
-        console = Console(file=io.StringIO(), width=120, highlight=False, emoji=False, record=True, force_jupyter=False)
-        self._print(console)
-        return console
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,9 +99,6 @@ class Policy(_Shown):
         print_checkpoint(console, self.checkpoint)
 
 
-Given: TypeAlias = str | Path | Policy  # a policy: the name of one that ships, a file, or one that was loaded
-
-
 @dataclass(frozen=True, repr=False)
 class Simulation(_Shown):
     """A run that has ended, and its recording, shown as `play` reports it."""
@@ -121,7 +116,9 @@ class Simulation(_Shown):
             console.print(f"failed: {problem}", markup=False)
 
 
-def simulate(policy: Given | None = None, *, record: str | Path | None = None, **options: Any) -> Simulation:
+def simulate(
+    policy: str | Path | Policy | None = None, *, record: str | Path | None = None, **options: Any
+) -> Simulation:
     """Run a policy on a simulated robot through the five modes, as fast as possible, and record every tick.
 
     Call it from the main thread; Ctrl-C ends the run through DAMPING.
@@ -129,7 +126,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     Args:
         policy: what runs; None: the robot's sample policy.
         record: the recording to write (.mcap); None: one that goes with the result.
-        options: those of `play`, such as `robot="lite_biped"`, `command=(0.3, 0, 0)`, `duration=5`,
+        options: those of `play`, such as `robot="lite_biped"`, `command="0.3,0,0"`, `duration=5`,
             `script="damp; load_a"`; neither `hardware` nor `manual`, for whose operators `play` is.
     """
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
@@ -138,19 +135,18 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     for name in ("hardware", "manual"):
         if options.get(name):
             raise InputError(f"simulate: {name} is {options[name]!r}, expected none; an operator's runs are play's")
-    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        raise InputError("simulate: is called from another thread, expected the main one")
-    with ExitStack() as stack:
-        folder = Path(mkdtemp(prefix="humanoid_sim-"))
-        stack.callback(rmtree, folder, ignore_errors=True)
+    folder = Path(mkdtemp(prefix="humanoid_sim-"))
+    try:
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
         given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
-        config = _config("simulate", PlayConfig, given)
-        outcome = played(config, PlayConsole(quiet=True))
+        outcome = played(_config("simulate", PlayConfig, given), PlayConsole(quiet=True))
         if outcome.status > 128:
             raise KeyboardInterrupt
         recording = open_recording(path)
-        finalize(recording, stack.pop_all().close)  # a reader may outlive this run
+    except BaseException:
+        rmtree(folder, ignore_errors=True)
+        raise
+    finalize(recording, rmtree, folder, ignore_errors=True)  # a reader may outlive this run
     return Simulation(outcome.status == 0, outcome.summary, outcome.problems, recording)
 
 
@@ -166,7 +162,7 @@ class Diagnosis(_Shown):
         print_document(dict(self.document), console)
 
 
-def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
+def diagnose(policy: str | Path | Policy, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
     """Find out what is wired wrongly in a policy that does not behave; shows how far it is unless `quiet`.
 
     Args:
@@ -177,60 +173,63 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
 
     chosen = _of_policy(policy)
     checkpoint = policy_path(chosen.pop("policy")[0], "diagnose")
-    given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
-    return Diagnosis(examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet)))
+    config = _config("diagnose", DoctorConfig, {**options, **chosen, "checkpoint": checkpoint, "robot": robot})
+    return Diagnosis(examine(config, Console(stderr=True, quiet=quiet)))
 
 
 @dataclass(frozen=True, repr=False)
 class SuiteRun(_Shown):
     """Findings of `regress`, shown as it prints them."""
 
-    passed: bool  # no policy is worse than the baseline by more than the suite tolerates
     results: Results  # everything, as `regress --json` writes it
+
+    @property
+    def passed(self) -> bool:
+        """Return whether no policy is worse than the baseline by more than the suite tolerates."""
+        return self.results.passed
 
     def frame(self) -> Any:
         """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
         baseline = () if self.results.baseline is None else (self.results.baseline,)
         with needing("pandas", "report", "a frame"):
             import pandas as pd  # noqa: PLC0415 - an optional package
-        runs = (*baseline, *(candidate.run for candidate in self.results.candidates))
-        shown = ("case", "seed", "failure", "duration")
         return pd.DataFrame(
-            {"policy": run.name, **{name: getattr(episode, name) for name in shown}, **episode.metrics}
-            for run in runs
-            for episode in run.episodes
+            {"policy": run.name, **{name: getattr(e, name) for name in ("case", "seed", "failure")}, **e.metrics}
+            for run in (*baseline, *(candidate.run for candidate in self.results.candidates))
+            for e in run.episodes
         )
 
     def _print(self, console: Console) -> None:
-        from humanoid_sim.regress.report import verdict_lines  # noqa: PLC0415
+        from humanoid_sim.regress.report import print_results  # noqa: PLC0415
 
-        for candidate in self.results.candidates:
-            for line in verdict_lines(self.results, candidate):
-                console.print(line, markup=False, soft_wrap=True)
+        print_results(console, self.results)
 
 
-def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
+def run_suite(
+    policies: str | Path | Policy | Iterable[str | Path | Policy],
+    baseline: str | Path | Policy | None = None,
+    **options: Any,
+) -> SuiteRun:
     """Run policies over a suite and compare them with a baseline; shows how far it is.
 
     Args:
-        baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
+        baseline: what to compare with: a policy, or a file that `regress --json` wrote.
         options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
     """
     from humanoid_sim.regress.run import tested  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
-    several = [policies] if isinstance(policies, str | Path | Policy) else list(policies)
+    several = [policies] if isinstance(policies, str | Path | Policy) else policies
     given = {**options, "policies": [_path_of(policy) for policy in several]}
     if baseline is not None:
         given["baseline"] = _path_of(baseline)
-    results = tested(checked(_config("run_suite", RegressConfig, given)))
-    return SuiteRun(results.passed, results)
+    return SuiteRun(tested(_config("run_suite", RegressConfig, given)))
 
 
-def _path_of(policy: Given) -> str:
+def _path_of(policy: str | Path | Policy) -> str:
     return policy.name if isinstance(policy, Policy) else str(policy)
 
 
-def _of_policy(policy: Given | None) -> dict[str, Any]:
+def _of_policy(policy: str | Path | Policy | None) -> dict[str, Any]:
     """Return the options that name a policy; one that was loaded brings its contract's file."""
     if policy is None:
         return {}
@@ -241,15 +240,8 @@ def _of_policy(policy: Given | None) -> dict[str, Any]:
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
     """Return a program's options from keywords. Raises `InputError` for one that does not exist, or a wrong value."""
     require_known("option", given, [item.name for item in fields(kind)], f"{function}: ")
+    texts = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
     try:
-        plain = {name: _plain(value) for name, value in given.items()}
-        return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))
+        return msgspec.convert(texts, kind, dec_hook=lambda wanted, value: wanted(value))
     except msgspec.ValidationError as error:
         raise InputError(f"{function}: {schema_problem(error)}") from None
-
-
-def _plain(value: Any) -> Any:
-    """Return the value of an option as the command line has it: paths, and numbers such as a velocity's, as texts."""
-    if isinstance(value, tuple | list) and value and all(type(item) in (int, float) for item in value):
-        return ",".join(map(str, value))
-    return str(value) if isinstance(value, Path) else value

@@ -17,24 +17,21 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.evaluation.failure import length, rms
-from humanoid_sim.evaluation.feet import Feet, find_feet
+from humanoid_sim.evaluation.feet import find_feet
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
-from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS
-from humanoid_sim.mit import Float32Array, FloatArray, MITCommand
-from humanoid_sim.regress.metrics import REACHED, has_metric, metrics_of
+from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
+from humanoid_sim.regress.suite import REACHED, metrics_of
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.randomisation import Randomisation
 
 Rows = Mapping[str, npt.NDArray[Any]]
 """Values of a policy step by name, shape (N, ...)."""
 
-_WINDOW = 1.0
-"""s over which a walking robot's velocity is averaged: one or two strides, so that their sway does not count."""
-_PUSH_STREAM = 1
-"""Stream of random numbers apart from the draws of the start, which have the same seed."""
+_WINDOW = 1.0  # s over which a walking robot's velocity is averaged: one or two strides, so that sway does not count
 
 
 def episode_keys(case: str, seeds: Sequence[int]) -> npt.NDArray[np.uint64]:
@@ -59,10 +56,6 @@ class EpisodeBatch:
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
         self._feet = find_feet(scenario.description) if suite.task == "velocity" else None
-        target = case.target.astype(np.float64) if suite.task == "tracking" and case.target is not None else None
-        self._context = StepContext(
-            scenario.description, scenario.contract, scenario.wiring.reference, joint_target=target
-        )
         bodies = scenario.sim_config.bodies if self._feet is None else self._feet.bodies
         self.simulation = BatchSim(
             scenario.description,
@@ -75,17 +68,13 @@ class EpisodeBatch:
         )
 
     def run(self) -> list[Episode]:
-        """All episodes from their start to their end."""
+        """Run all episodes from their start to their end."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
         task, measured = case.scenario.task, []
         simulation.reseed(self._keys)
         starts = case.scenario.starts
         start = starts(np.stack([generator.random(starts.draws) for generator in simulation.generators]))
         simulation.reset(qpos=start.qpos, qvel=start.qvel)
-        masses = np.zeros(count)
-        if case.suite.pushes is not None:  # a model of each is made for this
-            masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(count)])
-        directions = [np.random.default_rng([_PUSH_STREAM, int(key)]) for key in self._keys]
         commands = np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1))
         loop = ClosedLoop(simulation, case.scenario.wiring, commands)
         alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
@@ -101,7 +90,7 @@ class EpisodeBatch:
             if not alive.any():
                 break
             held = np.where(alive[:, None], action, loop.memory.last_action)
-            command = loop.act(held, wrench=self._wrench(step, masses, directions), where=alive)
+            command = loop.act(held, where=alive)
             for i in np.flatnonzero(alive & simulation.fault).tolist():
                 failures[i] = "fault", "the simulation diverged: its state is no longer finite"
             alive = alive & ~simulation.fault
@@ -111,10 +100,10 @@ class EpisodeBatch:
             lost = alive & task.failed(sample)
             failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
             alive = alive & ~lost
-        found = _figures(case, self._feet, measured) if alive.any() else [{}] * count
+        found = self._figures(measured) if alive.any() else [{}] * count
         return [self._episode(i, int(steps[i]), *failures.get(i, ("", "")), found[i]) for i in range(count)]
 
-    def _infer(self, loop: ClosedLoop, alive: npt.NDArray[np.bool_]) -> Float32Array:
+    def _infer(self, loop: ClosedLoop, alive: BoolArray) -> Float32Array:
         """One inference each, as on the robot: a model may answer otherwise in a batch. NaN where it raises."""
         actions = np.full(loop.action.shape, np.nan, dtype=np.float32)
         for i in np.flatnonzero(alive):
@@ -124,7 +113,7 @@ class EpisodeBatch:
 
     def _step_rows(self, sample: StepSample, command: MITCommand) -> Rows:
         """Measure one policy step; the sample is what came of the command, without the sensors' noise."""
-        context, task = self._context, self.case.suite.task
+        context, task = self.case.scenario.task.context, self.case.suite.task
         rows: dict[str, npt.NDArray[Any]] = {
             name: METRICS[name].values(context, sample)
             for name in metrics_of(task)
@@ -138,73 +127,49 @@ class EpisodeBatch:
             rows["touch"] = self.simulation.key_force
         return rows
 
+    def _figures(self, measured: Sequence[Rows]) -> list[dict[str, float]]:
+        """Return the metrics of each of N whole episodes by name, without those that are not there."""
+        suite, case, period = self.case.suite, self.case.case, self.simulation.control_period
+        command, piano = np.array(case.command or (0.0, 0.0, 0.0)), self.case.scenario.description.piano
+        rows = {name: np.stack([step[name] for step in measured]) for name in measured[0]}  # shape (steps, N, ...)
+        rows["action_rate"] = rms(np.diff(rows["position"], axis=0) / period)
+        if self._feet is not None:
+            skip, window = round(suite.settle / period), round(_WINDOW / period)
+            off = _averaged(rows["velocity"], window)[skip:] - command
+            rows["velocity"] = rows["velocity"][skip:]
+            rows["velocity_error"], rows["yaw_rate_error"] = length(off[..., :2]), np.abs(off[..., 2])
+            rows["slip"] = self._feet.slip(rows["soles"][:-1], rows["soles"][1:], period)
+        found = []
+        for i in range(len(self.seeds)):
+            episode: dict[str, float] = {}
+            for metric in metrics_of(suite.task).values():
+                if metric.summary != "episode" and metric.name in rows:
+                    values = rows[metric.name][:, i]
+                    known = values[~np.isnan(values)]
+                    if known.size:
+                        episode[metric.name] = float(rms(known) if metric.summary == "rms" else known.mean())
+            for axis, name in enumerate(REACHED):
+                if case.moves[axis]:
+                    episode[name] = min(float(rows["velocity"][:, i, axis].mean() / command[axis]), 1.0)
+            if suite.task == "piano" and piano is not None:
+                episode["key_force"] = float(rows["touch"][:, i].max())
+                episode["hard_touches"] = float(episode["key_force"] > piano.key_force_limit)
+            found.append(episode)
+        return found
+
     def _episode(self, i: int, steps: int, kind: str, failure: str, found: Mapping[str, float]) -> Episode:
         """Return what came of episode `i`; one that failed has no errors to compare: what counts is that it failed."""
-        ends = {
-            "faults": float(kind == "fault"),
-            "losses": float(kind == "lost"),
-            "falls": float(kind == "lost"),
-            "survival": steps / self.case.steps,
-        }
-        known = {**({} if kind else found), **ends}
+        known = {**({} if kind else found), "faults": float(kind == "fault"), "survival": steps / self.case.steps}
+        known |= {"losses": float(kind == "lost"), "falls": float(kind == "lost")}
         return Episode(
             case=self.case.case.name,
             seed=self.seeds[i],
             steps=steps,
-            duration=steps * self.case.scenario.contract.policy_dt,
+            duration=steps * self.simulation.control_period,
             failure=failure,
             kind=kind,  # type: ignore[arg-type]  # one of the two above, or empty
             metrics={name: known.get(name) for name in metrics_of(self.case.suite.task)},
         )
-
-    def _wrench(self, step: int, masses: FloatArray, directions: Sequence[np.random.Generator]) -> FloatArray | None:
-        """Return the push of this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
-
-        The momentum for the robot's whole mass, spread over one policy step, in a direction that is drawn.
-        """
-        pushes, period = self.case.suite.pushes, self.simulation.control_period
-        if pushes is None:
-            return None
-        interval = max(round(pushes.interval / period), 1)
-        if (step + interval // 2) % interval:
-            return None
-        force = masses * pushes.speed / period
-        angle = np.array([generator.uniform(-np.pi, np.pi) for generator in directions])
-        wrench = np.zeros((len(angle), 6))
-        wrench[:, 0], wrench[:, 1] = force * np.cos(angle), force * np.sin(angle)
-        return wrench
-
-
-def _figures(case: PreparedCase, feet: Feet | None, steps: Sequence[Rows]) -> list[dict[str, float]]:
-    """Return the metrics of each of N whole episodes by name, without those that are not there."""
-    rows = {name: np.stack([step[name] for step in steps]) for name in steps[0]}  # shape (steps, N, ...)
-    period, skip = case.scenario.contract.policy_dt, 0
-    piano = case.scenario.description.piano if case.suite.task == "piano" else None
-    values = {**rows, "action_rate": rms(np.diff(rows["position"], axis=0) / period)}
-    if feet is not None:
-        values["slip"] = feet.slip(rows["soles"][:-1], rows["soles"][1:], period)
-        skip = round(case.suite.settle / period)
-        off = _averaged(rows["velocity"], round(_WINDOW / period))[skip:] - np.array(case.case.command)
-        values["velocity_error"], values["yaw_rate_error"] = length(off[..., :2]), np.abs(off[..., 2])
-    found = []
-    for i in range(rows["effort"].shape[1]):
-        episode = {}
-        for metric in metrics_of(case.suite.task).values():
-            if metric.summary != "episode" and metric.name in values:
-                of_steps = values[metric.name][:, i]
-                known = of_steps[~np.isnan(of_steps)]
-                if known.size:
-                    episode[metric.name] = float(rms(known) if metric.summary == "rms" else known.mean())
-        if feet is not None:
-            mean = rows["velocity"][skip:, i].mean(axis=0)
-            for axis, name in enumerate(REACHED):
-                if case.case.command is not None and has_metric(name, case.case.command):
-                    episode[name] = min(float(mean[axis] / case.case.command[axis]), 1.0)
-        elif piano is not None:
-            episode["key_force"] = float(rows["touch"][:, i].max())
-            episode["hard_touches"] = float(episode["key_force"] > piano.key_force_limit)
-        found.append(episode)
-    return found
 
 
 def _averaged(velocity: FloatArray, window: int) -> FloatArray:

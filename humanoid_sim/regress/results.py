@@ -1,7 +1,6 @@
-"""Results of a regression run: frozen structs that are JSON as they stand.
+"""Results of a regression run: frozen structs that are JSON as they stand, which `--json` writes.
 
-`Results` is what `--json` writes and what the report is made from; one `PolicyRun` alone is a baseline file. Numbers
-that do not exist (an error of an episode that failed in its first step) are None, in JSON null.
+Numbers that do not exist (an error of an episode that failed in its first step) are None, in JSON null.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import msgspec
 
 from humanoid_sim.regress.suite import Suite
 
-Verdict = Literal["worse beyond tolerance", "worse within tolerance", "better", "no difference seen"]
+Verdict = Literal["worse beyond tolerance", "worse within tolerance", "better", "no difference seen", "not compared"]
 """Verdict on one metric, the most urgent first: the interval of the worsening lies beyond the tolerance, or excludes 0
 and does not, or lies on the other side of 0, or holds 0."""
 WORSE: Verdict = "worse beyond tolerance"
@@ -27,33 +26,23 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True):
     case: str
     seed: int
     steps: int
-    duration: float
-    """s of simulated time that the episode lasted."""
+    duration: float  # s of simulated time that the episode lasted
     failure: str = ""
     kind: Literal["", "fault", "lost"] = ""
     """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
     simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
-    metrics: Mapping[str, float | None]
-    """By the metric's name, in its unit; None: not measured."""
-
-    @property
-    def label(self) -> str:
-        """Such as `wave, seed 3`."""
-        return f"{self.case}, seed {self.seed}"
+    metrics: Mapping[str, float | None]  # by the metric's name, in its unit; None: not measured
 
 
 class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
-    """One policy over the whole suite. Written to a file it is a baseline; other fields of a file are ignored."""
+    """One policy over the whole suite."""
 
-    format: Literal["humanoid_sim.regress/1"] = "humanoid_sim.regress/1"
     name: str
     source: str
     sha256: str
-    suite: str
     case_digests: Mapping[str, str]
     episodes: tuple[Episode, ...]
-    versions: Mapping[str, str] = {}
-    """Versions of the packages that the numbers depend on, and of the platform."""
+    versions: Mapping[str, str] = {}  # of the packages that the numbers depend on, and of the platform
 
     @property
     def failures(self) -> tuple[Episode, ...]:
@@ -70,66 +59,45 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
         return found
 
 
-class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     """One metric of a candidate against the baseline. Changes are candidate less baseline, in the metric's unit."""
 
     metric: str
     unit: str
     verdict: Verdict
+    candidate: float | None = None  # mean over the episodes that are compared; cases weigh equally
     baseline: float | None = None
-    """Mean over the pairs that are compared; cases weigh equally. None where no pair has the metric."""
-    candidate: float | None = None
     change: float | None = None
     low: float | None = None
     high: float | None = None
-    tolerance: float | None = None
-    """The worsening that the suite lets pass, a positive number."""
-    episodes: int
-    """Pairs that are compared; episodes that failed have no errors to compare."""
-    worse_cases: Mapping[str, float] = {}
-    """Change in each case that is worse beyond tolerance by itself. One makes the metric worse."""
+    tolerance: float | None = None  # worsening that the suite lets pass, a positive number
+    episodes: int = 0  # pairs that are compared; episodes that failed have no errors to compare
     new_failures: tuple[str, ...] = ()
     """Episodes that failed in cases in which none of the baseline's did. One makes the share of failures worse."""
 
     @property
     def text(self) -> str:
-        """Such as `+8.1 % (+1.5 to +13.8 %), tolerated 10 %`, and what makes it worse whatever its mean is."""
+        """Such as `+8.1 mm (+1.5 mm to +13.8 mm)`; empty where nothing was compared."""
         if self.change is None:
-            return "no episode has it" if self.verdict == WORSE else "nothing to compare"
-        change, low, high = (self._share(value) for value in (self.change, self.low, self.high))
-        text = f"{change} ({low.removesuffix(' %')} to {high})"
-        if self.verdict.startswith("worse"):
-            text += f", tolerated {self._share(self.tolerance).removeprefix('+')}"
-        text += "".join(f"; {case} {quantity(by, self.unit, signed=True)}" for case, by in self.worse_cases.items())
-        if self.new_failures:
-            text += f"; {len(self.new_failures)} new, such as {self.new_failures[0]}"
-        return text
-
-    def _share(self, value: float | None) -> str:
-        """Return a change such as `+8.0 %` of the baseline, and where it has no such share, the value itself."""
-        if value is None or not self.baseline or self.unit == "share":
-            return quantity(value, self.unit, signed=True)
-        return f"{100.0 * value / abs(self.baseline):+.1f} %"
+            return ""
+        change, low, high = (quantity(value, self.unit, signed=True) for value in (self.change, self.low, self.high))
+        new = f"; new: {'; '.join(self.new_failures)}" if self.new_failures else ""
+        return f"{change} ({low} to {high}){new}"
 
 
-class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Candidate(msgspec.Struct, frozen=True, kw_only=True):
     """One policy under test."""
 
     run: PolicyRun
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[Comparison, ...]
 
     @property
     def worse(self) -> tuple[str, ...]:
         """Names of the metrics that fail the candidate."""
         return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict == WORSE)
 
-    @property
-    def passed(self) -> bool:
-        """Return whether no metric is worse beyond its tolerance."""
-        return not self.worse
 
-
-class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Results(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that one call of `regress` found."""
 
     suite: Suite
@@ -139,8 +107,8 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def passed(self) -> bool:
-        """Return whether every candidate passed."""
-        return all(candidate.passed for candidate in self.candidates)
+        """Return whether no metric of any candidate is worse beyond its tolerance."""
+        return not any(candidate.worse for candidate in self.candidates)
 
 
 _SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "share": (100.0, "%")}
@@ -148,9 +116,8 @@ _SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / ma
 
 
 def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
-    """Return a value with the unit that a person reads it in, such as `12.1 mm`; `-` where there is none."""
+    """Return a value with the unit that a person reads it in, such as `12.1 mm`; empty where there is none."""
     if value is None:
-        return "-"
+        return ""
     factor, shown = _SHOWN.get(unit, (1.0, unit))
-    gap = "" if shown in ("°", "×") else " "
-    return f"{factor * value:{'+' if signed else ''}.3g}{gap}{shown}"
+    return f"{round(factor * value, 9):{'+' if signed else ''}.3g} {shown}"

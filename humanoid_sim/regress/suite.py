@@ -1,30 +1,80 @@
-"""A suite: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
+"""A suite: a task, its cases and seeds, what disturbs the robot, its metrics, and how much worse is still accepted.
 
 A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. The structs are its schema.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
 from humanoid_sim.assets import asset_path, shipped
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, blaming, known_names, require_known
+from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.files import is_file
-from humanoid_sim.regress import RegressConfig
-from humanoid_sim.regress.metrics import Metric, TaskName, failures_of, has_metric, metrics_of
 from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
-FEWEST_SEEDS = 6
-"""Seeds of each case that a comparison takes: with fewer their spread is hardly known."""
+TaskName = Literal["tracking", "velocity", "piano"]
+REACHED = ("vx_reached", "vy_reached", "yaw_rate_reached")
+FAILURES = ("losses", "falls", "hard_touches", "faults")
+"""Shares of episodes that are always judged: errors are those of the episodes that did not fail."""
 
 
-class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Metric(NamedTuple):
+    """A figure of an episode."""
+
+    name: str
+    unit: str
+    summary: Literal["rms", "mean", "episode"]  # of the policy steps; `episode`: a figure of the episode as a whole
+    task: TaskName | None = None
+    better: Literal["lower", "higher"] = "lower"
+
+
+def _of_steps(name: str, summary: Literal["rms", "mean"], task: TaskName | None = None) -> Metric:
+    row = METRICS[name]
+    return Metric(name, row.unit, summary, task, row.better)
+
+
+_ROWS = (
+    _of_steps("body_position_error", "rms", "tracking"),
+    _of_steps("body_orientation_error", "rms", "tracking"),
+    _of_steps("joint_error", "rms", "tracking"),
+    Metric("losses", "share", "episode", "tracking"),  # the robot strayed too far from the motion
+    Metric("velocity_error", "m/s", "mean", "velocity"),  # over the last second against the command
+    Metric("yaw_rate_error", "rad/s", "mean", "velocity"),
+    # mean speed over the commanded along each axis, at most 1; where it is to move
+    *(Metric(name, "×", "episode", "velocity", "higher") for name in REACHED),
+    _of_steps("tilt", "rms", "velocity"),
+    Metric("slip", "m/s", "mean", "velocity"),  # of the feet's points that touch the ground
+    _of_steps("power", "mean", "velocity"),
+    Metric("falls", "share", "episode", "velocity"),
+    _of_steps("f1", "mean", "piano"),
+    _of_steps("precision", "mean", "piano"),
+    _of_steps("recall", "mean", "piano"),
+    Metric("key_force", "N", "episode", "piano"),  # hardest touch of a key, of every physics step
+    Metric("hard_touches", "share", "episode", "piano"),  # a key was touched harder than the robot allows
+    _of_steps("effort", "rms"),
+    Metric("action_rate", "rad/s", "rms"),  # change of the commanded positions from step to step
+    Metric("faults", "share", "episode"),  # the controller refused an observation or action, or physics diverged
+    Metric("survival", "share", "episode", None, "higher"),  # part of the planned episode that was reached
+)
+
+
+def metrics_of(task: TaskName) -> Mapping[str, Metric]:
+    """Return the metrics of a task by name."""
+    return {metric.name: metric for metric in _ROWS if metric.task in (None, task)}
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    pass
+
+
+class Case(_Part, frozen=True, kw_only=True):
     """One thing to do: follow a motion, walk at a velocity, or play a song."""
 
     name: str
@@ -37,8 +87,14 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     duration: Positive | None = None
     """s; tracking and piano: default the whole motion or song."""
 
+    @property
+    def moves(self) -> tuple[bool, bool, bool]:
+        """Return along which axes the robot is to move: a smaller command asks it to stand."""
+        vx, vy, yaw_rate = (abs(value) >= 0.1 for value in self.command or (0.0, 0.0, 0.0))  # m/s, m/s, rad/s
+        return vx, vy, yaw_rate
 
-class Start(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+
+class Start(_Part, frozen=True, kw_only=True):
     """Spread around the policy's default pose, and around rest, in which episodes begin."""
 
     joint_position: NotNegative = 0.0
@@ -47,23 +103,14 @@ class Start(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """rad/s, likewise."""
 
 
-class Pushes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Sudden changes of a floating base's horizontal velocity, in a direction that is drawn."""
-
-    speed: Positive
-    """m/s"""
-    interval: Positive = 4.0
-    """s between two; the first comes after half of it."""
-
-
-class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Tolerance(_Part, frozen=True, kw_only=True):
     """Worsening against the baseline that a metric may have: the larger of the two."""
 
-    relative: float = 0.0
-    absolute: float = 0.0
+    relative: NotNegative = 0.0
+    absolute: NotNegative = 0.0
 
 
-class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Suite(_Part, frozen=True, kw_only=True):
     """A suite. Everything that an episode depends on is in its digest, so that a baseline is known to fit."""
 
     name: str
@@ -71,14 +118,13 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     task: TaskName
     robot: str = ""
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
-    cases: tuple[Case, ...]
+    cases: Annotated[tuple[Case, ...], msgspec.Meta(min_length=1)]
     seeds: Annotated[int, msgspec.Meta(ge=1)]
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     start: Start = Start()
     randomisation: Mapping[str, float | tuple[float, float]] = {}
     """Fields of `humanoid_sim.simulation.randomisation.Randomisation`."""
-    pushes: Pushes | None = None
     settle: NotNegative = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
     implicit: bool = False
@@ -86,9 +132,11 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """The metrics that are judged, in their order, of those that some case has."""
-        names, known = dict.fromkeys((*self.tolerances, *failures_of(self.task))), metrics_of(self.task)
-        return tuple(known[name] for name in names if any(has_metric(name, case.command) for case in self.cases))
+        """The metrics that are judged, in their order: a speed is reached only along an axis that some case moves."""
+        known = metrics_of(self.task)
+        moved = {name for case in self.cases for name, moves in zip(REACHED, case.moves, strict=True) if moves}
+        names = dict.fromkeys((*self.tolerances, *(name for name in FAILURES if name in known)))
+        return tuple(known[name] for name in names if name not in REACHED or name in moved)
 
     def tolerance(self, metric: str, baseline: float) -> float:
         """Return the worsening that is let pass beside a baseline, in the metric's unit."""
@@ -108,40 +156,20 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
         suite = msgspec.convert(document, Suite)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {schema_problem(error)}") from None
-    for problem in _problems(suite):
-        raise InputError(f"{path}: {problem}")
+    with blaming(path, InputError):
+        _check(suite)
     return suite, path.resolve().parent
 
 
-def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
-    """Return the suite with the options' cases and seeds. Raises `InputError`, naming the option."""
-    names = ", ".join(case.name for case in suite.cases)
-    cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
-    if not cases:
-        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {names}")
-    seeds = suite.seeds if config.seeds is None else config.seeds
-    if seeds < (1 if config.baseline is None else FEWEST_SEEDS):
-        raise InputError(f"--seeds: is {seeds}, expected at least 1, and {FEWEST_SEEDS} with a --baseline")
-    return msgspec.structs.replace(suite, cases=cases, seeds=seeds)
-
-
-def _problems(suite: Suite) -> Iterator[str]:
-    names = [case.name for case in suite.cases]
-    if not names or len(set(names)) < len(names):
-        yield f"cases: are named {', '.join(names) or 'nothing'}, expected one or more, each with a name of its own"
+def _check(suite: Suite) -> None:
     wanted = {"tracking": "motion", "velocity": "command", "piano": "song"}[suite.task]
+    if len({case.name for case in suite.cases}) < len(suite.cases):
+        raise InputError(f"cases: are named {', '.join(case.name for case in suite.cases)}, expected different names")
     for i, case in enumerate(suite.cases):
         given = [name for name in ("motion", "command", "song") if getattr(case, name)]
         if given != [wanted] and (given or suite.task != "tracking"):
-            yield f"cases[{i}]: gives {', '.join(given) or 'nothing'}, expected a {wanted} for a {suite.task} task"
+            raise InputError(f"cases[{i}]: gives {', '.join(given) or 'nothing'}, expected a {wanted}")
         if suite.task == "velocity" and (case.duration or 0.0) <= suite.settle:
-            yield f"cases[{i}].duration: expected more than settle ({suite.settle:g} s)"
-    for name, tolerance in suite.tolerances.items():
-        if not min(tolerance.relative, tolerance.absolute) >= 0.0:
-            yield f"tolerances.{name}: is {tolerance.relative:g}, {tolerance.absolute:g}, expected numbers >= 0"
-        if name not in metrics_of(suite.task):
-            yield f"tolerances: {known_names(f'{suite.task} metric', name, metrics_of(suite.task))}"
-    try:
-        Randomisation.of(suite.randomisation)
-    except InputError as error:
-        yield str(error)
+            raise InputError(f"cases[{i}].duration: expected more than settle ({suite.settle:g} s)")
+    require_known("metric", suite.tolerances, metrics_of(suite.task), "tolerances: ")
+    Randomisation.of(suite.randomisation)

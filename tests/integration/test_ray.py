@@ -19,4 +19,4 @@ def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path, runtime, monkey
         subprocess.run([*command, "--json", output, *options], cwd=tmp_path, check=True, timeout=300)
         return (tmp_path / output).read_bytes()
 
-    assert regress("cluster.json", "--ray", "local", "--threads", "2") == regress("one.json")
+    assert regress("cluster.json", "--ray", "local") == regress("one.json")
