@@ -157,8 +157,8 @@ class TickOutput:
     policy_error: str | None = None  # error that the policy raised instead of an answer in this tick
 
 
-URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
-"""Documents of a header: the robot as URDF, and as JSON where in `qpos` the value of each of its joints begins."""
+URDF_DOCUMENT = "urdf"
+"""Document of a header: the robot as URDF. The `qpos` of ticks begins with that of its joints, in their order."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -191,7 +191,7 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
 
 def _poses(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Poses]:
     """Return the robot's model, and the recorded poses; of a run on hardware the joints, and how the base is turned."""
-    from humanoid_sim.recording.body import RecordedBody  # noqa: PLC0415
+    from humanoid_sim.recording.links import Links  # noqa: PLC0415
     from humanoid_sim.rendering.ghost import ReferenceGhost  # noqa: PLC0415
     from humanoid_sim.rendering.poses import Poses  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
@@ -200,7 +200,7 @@ def _poses(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Poses
     description = _description(recording, options.robot)
     model = build_model(description)
     addresses = joint_addresses(model, description.joint_names).qpos
-    body = RecordedBody.of(recording.header)
+    links = Links.of(recording.header)
     loaded = recorded_policy(recording.header, no_policy)
     poses = Poses(None if loaded is None else ReferenceGhost(description, loaded.contract, loaded.reference))
     for entry in recording.entries():
@@ -211,8 +211,8 @@ def _poses(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Poses
         else:
             qpos = model.qpos0.copy()
             qpos[addresses] = np.nan_to_num(entry.input.state.joint_position)
-            if body is not None and description.is_floating:
-                qpos[:7] = body.poses(entry)[len(body.hinged)]
+            if links is not None and links.base is not None:
+                qpos[:7] = links.poses(entry)[links.base]
             poses.tick(replace(entry, qpos=qpos))
     if not poses.kept:
         raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")

@@ -25,7 +25,7 @@ from humanoid_sim.frontends.attach import Source
 from humanoid_sim.frontends.dds.mirror import Watched
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.links import Links
 from humanoid_sim.recording.topics import read_labels
 from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show(source: Source, *, is_page: bool) -> None:
     """Show ticks until the session or the viewer has ended."""
-    body = RecordedBody.of(source.header)
+    body = Links.of(source.header)
     if body is None:
         raise InputError(f"{source}: does not describe its robot's body")
     with _viewer(is_page=is_page or not has_display()) as (viewer, address, serves):

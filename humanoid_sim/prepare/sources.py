@@ -19,7 +19,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_f
 from humanoid_sim.errors import InputError, blaming, needing, one_line, reason_of, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.ros2.cdr import CdrError, CdrReader
+from humanoid_sim.ros2.cdr import CdrError, decode
 from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
@@ -182,10 +182,8 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
                 for schema, channel, message in make_reader(stream).iter_messages():
                     if schema is None or schema.name != JOINT_STATE or topic not in (None, channel.topic):
                         continue
-                    reader = CdrReader(message.data)
-                    seconds, nanoseconds = reader.unpack("iI")
-                    reader.string()
-                    position = dict(zip(reader.strings(), reader.array(np.float64).tolist(), strict=False))
+                    (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
+                    position = dict(zip(names, values.tolist(), strict=False))
                     if not position.keys().isdisjoint(joints):
                         require_known("joint", joints, position, f"{path}: {channel.topic}: ")
                         time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time

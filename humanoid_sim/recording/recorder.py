@@ -24,7 +24,7 @@ from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import exclusive_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
-from humanoid_sim.recording.codec import TickEncoder, encode_event
+from humanoid_sim.recording.codec import encode_event, encode_tick
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
@@ -185,7 +185,6 @@ class _RunWriter:
         self._writer = Writer(cast("IO[Any]", file), compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
         write_header(self._writer, header)
-        self._encoder = TickEncoder(len(header.joint_names))
         self._topics = ViewerTopics(header)
         self._start_time_ns = self._time_ns = header.start_time_ns
         self._time = self._flushed = 0.0
@@ -201,7 +200,7 @@ class _RunWriter:
         self._index = record.index + 1
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
-        encoded = self._encoder.encode(record) if message is None else message
+        encoded = encode_tick(record) if message is None else message
         self._add(TopicMessage(TICK_TOPIC, TICK, encoded), time_ns, record.index)
         for shown in self._topics.messages(record, time_ns):
             self._add(shown, time_ns, record.index)

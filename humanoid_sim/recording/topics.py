@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import TERM_KINDS, live_kind
-from humanoid_sim.messages import PolicyStep, SafetyLevel, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.mit import Extern
-from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.recording.header import json_document
+from humanoid_sim.recording.links import Links
 from humanoid_sim.ros2 import definitions as schema
 from humanoid_sim.ros2 import messages as ros
 from humanoid_sim.ros2 import topics
+from humanoid_sim.ros2.cdr import encode
 
 VIEWER_PERIOD = 0.02  # s between two messages of a topic that has something new in every tick
 LABELS_DOCUMENT = "labels"
@@ -68,61 +68,70 @@ def _live_topics(header: SessionHeader) -> dict[str, str]:
 
 
 class ViewerTopics:
-    """Turns the ticks of one run into messages. Keeps the last message of the topics that change rarely."""
+    """Turns the ticks of one run into messages. Keeps what was last sent on the topics that change rarely."""
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self.live = _live_topics(header)
         """Topics of live inputs, by name."""
-        self._joints, self._terms, self._labels = header.joint_names, header.observation_terms, read_labels(header)
+        self._joints, labels = header.joint_names, read_labels(header)
         self._joint_topic = topics.joint_states_topic(topic_prefix(header))
+        self._observation = tuple(
+            f"{term}/{name}"
+            for term, width in header.observation_terms
+            for name in labels.observation.get(term) or range(width)
+        )
+        self._action = labels.action
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._second = max(1, round(1.0 / header.control_period))
         self._last: dict[str, object] = {}
         """What was last sent, by topic."""
+        self._inputs: dict[str, Extern] = {}
         self._safety: dict[str, SafetyStatus] = {}
         self._failed: dict[str, SafetyStatus] = {}
-        self._body = RecordedBody.of(header)
-        self._is_described = False
-        self._transforms = ros.TransformEncoder([] if self._body is None else self._body.frames)
+        self._links, self._is_described = Links.of(header), False
+        self._transforms = ros.TransformEncoder(() if self._links is None else self._links.frames)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the messages of one tick, stamped `time_ns`."""
-        state, output = record.input.state, record.output
+        state, output, remote = record.input.state, record.output, record.input.remote
         is_due = record.index % self._every == 0
-        if self._body is not None and not self._is_described:
-            self._is_described = True
-            yield from self._description(self._body, time_ns)
+        if self._links is not None and not self._is_described:
+            yield from self._description(self._links, time_ns)
         if is_due or self._every_state:
-            data = ros.encode_joint_state(time_ns, self._joints, state)
-            yield TopicMessage(self._joint_topic, schema.JOINT_STATE, data)
+            joint_state = ros.encode_joint_state(time_ns, self._joints, state)
+            yield TopicMessage(self._joint_topic, schema.JOINT_STATE, joint_state)
             yield TopicMessage(topics.IMU_TOPIC, schema.IMU, ros.encode_imu(time_ns, state))
         if is_due:
-            data = ros.encode_mit_command(time_ns, self._joints, output.command)
-            yield TopicMessage("/mit_command", schema.MIT_COMMAND, data)
+            command = ros.encode_mit_command(time_ns, self._joints, output.command)
+            yield TopicMessage("/mit_command", schema.MIT_COMMAND, command)
+            if self._links is not None:
+                yield from self._frames(self._links, record, time_ns)
         if self._is_news(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
-            data = ros.encode_control_mode(time_ns, output.control_mode)
-            yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, data)
+            mode = ros.encode_control_mode(time_ns, output.control_mode)
+            yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, mode)
         standby = output.standby
         if standby is not None:
             topic = topics.standby_topic(output.control_mode.controller_name)
-            if self._is_news(topic, (standby.current_segment, standby.is_finished)) or (
-                is_due and not standby.is_finished
-            ):
+            is_news = self._is_news(topic, (standby.current_segment, standby.is_finished))
+            if is_news or (is_due and not standby.is_finished):
                 yield TopicMessage(topic, schema.STANDBY_STATE, ros.encode_standby_state(time_ns, standby))
         yield from self._safety_statuses(record, time_ns)
-        remote = record.input.remote
         if remote is not None and self._is_news(topics.COMMAND_TOPIC, remote):
-            data = ros.encode_mit_command(time_ns, self._joints, remote.command)
-            yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, data)
-        if is_due and self._body is not None:
-            yield from self._frames(self._body, record, time_ns)
+            command = ros.encode_mit_command(time_ns, self._joints, remote.command)
+            yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, command)
         if output.policy_step is not None:
-            yield from self._policy_step(output.policy_step, time_ns)
+            for name, names, values in (
+                ("observation", self._observation, output.policy_step.observation),
+                ("action", self._action, output.policy_step.action.ravel()),
+            ):
+                count = min(len(names), len(values))  # the answer of a policy that fails may have any length
+                shown = ros.encode_named_values(time_ns, names[:count], values[:count])
+                yield TopicMessage(f"/rl_policy_controller/{name}", schema.JOINT_STATE, shown)
         for name, live in state.extern.items():
             if name in self.live and self._is_news_of_input(name, live, is_due):
-                data = ros.encode_float32_array(live.value.astype(np.float32))
+                data = ros.encode_float32_array(live.value)
                 yield TopicMessage(self.live[name], schema.FLOAT32_MULTI_ARRAY, data)
 
     def _is_news(self, topic: str, value: object) -> bool:
@@ -132,11 +141,11 @@ class ViewerTopics:
 
     def _is_news_of_input(self, name: str, live: Extern, is_due: bool) -> bool:
         """On change at once; else at most 50 a second, as long as new ones arrive."""
-        last = self._last.get(name)
-        is_same = isinstance(last, Extern) and np.array_equal(live.value, last.value)
-        if isinstance(last, Extern) and is_same and (not is_due or live.arrival_time == last.arrival_time):
+        last = self._inputs.get(name)
+        is_same = last is not None and np.array_equal(live.value, last.value)
+        if last is not None and is_same and (not is_due or live.arrival_time == last.arrival_time):
             return False
-        self._last[name] = live
+        self._inputs[name] = live
         return True
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
@@ -149,45 +158,28 @@ class ViewerTopics:
         for fault in record.output.faults:
             status = SafetyStatus(SafetyLevel.FAULT, source=fault.controller, message=fault.message)
             self._failed[fault.controller] = status
-        present = {status.source: status for status in record.input.safety} | self._failed
-        gone = {source: SafetyStatus(source=source) for source in self._safety if source not in present}
+        statuses = {source: SafetyStatus(source=source) for source in self._safety}
+        statuses |= {status.source: status for status in record.input.safety} | self._failed
         is_due = record.index % self._second == 0
-        for source, status in (present | gone).items():
+        for source, status in statuses.items():
             if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
                 data = ros.encode_safety_status(time_ns, status)
                 yield TopicMessage(topics.SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
 
-    def _policy_step(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield the observation term by term, and the raw action."""
-        start, prefix = 0, "/rl_policy_controller"
-        for term, width in self._terms:
-            names, values = self._labels.observation.get(term, ()), step.observation[start : start + width]
-            yield _named_values(f"{prefix}/observation/{term}", names, values, time_ns)
-            start += width
-        yield _named_values(f"{prefix}/action", self._labels.action, step.action.reshape(-1), time_ns)
-
-    def _description(self, body: RecordedBody, time_ns: int) -> Iterator[TopicMessage]:
+    def _description(self, links: Links, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the URDF, and the links that do not move."""
-        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(body.urdf))
-        if body.fixed:
-            encoder = ros.TransformEncoder([(joint.parent, joint.child) for joint in body.fixed])
-            poses = np.array([[*joint.position, *joint.quaternion] for joint in body.fixed])
-            yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, encoder.encode(time_ns, poses))
+        self._is_described = True
+        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, encode(schema.STRING, links.urdf))
+        if links.fixed_frames:
+            data = ros.TransformEncoder(links.fixed_frames).encode(time_ns, links.fixed_poses)
+            yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, data)
 
-    def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
+    def _frames(self, links: Links, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield where the links are, each in its parent's frame, and the base in the world's."""
-        poses = body.poses(record)
+        poses = links.poses(record)
         if len(poses):
             yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, poses))
-        if body.floating and body.knows_base(record):
-            base = ros.encode_pose(time_ns, "world", poses[len(body.hinged)])
+        if links.base is not None and links.knows_base(record):
+            base = ros.encode_pose(time_ns, "world", poses[links.base])
             yield TopicMessage("/base_pose", schema.POSE_STAMPED, base)
-
-
-def _named_values(topic: str, names: tuple[str, ...], values: npt.NDArray[np.float32], time_ns: int) -> TopicMessage:
-    """Under their names, if there are any; of a policy that fails, the answer may have any length."""
-    if not names:
-        return TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, ros.encode_float32_array(values))
-    count = min(len(names), len(values))
-    return TopicMessage(topic, schema.JOINT_STATE, ros.encode_named_values(time_ns, names[:count], values[:count]))

@@ -10,7 +10,7 @@ from typing import Any
 from humanoid_sim.errors import needing
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.links import Links
 
 
 def rerun_module(purpose: str) -> Any:
@@ -29,7 +29,7 @@ class RerunLog:
         library: Any,
         stream: Any,
         joints: tuple[str, ...],
-        body: RecordedBody,
+        body: Links,
         action: tuple[str, ...],
         period: float,
     ) -> None:

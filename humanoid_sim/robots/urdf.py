@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ import numpy as np
 from humanoid_sim.controllers.rotation import conjugate, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.files import regular_file
-from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT
+from humanoid_sim.messages import URDF_DOCUMENT
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.guards import rated_speed
@@ -30,14 +29,9 @@ _ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def body_documents(description: RobotDescription) -> dict[str, str]:
-    """Return what a recording's header says of the robot's body, for `humanoid_sim.recording.body`."""
+    """Return what a recording's header says of the robot's body, for `humanoid_sim.recording.links`."""
     model = bare_model(description)
-    return {URDF_DOCUMENT: urdf_of(model, description), QPOS_DOCUMENT: qpos_addresses(model)}
-
-
-def qpos_addresses(model: mujoco.MjModel) -> str:
-    """Return where the value of each joint begins in `qpos`, by the joint's name in the URDF, as JSON."""
-    return json.dumps({_joint_name(model, joint): int(model.jnt_qposadr[joint]) for joint in range(model.njnt)})
+    return {URDF_DOCUMENT: urdf_of(model, description)}
 
 
 def _joint_name(model: mujoco.MjModel, joint: int) -> str:

@@ -1,161 +1,217 @@
-"""ROS 2's wire format: little-endian CDR (OMG CORBA 3.3 part 2, section 9.3; `CDR_LE` of DDS-XTypes 1.3, 7.6.3.1).
+"""ROS 2's wire format: little-endian CDR (OMG CORBA 3.3 part 2, section 9.3), by the definitions of the messages.
 
-A message is a 4-byte encapsulation header and a body. Every primitive is aligned to its own size, counted from the
-start of the body. A string is its length with the final NUL, the bytes, and the NUL; a sequence is its count and its
+A message is a 4-byte encapsulation header and a body. Every number is aligned to its own size, counted from the start
+of the body. A string is its length with the final NUL, the bytes, and the NUL; a sequence is its count and its
 elements; an empty sequence has no padding after its count.
+
+In Python a message is its values in the order of the definition. Neighbouring numbers, those of nested messages and of
+arrays of fixed length included, are one tuple; a sequence of numbers is an array of shape (n,), one of messages a list.
 """
 
 from __future__ import annotations
 
 import struct
-from functools import cache
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache, lru_cache
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.ros2.definitions import MessageField, message_fields
+
 ENCAPSULATION = b"\x00\x01\x00\x00"  # header of a plain little-endian CDR body
-_SIZES = {"?": 1, "B": 1, "b": 1, "H": 2, "h": 2, "I": 4, "i": 4, "f": 4, "Q": 8, "q": 8, "d": 8}
+_CODES = {
+    "bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"
+}  # fmt: skip
+_COUNT = struct.Struct("<I")
 
 
 class CdrError(ValueError):
     """Bytes that are no message of the expected layout."""
 
 
-@cache
-def layout(codes: str, start: int = 0) -> struct.Struct:
-    """Return a struct of primitives with CDR's padding before each, for a body offset of `start` modulo 8.
+class _Part(Protocol):
+    """Part of a message."""
 
-    `codes` has one `struct` letter per primitive (`?BbHhIifQqd`).
-    """
+    def write(self, body: bytearray, value: Any) -> None:
+        """Append a value to the body."""
+
+    def read(self, body: bytes, start: int) -> tuple[Any, int]:
+        """Return the value that begins at an offset, and where it ends."""
+
+
+class _Numbers:
+    def __init__(self, codes: str) -> None:
+        self._layouts = [_padded(codes, start) for start in range(8)]
+
+    def write(self, body: bytearray, value: Iterable[float]) -> None:
+        body += self._layouts[len(body) % 8].pack(*value)
+
+    def read(self, body: bytes, start: int) -> tuple[tuple[Any, ...], int]:
+        layout = self._layouts[start % 8]
+        return layout.unpack_from(body, start), start + layout.size
+
+
+def _padded(codes: str, start: int) -> struct.Struct:
+    """Return a struct of numbers with CDR's padding before each, for a body offset of `start` modulo 8."""
     parts, offset = ["<"], start
     for code in codes:
-        padding = -offset % _SIZES[code]
+        size = struct.calcsize(f"<{code}")
+        padding = -offset % size
         parts.append(f"{padding}x{code}")
-        offset += padding + _SIZES[code]
+        offset += padding + size
     return struct.Struct("".join(parts))
 
 
-class CdrWriter:
-    """Builds a message, or a stretch of one, field by field in the order of its definition.
+class _Array:
+    def __init__(self, code: str) -> None:
+        self._dtype = np.dtype(f"<{code}")
 
-    A stretch is placed at an offset that is a multiple of 8; `skip` bytes (at most 7) then stand for what precedes it.
-    """
+    def write(self, body: bytearray, value: Sequence[float] | npt.NDArray[Any]) -> None:
+        body += _count(len(value), len(body) % 8, self._dtype.itemsize)
+        if len(value):
+            body += np.asarray(value, self._dtype).tobytes()
 
-    __slots__ = ("_body", "_skip")
-
-    def __init__(self, skip: int = 0) -> None:
-        self._body = bytearray(skip)
-        self._skip = skip
-
-    def pack(self, codes: str, *values: Any) -> None:
-        """Append primitives; `codes` has one `struct` letter for each."""
-        self._body += layout(codes, len(self._body) & 7).pack(*values)
-
-    def string(self, text: str) -> None:
-        """Append a string. Lone surrogates are kept, although no other reader will like them."""
-        data = text.encode("utf-8", "surrogatepass")
-        self.pack("I", len(data) + 1)
-        self._body += data + b"\x00"
-
-    def strings(self, texts: tuple[str, ...] | list[str]) -> None:
-        """Append a sequence of strings."""
-        self.pack("I", len(texts))
-        for text in texts:
-            self.string(text)
-
-    def array(self, values: npt.NDArray[Any]) -> None:
-        """Append a sequence of numbers of the array's own type, flattened row by row."""
-        self.pack("I", values.size)
-        if values.size:
-            self.fixed_array(values)
-
-    def fixed_array(self, values: npt.NDArray[Any]) -> None:
-        """Append an array whose length is part of the definition: no count."""
-        self._body += b"\x00" * (-len(self._body) % values.itemsize)
-        self._body += values.tobytes()
-
-    def append(self, stretch: bytes) -> None:
-        """Append fields that were encoded elsewhere for this offset."""
-        self._body += stretch
-
-    def body(self) -> bytes:
-        """Return the fields so far, without the encapsulation header and without what was skipped."""
-        return bytes(self._body[self._skip :])
-
-    def message(self) -> bytes:
-        """Return the whole message."""
-        return ENCAPSULATION + self._body
+    def read(self, body: bytes, start: int) -> tuple[npt.NDArray[Any], int]:
+        count, start = _read_count(body, start)
+        if not count:
+            return np.zeros(0, self._dtype), start
+        start += -start % self._dtype.itemsize
+        return np.frombuffer(body, self._dtype, count, start), start + count * self._dtype.itemsize
 
 
-class CdrReader:
-    """Takes one message apart, field by field. Every method raises `CdrError` at the end of the data."""
+class _Text:
+    def write(self, body: bytearray, value: str) -> None:
+        body += _encoded_text(value, len(body) % 4)
 
-    __slots__ = ("_data", "_offset")
+    def read(self, body: bytes, start: int) -> tuple[str, int]:
+        length, start = _read_count(body, start)
+        text, end = body[start : start + length], start + length
+        if end > len(body) or not text.endswith(b"\x00"):
+            raise CdrError(f"a string of {length} bytes in {len(body) - start} bytes, or without its final NUL")
+        return text[:-1].decode("utf-8", "surrogatepass"), end
 
-    def __init__(self, message: bytes | memoryview) -> None:
-        if bytes(message[:4]) != ENCAPSULATION:
-            raise CdrError(f"encapsulation header is {bytes(message[:4]).hex(' ') or 'missing'}, expected 00 01 00 00")
-        self._data = memoryview(message)[4:]
-        self._offset = 0
 
-    @property
-    def remaining(self) -> int:
-        """Bytes not read yet."""
-        return len(self._data) - self._offset
+@lru_cache(maxsize=1024)
+def _encoded_text(text: str, offset: int) -> bytes:
+    data = text.encode("utf-8", "surrogatepass") + b"\x00"
+    return _count(len(data), offset, 1) + data
 
-    def unpack(self, codes: str) -> tuple[Any, ...]:
-        """Read primitives; `codes` has one `struct` letter for each."""
-        fields = layout(codes, self._offset & 7)
-        try:
-            values = fields.unpack_from(self._data, self._offset)
-        except struct.error:
-            raise CdrError(f"ends at body byte {len(self._data)}, inside a field") from None
-        self._offset += fields.size
-        return values
 
-    def count(self, smallest: int = 1) -> int:
-        """Read a sequence's count, of elements of at least `smallest` bytes."""
-        (count,) = self.unpack("I")
-        if count * smallest > self.remaining:
-            raise CdrError(f"a sequence of {count} elements in {self.remaining} bytes")
-        return int(count)
+class _Texts:
+    def write(self, body: bytearray, value: Iterable[str]) -> None:
+        body += _encoded_texts(tuple(value), len(body) % 4)
 
-    def string(self) -> str:
-        """Read a string."""
-        (length,) = self.unpack("I")
-        if not 0 < length <= self.remaining:
-            raise CdrError(f"a string of {length} bytes in {self.remaining} bytes")
-        data = bytes(self._data[self._offset : self._offset + length])
-        self._offset += length
-        if data[-1] != 0:
-            raise CdrError("a string without its final NUL")
-        try:
-            return data[:-1].decode("utf-8", "surrogatepass")
-        except UnicodeDecodeError as error:
-            raise CdrError(f"a string that is not UTF-8 ({error.reason})") from None
+    def read(self, body: bytes, start: int) -> tuple[list[str], int]:
+        return _Sequence(_Text()).read(body, start)
 
-    def strings(self) -> tuple[str, ...]:
-        """Read a sequence of strings."""
-        return tuple(self.string() for _ in range(self.count(5)))
 
-    def array(self, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-        """Read a sequence of numbers. Shape (count,), a read-only view of the message."""
-        count = self.count(np.dtype(dtype).itemsize)
-        return self.fixed_array(dtype, count) if count else np.zeros(0, dtype)
+@lru_cache(maxsize=1024)  # the names of joints are in most messages
+def _encoded_texts(texts: tuple[str, ...], offset: int) -> bytes:
+    data = bytes(offset)
+    data += _count(len(texts), offset, 1)
+    for text in texts:
+        data += _encoded_text(text, len(data) % 4)
+    return data[offset:]
 
-    def fixed_array(self, dtype: npt.DTypeLike, count: int) -> npt.NDArray[Any]:
-        """Read an array whose length is part of the definition. Shape (count,), a view of the message."""
-        kind = np.dtype(dtype)
-        start = self._offset + -self._offset % kind.itemsize
-        end = start + count * kind.itemsize
-        if end > len(self._data):
-            raise CdrError(f"an array of {count} numbers in {self.remaining} bytes")
-        self._offset = end
-        array: npt.NDArray[Any] = np.frombuffer(self._data[start:end], dtype=kind)
-        return array
 
-    def finish(self) -> None:
-        """Check that nothing is left but up to three bytes of padding, which some writers add."""
-        if self.remaining > 3:
-            raise CdrError(f"{self.remaining} bytes left after the last field")
+@lru_cache(maxsize=1024)
+def _count(count: int, offset: int, size: int) -> bytes:
+    """Return the count of elements of `size` bytes, for a body offset modulo 8, with the padding around it."""
+    padding = -offset % 4
+    gap = -(offset + padding + 4) % size if count else 0
+    return bytes(padding) + _COUNT.pack(count) + bytes(gap)
+
+
+def _read_count(body: bytes, start: int) -> tuple[int, int]:
+    start += -start % 4
+    (count,) = _COUNT.unpack_from(body, start)
+    return count, start + 4
+
+
+class _Sequence:
+    def __init__(self, element: _Part) -> None:
+        self._element = element
+
+    def write(self, body: bytearray, value: Sequence[Any]) -> None:
+        body += _count(len(value), len(body) % 8, 1)
+        for item in value:
+            self._element.write(body, item)
+
+    def read(self, body: bytes, start: int) -> tuple[list[Any], int]:
+        count, start = _read_count(body, start)
+        items = []
+        for _ in range(count):
+            item, start = self._element.read(body, start)
+            items.append(item)
+        return items, start
+
+
+class _Message:
+    def __init__(self, parts: list[_Part]) -> None:
+        self._parts = parts
+
+    def write(self, body: bytearray, value: Iterable[Any]) -> None:
+        for part, item in zip(self._parts, value, strict=True):
+            part.write(body, item)
+
+    def read(self, body: bytes, start: int) -> tuple[list[Any], int]:
+        items = []
+        for part in self._parts:
+            item, start = part.read(body, start)
+            items.append(item)
+        return items, start
+
+
+@cache
+def _message(schema: str) -> _Message:
+    parts: list[_Part] = []
+    codes = ""
+    for field in _leaves(schema):
+        if field.length != 0 and field.kind in _CODES:
+            codes += _CODES[field.kind] * (field.length or 1)
+            continue
+        if codes:
+            parts.append(_Numbers(codes))
+            codes = ""
+        parts.append(_part(field))
+    return _Message([*parts, _Numbers(codes)] if codes else parts)
+
+
+def _leaves(schema: str) -> Iterator[MessageField]:
+    """Yield the fields of a message, with those of nested messages in their place."""
+    for field in message_fields(schema):
+        if field.length is None and "/" in field.kind:
+            yield from _leaves(field.kind)
+        else:
+            yield field
+
+
+def _part(field: MessageField) -> _Part:
+    if field.kind in _CODES:
+        return _Array(_CODES[field.kind])
+    if field.kind == "string":
+        return _Text() if field.length is None else _Texts()
+    return _Sequence(_message(field.kind))
+
+
+def encode(schema: str, *values: Any) -> bytes:
+    """Return the message of a type (`package/msg/Type`) with these values, as the module says."""
+    body = bytearray()
+    _message(schema).write(body, values)
+    return ENCAPSULATION + body
+
+
+def decode(schema: str, message: bytes) -> list[Any]:
+    """Return the values of a message; arrays are read-only. Raises `CdrError` if it is not one of this type."""
+    if message[:4] != ENCAPSULATION:
+        raise CdrError(f"encapsulation header is {message[:4].hex(' ') or 'missing'}, expected 00 01 00 00")
+    body = message[4:]
+    try:
+        values, end = _message(schema).read(body, 0)
+    except (struct.error, ValueError) as error:  # it ends too early, or a text is not UTF-8
+        raise CdrError(str(error)) from None
+    if len(body) - end > 3:  # some writers pad
+        raise CdrError(f"{len(body) - end} bytes left after the last field")
+    return values

@@ -14,7 +14,7 @@ from pathlib import Path
 from humanoid_sim.client import FEED_HEAD, STATUS, TICK, monotonic_ns
 from humanoid_sim.errors import blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
-from humanoid_sim.recording.codec import TickEncoder
+from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import header_metadata
 from humanoid_sim.ros2.definitions import TICK as TICK_MESSAGE
 from humanoid_sim.ros2.definitions import schema_text
@@ -60,7 +60,6 @@ class FeedWriter(Sink):
                 (folder / "files" / name).write_bytes(data)
             (folder / "header.json").write_text(json.dumps(described), encoding="utf-8")
         self._socket = listening(folder / "ticks")
-        self._encoder = TickEncoder(len(header.joint_names))
         self._subscribers: dict[str, socket.socket] = {}
         self._number = self._event_number = 0
         self._latest: tuple[TickRecord, bytes] | None = None
@@ -73,7 +72,7 @@ class FeedWriter(Sink):
         if not self._subscribers or self._number % _ACCEPT_EVERY == 0:
             self._accept()
         if self._subscribers:
-            message = self._encoder.encode(record)
+            message = encode_tick(record)
             self._latest = record, message
             self._send(TICK, self._number, message)
 

@@ -5,7 +5,7 @@ from mcap.writer import CompressionType, Writer
 from recording_samples import make_header, make_tick
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.recording.codec import TickEncoder
+from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import TICK_TOPIC
@@ -21,9 +21,8 @@ def small_recording(path):
         writer.start(profile="ros2", library="test")
         write_header(writer, make_header(attachments={"motion.mcap": b"motion"}))
         channel = writer.register_channel(TICK_TOPIC, "cdr", writer.register_schema(TICK, SCHEMA_ENCODING, b""))
-        encoder = TickEncoder(3)
         for index in range(COUNT):
-            writer.add_message(channel, index, encoder.encode(make_tick(index)), index)
+            writer.add_message(channel, index, encode_tick(make_tick(index)), index)
             if index == 1:
                 writer.flush()
         writer.finish()

@@ -83,11 +83,9 @@ def test_an_independent_reader_sees_the_topics(tmp_path):
     assert safety == [("simulation", 0, 0, ""), ("can0", 2, 8, "motor 3"), ("can0", 0, 0, "")]
     assert len(topics["/remote_policy_controller/command"]) == 1
     steps = [tick.output.policy_step for tick in ticks if tick.output.policy_step]
-    for topic, part in (("joint_pos", slice(0, 3)), ("actions", slice(3, 5))):
-        read = [message.data for _, message in topics[f"/rl_policy_controller/observation/{topic}"]]
-        assert np.array_equal(read, [step.observation[part] for step in steps])
-    actions = [message.data for _, message in topics["/rl_policy_controller/action"]]
-    assert np.array_equal(actions, [step.action for step in steps])
+    observations = [message for _, message in topics["/rl_policy_controller/observation"]]
+    assert observations[0].name == ["joint_pos/0", "joint_pos/1", "joint_pos/2", "actions/0", "actions/1"]
+    assert np.array_equal([message.position for message in observations], [step.observation for step in steps])
     assert len(topics["/humanoid_sim/tick"]) == 80
 
 

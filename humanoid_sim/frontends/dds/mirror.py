@@ -19,7 +19,6 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import (
-    QPOS_DOCUMENT,
     URDF_DOCUMENT,
     SafetyLevel,
     SafetyStatus,
@@ -31,7 +30,7 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
-from humanoid_sim.robots.urdf import convert_urdf, qpos_addresses
+from humanoid_sim.robots.urdf import convert_urdf
 from humanoid_sim.simulation.model import joint_addresses
 
 _PERIOD = 0.02  # s between two messages of a robot's topics on hardware
@@ -64,7 +63,6 @@ class Mirror(Source):
             "robot": description.to_json(),
             "settings": "{}",
             URDF_DOCUMENT: urdf,
-            QPOS_DOCUMENT: qpos_addresses(self._model),
         }
         self.header = SessionHeader(description.name, states.names, _PERIOD, self._start, documents)
         self._count = 0

@@ -1,4 +1,4 @@
-"""A recording's body: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
+"""A recording's links: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.messages import TickInput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.links import Links
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.stack import run_header
@@ -102,11 +102,9 @@ def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path):
 
 def test_without_a_simulation_the_imu_turns_the_base():
     biped = load_robot("lite_biped")
-    header = run_header(biped, 0.02, None, settings={})
-    body = RecordedBody.of(header)
+    links = Links.of(run_header(biped, 0.02, None, settings={}))
     record = tick_of(biped, 0, np.zeros(biped.joint_count), None)
-    pose = body.poses(record)[-1]
-    imu = bare_model(biped).site(biped.imu).quat
-    assert imu.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
-    assert np.abs(pose[3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
-    assert not body.knows_base(record)
+    assert bare_model(biped).site(biped.imu).quat.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
+    assert links.frames[links.base][0] == "world"
+    assert np.abs(links.poses(record)[links.base, 3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
+    assert not links.knows_base(record)
