@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 import msgspec
 import yaml
@@ -32,12 +32,9 @@ class CalibrationEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """One joint's."""
 
     id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
-    direction: int  # ±1
+    direction: Literal[-1, 1]
     homing_offset: Annotated[float, msgspec.Meta(ge=-25.2, le=25.2)] | None = None  # rad, motor frame, within ±8π
     direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
-
-
-_FIELDS = ", ".join(CalibrationEntry.__struct_fields__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,44 +60,30 @@ class Calibration:
 
 
 def load_calibration(path: str | os.PathLike[str], description: RobotDescription) -> Calibration:
-    """Read a calibration for a robot.
-
-    Raises `InputError` if the file is no calibration, or names another motor for a joint: it is another robot's.
-    """
+    """Read a calibration for a robot; an `InputError` where it names another motor for a joint: another robot's."""
     document = read_yaml(Path(path), str(path), "a calibration (YAML)")
-    if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
-        raise InputError(f"{path}: expected a mapping from joint names to {_FIELDS}")
-    entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}
-    warnings = []
-    motors = {joint.name: joint.motor for joint in description.joints}
-    for name, entry in entries.items():
+    accepted = ", ".join(CalibrationEntry.__struct_fields__)
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: expected a mapping from joint names to {accepted}")
+    motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
+    entries, warnings = {}, []
+    for name, value in document.items():
+        try:
+            entries[name] = entry = msgspec.convert(value, CalibrationEntry)
+        except msgspec.ValidationError as error:
+            raise InputError(f"{path}: {name}: is {str(value)[:120]}: {error}; expected {accepted}") from None
         motor = motors.get(name)
-        if motor is None:
-            warnings.append(f"{path}: {name}: is not a driven joint of {description.name}; its entry is not used")
-        elif entry.id != motor.can_id:
+        if entry.homing_offset is not None and math.isnan(entry.homing_offset):
+            raise InputError(f"{path}: {name}: homing_offset: is nan, expected a finite number")
+        if motor is not None and entry.id != motor.can_id:
             raise InputError(
                 f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}: "
                 "another robot's calibration, or calibrate this joint anew"
             )
-        elif entry.direction != motor.direction:
-            warnings.append(
-                f"{path}: {name}: direction: is {entry.direction}, the robot description has {motor.direction}, "
-                "which is used; calibrate this joint anew if its direction was wrong before"
-            )
+        if motor is not None and entry.direction != motor.direction:
+            used = f"the robot description has {motor.direction}, which is used"
+            warnings.append(f"{path}: {name}: direction: is {entry.direction}, {used}; calibrate this joint anew")
     return Calibration(entries, tuple(warnings))
-
-
-def _entry(where: str, value: Any) -> CalibrationEntry:
-    where = f"{where}: is {str(value)[:120]}"
-    try:
-        entry = msgspec.convert(value, CalibrationEntry)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {error}; expected {_FIELDS}") from None
-    offset = entry.homing_offset
-    is_complete = entry.direction_confirmed if offset is None else math.isfinite(offset)
-    if entry.direction not in (-1, 1) or not is_complete:
-        raise InputError(f"{where}, expected a direction of 1 or -1, and a finite homing_offset")
-    return entry
 
 
 def read_entries(path: Path, description: RobotDescription) -> Mapping[str, CalibrationEntry]:
@@ -112,15 +95,9 @@ def save_calibration(
     path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry], first: Sequence[str] = ()
 ) -> None:
     """Write a calibration, the `first` joints first: whole, or not at all; an `InputError` where it cannot be."""
-    path = Path(path)
     order = dict.fromkeys([*(name for name in first if name in entries), *entries])
     document = {name: msgspec.to_builtins(entries[name]) for name in order}
-    for fields in document.values():
-        if "homing_offset" in fields:
-            fields["homing_offset"] = round(fields["homing_offset"], 6)
-    with whole_file(path) as file:
-        if path.exists():
-            os.fchmod(file.fileno(), path.stat().st_mode & 0o777)
+    with whole_file(Path(path)) as file:
         file.write((_HEADING + yaml.safe_dump(document, sort_keys=False)).encode())
         file.flush()
         os.fsync(file.fileno())  # after a power cut there is the old file or the whole new one
@@ -178,4 +155,4 @@ def evaluate(
     excess = sweep.width - (joint.upper - joint.lower)
     if abs(excess) > tolerance:
         return (Verdict.BEYOND if excess > 0.0 else Verdict.INCOMPLETE), None
-    return Verdict.GOOD, nearest * direction
+    return Verdict.GOOD, round(nearest * direction, 6)

@@ -160,11 +160,10 @@ _SIGNED = np.array([[-1.0], [-1.0], [-1.0], [0.0], [0.0]])  # gains begin at 0
 
 def motor_values(
     wiring: Wiring, command: MITCommand, state: JointReadings, tracker: JointTracker, lead: float
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return a finite command in the motor frame, within limits and ranges, and the joints at which it was cut off.
+) -> FloatArray:
+    """Return a finite command in the motor frame, within limits and ranges, shape (5, n), see `MotorLink.command`.
 
     No manual says that a motor's own limit covers the sum of the MIT law: see `bounded_position`, also for the `lead`.
-    Shape (5, n), see `MotorLink.command`, and shape (n,).
     """
     limit, direction = wiring.effort_limit, wiring.direction
     effort = np.clip(command.effort, -limit, limit)
@@ -172,8 +171,8 @@ def motor_values(
     limited = MITCommand(command.position, command.velocity, effort, stiffness, damping)
     position = tracker.to_motor(bounded_position(limited, state.position, state.velocity, limit, lead))
     values = np.array([position, direction * command.velocity, direction * effort, command.stiffness, command.damping])
-    clipped = np.clip(values, wiring.highest * _SIGNED, wiring.highest)
-    return clipped, (clipped != values).any(axis=0) | (effort != command.effort)
+    clipped: FloatArray = np.clip(values, wiring.highest * _SIGNED, wiring.highest)
+    return clipped
 
 
 MARGIN = 0.35  # rad beyond a joint's limits that a joint may lean into its stop, or a calibration may be off

@@ -117,7 +117,7 @@ class HardwareRobot:
         self._last_command: MITCommand | None = None
         self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
         self._findings: list[Finding] = []  # of the latest reading, by joint
-        self._commands, self._saturated = 0, np.zeros(wiring.count, dtype=int)
+        self._commands = 0
         self._uids: dict[str, bytes] = {}
         self._slipped: set[str] = set()
         self.checks = CheckList(self._name)  # findings of the latest `prepare` or `activate`
@@ -205,8 +205,9 @@ class HardwareRobot:
             self._imu.close()
             with checks.collecting("imu"):
                 self._imu.open()
-        clock = lambda: self.time  # noqa: E731
-        self._line = OpenChannels(self._addresses, checks, clock=clock, open_bus=self._open_bus, locks=self._locks)
+        self._line = OpenChannels(
+            self._addresses, checks, clock=lambda: self.time, open_bus=self._open_bus, locks=self._locks
+        )
         for family, make_link in LINKS.items():
             joints = [i for i, model in enumerate(wiring.model) if model.family == family]
             damping = self._damped.damping[joints]
@@ -346,8 +347,7 @@ class HardwareRobot:
             command = self._damped
         self._last_command = command
         lead = _LEAD * self.control_period
-        values, cut_off = motor_values(self._wiring, command, self._joints, self._tracker, lead)
-        self._saturated += cut_off
+        values = motor_values(self._wiring, command, self._joints, self._tracker, lead)
         self._commands += 1
         for link, joints in self._links:
             link.command(values[:, joints])
@@ -420,12 +420,8 @@ class HardwareRobot:
             {"source": str(channel.address), **dataclasses.asdict(channel.counters)}
             for channel in (() if self._line is None else self._line.channels)
         ]
-        saturated = {joint: int(count) for joint, count in zip(self.joints, self._saturated, strict=True) if count}
         lines = [f"{self._commands} commands to each of {self._wiring.count} motors"]
         lines += [", ".join(f"{name} {value}" for name, value in channel.items() if value) for channel in channels]
-        if saturated:
-            cut_off = ", ".join(f"{joint} {count} times" for joint, count in saturated.items())
-            lines.append(f"commands cut off at the motor's range: {cut_off}")
         faults: dict[str, list[str]] = {}
         for finding in self._findings:
             faults.setdefault(self.joints[finding.motor], []).append(finding.text)
@@ -433,7 +429,6 @@ class HardwareRobot:
         return {
             "channels": channels,
             "commands": self._commands,
-            "saturated": saturated,
             "temperature": {joint: value for joint, value in temperatures if math.isfinite(value)},
             "faults": faults,
             "lines": lines,

@@ -83,7 +83,7 @@ def test_from_limp_to_holding_to_disabled():
         assert np.abs(state.joint_position - motors.truth.joint_position).max() < 0.02
         assert np.abs(motors.truth.joint_effort).max() > 0.5
         figures = robot.figures()
-        assert (figures["commands"], figures["saturated"]) == (15, {})
+        assert figures["commands"] == 15
         assert figures["channels"][0]["received"] >= 10 * 15
         robot.close()
         assert len([text for text in told if text.endswith(": disabled")]) == 14
@@ -120,6 +120,5 @@ def test_torque_is_bounded_for_the_strongest_reading_of_the_gains():
     tracker = JointTracker(wiring, np.zeros(14))
     joints = tracker.update(Readings(*np.zeros((5, 14))))
     stiff = MITCommand(np.full(14, 0.4), *np.zeros((2, 14)), np.full(14, 50.0), np.zeros(14))
-    values, cut_off = motor_values(wiring, stiff, joints, tracker, 0.04)
+    values = motor_values(wiring, stiff, joints, tracker, 0.04)
     assert np.abs(values[0, WRISTS]) == pytest.approx([4.0 / (50.0 * 688.58 / 500.0)] * 4, abs=1e-4)
-    assert not cut_off.any()

@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim import replay
-from humanoid_sim.cli import run_program
 from humanoid_sim.hardware.can_bus import lock_channel, parse_address
 from humanoid_sim.hardware.mock.faults import parse_fault
-from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.robots.description import load_robot
@@ -19,34 +16,6 @@ from humanoid_sim.robots.description import load_robot
 HARDWARE = ("--hardware", "virtual:play", "--allow-script")
 PLACEHOLDER = ("--policy", "placeholder")
 WALK = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1"
-
-
-@pytest.mark.soak
-def test_a_walk_up_and_down_over_the_bus(run, quick):
-    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
-    assert (result.status, result.err) == (0, "")
-    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
-    checks = result.out.index("Checks, before anything is enabled")
-    assert checks < result.out.index("ZERO_TORQUE")
-    for name in load_robot("lite").joint_names:
-        assert checks < result.out.index(f"{name}  motor ") < result.out.index("real-time settings: garbage collector")
-    loop, hardware = result.summary["loop"], result.summary["hardware"]
-    assert loop["control_period"] == pytest.approx(0.02)  # the hardware's 50 Hz
-    assert loop["realtime"]
-    assert loop["measures"][0] == "garbage collector frozen"
-    assert loop["lateness"]["max"] > 0.0
-    assert hardware["answers"] == 14 * hardware["commands"] >= 14 * loop["ticks"]
-    assert hardware["stale"] == 0
-    first = result.ticks[0]
-    assert first.output.control_mode.mode is Mode.ZERO_TORQUE
-    assert np.isfinite(first.input.state.joint_position).all()  # nothing is enabled before it is heard
-    for tick in result.ticks:
-        assert (tick.input.state.joint_age < 0.1).all()
-        assert tick.input.state.imu_linear_acceleration == pytest.approx([0.0, 0.0, 9.81])
-    standing = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
-    pose = load_robot(quick).standby_controller_a.pose_segments[-1]
-    assert np.abs(standing[-1].input.state.joint_position - pose).max() < 0.1
-    assert run_program(replay.main, ["r.mcap"]) == 0
 
 
 def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, emulate):

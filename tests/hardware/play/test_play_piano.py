@@ -56,8 +56,6 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_ro
         assert tick.input.state.extern["key_pressed"].value.nonzero()[0].tolist() == [KEY]
     steps = [tick.output.policy_step for tick in driven if tick.output.policy_step is not None]
     assert all(step.observation[14 + 88 + KEY] == 1.0 for step in steps)
-    hardware_figures = result.summary["hardware"]
-    assert hardware_figures["answers"] == 14 * hardware_figures["commands"] >= 14 * len(result.ticks)
     assert run_program(replay.main, ["r.mcap"]) == 0
     capfd.readouterr()
     assert run_program(piano.main, ["r.mcap", "--json"]) == 0

@@ -13,13 +13,6 @@ WALK = (
 )
 
 
-def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(run, make_robot):
-    result = run("--robot", make_robot("lite_sito"), *HARDWARE)
-    assert result.status == 2
-    assert result.err.startswith("error: lite_sito: motors that execute their last command for ever when this program")
-    assert result.err.endswith("--allow-no-timeout accepts that\n")
-
-
 @pytest.mark.soak
 def test_all_modes(run, make_robot):
     options = ("--allow-no-timeout", "--allow-script", "--remote", "gravity", "--script", WALK)
