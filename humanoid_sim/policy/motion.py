@@ -4,29 +4,28 @@ A tracking frame of the layout `bodies_b` is `[positions 3·B | orientations 6·
 orientation is the first two columns of its rotation matrix, flattened row by row. One of the layout `joints_bodies_w`
 is `[joint positions n | joint velocities n | positions 3·B | quaternions w x y z 4·B]`, rad, rad/s and metres, world
 frame. A piano frame is the goal state of the keys, 0 or 1. Files of other writers, without the metadata record
-`motion`, are read too, and of a recording the motion that it was made with.
+`motion`, are read too.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.reader import make_reader
+from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.controllers.parameters import one_of, require
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
-from humanoid_sim.errors import FieldError, blaming, number_in, require_known
-from humanoid_sim.files import LARGEST, regular_file
+from humanoid_sim.errors import FieldError, blaming, number_in
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.own import csv
 from humanoid_sim.ros2.cdr import CdrError
@@ -35,7 +34,6 @@ from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_arra
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 MOTION_ATTACHMENT = "motion.mcap"  # name of the motion file inside a recording
-_FRAME = f"{FLOAT32_MULTI_ARRAY} (cdr)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,81 +85,65 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
     return values[:, : 3 * count].reshape(-1, count, 3), rotation
 
 
-def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
-    """Read a motion file, a recording, or a folder of rosbag2. Raises `InputError` with the file and what is wrong.
+def read_motion(path: str | os.PathLike[str]) -> Motion:
+    """Read a motion file, the motion of a recording, or a folder of rosbag2.
 
-    `topic` is that of the motion, where there are others; None: it has to be the only one.
+    Raises `InputError` with the file and what is wrong.
     """
     path = Path(path)
     # rosbag2 numbers its files; the shorter name is the lower number.
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
     if not files:
-        files = [regular_file(path, "a motion file (.mcap) or a folder of rosbag2 with MCAP files", None)]
-    with ExitStack() as opened, blaming(f"{path}: cannot be read", OSError):
-        return _motion([opened.enter_context(file.open("rb")) for file in files], str(path), topic)
+        files = [regular_file(path, "a motion file (.mcap) or a folder of rosbag2 with MCAP files")]
+    return _motion([file.read_bytes() for file in files], str(path))
 
 
 def parse_motion(data: bytes, name: str) -> Motion:
     """Return a motion from the bytes of its file; `name` is what to call it in messages."""
-    return _motion([BytesIO(data)], name, None)
+    return _motion([data], name)
 
 
-def _motion(files: Iterable[IO[bytes]], name: str, topic: str | None) -> Motion:
-    kinds: dict[str, str] = {}
-    frames: dict[str, list[Message]] = {}
+def _motion(contents: Iterable[bytes], name: str) -> Motion:
+    messages: dict[str, list[Message]] = {}
     metadata: Mapping[str, str] = {}
     with blaming(f"{name}: is not a whole MCAP file", Exception):  # the library raises whatever it meets
-        for file in files:
-            schemas, channels = dict[int, str](), dict[int, str]()
-            for record in StreamReader(file, record_size_limit=LARGEST).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel):
-                    channels[record.id] = record.topic
-                    kinds[record.topic] = f"{schemas.get(record.schema_id, 'no schema')} ({record.message_encoding})"
-                elif isinstance(record, Message) and kinds[channels[record.channel_id]] == _FRAME:
-                    frames.setdefault(channels[record.channel_id], []).append(record)
-                elif isinstance(record, Metadata) and record.name == "motion":
-                    metadata = record.metadata
-                elif isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT and topic is None:
-                    return parse_motion(record.data, name)  # that of a recording, which may end anywhere
+        for data in contents:
+            reader = make_reader(BytesIO(data))
+            for attachment in reader.iter_attachments():
+                if attachment.name == MOTION_ATTACHMENT:  # of a recording
+                    return parse_motion(attachment.data, name)
+            for record in reader.iter_metadata():
+                metadata = record.metadata if record.name == "motion" else metadata
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                if schema is not None and schema.name == FLOAT32_MULTI_ARRAY:
+                    messages.setdefault(channel.topic, []).append(message)
     with blaming(name):
-        if topic is None and len(kinds) != 1:
-            listed = ", ".join(f"'{topic}' {kind}" for topic, kind in kinds.items()) or "no topics"
-            raise FieldError(f"has {listed}, expected one topic of {_FRAME}")
-        topic = topic or next(iter(kinds))
-        require_known("topic", [topic], kinds, f"{name}: ")
-        if kinds[topic] != _FRAME:
-            raise FieldError(f"topic '{topic}' is {kinds[topic]}, expected {_FRAME}")
-        return _episode(frames.get(topic, []), metadata)
+        if len(messages) != 1:
+            listed = ", ".join(messages) or "none"
+            raise FieldError(f"has the topics {listed} of {FLOAT32_MULTI_ARRAY}, expected one")
+        return _episode(next(iter(messages.values())), metadata)
 
 
 def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion:
-    if not messages:
-        raise FieldError("the topic holds no frames")
     rows: list[Float32Array] = []
+    times = [message.log_time for message in messages]
     for i, message in enumerate(messages):
         with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
             rows.append(decode_float32_array(message.data))
         if len(rows[i]) != len(rows[0]):
             raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
-        if message.log_time < messages[max(i - 1, 0)].log_time:
-            raise FieldError(f"time goes back at frame {i}; a motion file holds one episode")
+    steps = np.diff(times)
+    if (steps < 0).any():
+        raise FieldError(f"time goes back at frame {int(np.argmax(steps < 0)) + 1}; a motion file holds one episode")
     policy_dt = number_in(metadata.get("policy_dt", ""))
     if "policy_dt" not in metadata:
-        steps = np.diff([message.log_time for message in messages])
         if not len(steps) or steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
             raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced")
         policy_dt = float(round(steps.mean())) / 1e9
-    return Motion(
-        frames=np.stack(rows),
-        body_names=tuple(csv(metadata.get("body_names", ""))),
-        policy_dt=policy_dt,
-        task_type=metadata.get("task_type", ""),
-        robot=metadata.get("robot", ""),
-        layout=metadata.get("layout", "bodies_b"),  # type: ignore[arg-type]  # checked at construction
-        joint_names=tuple(csv(metadata.get("joint_names", ""))),
-    )
+    names = {name: tuple(csv(metadata.get(name, ""))) for name in ("body_names", "joint_names")}
+    texts = {"layout": "bodies_b", "task_type": "", "robot": "", **metadata}
+    given: dict[str, Any] = {name: texts[name] for name in ("layout", "task_type", "robot")}
+    return Motion(np.stack(rows), policy_dt=policy_dt, **names, **given)
 
 
 def motion_bytes(motion: Motion) -> bytes:
@@ -170,12 +152,8 @@ def motion_bytes(motion: Motion) -> bytes:
     writer = Writer(stream, compression=CompressionType.LZ4)
     # The library's name without its version: the bytes must not change with an update of it.
     writer.start(profile="ros2", library="humanoid_sim")
-    metadata = {
-        "robot": motion.robot,
-        "body_names": ",".join(motion.body_names),
-        "policy_dt": repr(motion.policy_dt),
-        "task_type": motion.task_type,
-    }
+    metadata = {"robot": motion.robot, "body_names": ",".join(motion.body_names)}
+    metadata |= {"policy_dt": repr(motion.policy_dt), "task_type": motion.task_type}
     if motion.layout != "bodies_b":
         metadata |= {"layout": motion.layout, "joint_names": ",".join(motion.joint_names)}
     writer.add_metadata("motion", metadata)

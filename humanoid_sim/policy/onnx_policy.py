@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
@@ -54,28 +54,23 @@ class OnnxModel:
         check_file(path)
         onnxruntime = onnx_runtime()
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
         # ONNX Runtime raises its own types, which differ between builds.
         with blaming(f"{path}: is not a model that ONNX Runtime can load", Exception):
-            session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         self.path = path
-        self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
-        self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+        self.inputs, self.outputs = (
+            tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in nodes)
+            for nodes in (self._session.get_inputs(), self._session.get_outputs())
+        )
         self.output_names = tuple(tensor.name for tensor in self.outputs)
-        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self.time_limit = ONNX_SECONDS  # s after which an inference is ended, where the graph can loop
-        self._session = session
         content = path.read_bytes()
         self._can_loop = any(name in content for name in _LOOPS)
-        self._refuse_other_kinds()
-
-    @property
-    def width(self) -> int | None:
-        """N of the widest input; None if no input is (1, N)."""
-        return max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
+        if len(self.inputs) > 1:
+            self._refuse_other_kinds()
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
@@ -97,9 +92,6 @@ class OnnxModel:
             watch.join()
 
     def _refuse_other_kinds(self) -> None:
-        """Refuse graphs that would need more than one observation."""
-        if len(self.inputs) < 2:
-            return
         names = [tensor.name for tensor in self.inputs]
         bundle = self.path.with_suffix(".yaml")
         text = bundle.read_text(encoding="utf-8", errors="replace") if is_file(bundle) else ""
@@ -107,8 +99,7 @@ class OnnxModel:
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
         fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in self.output_names]
-        state = fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]
-        if state:
+        if state := fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
 
 
@@ -160,32 +151,31 @@ class OnnxPolicy:
         Raises `InputError` if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
         action, float32 (1, M).
         """
-        model = OnnxModel(model) if isinstance(model, Path) else model
+        self.model = model if isinstance(model, OnnxModel) else OnnxModel(model)
         tensors = TensorNames() if tensors is None else tensors
-        inputs = {tensor.name: tensor for tensor in model.inputs}
-        outputs = {tensor.name: tensor for tensor in model.outputs}
-        time_step = tensors.time_step or ("time_step" if "time_step" in inputs and len(inputs) > 1 else "")
-        observation = tensors.observation or next((name for name in inputs if name != time_step), "")
-        action = tensors.action or next((name for name in ("actions", "action", *outputs) if name in outputs), "")
-        known: dict[str, Tensor]
-        for kind, name, known in (
-            ("input", time_step, inputs),
-            ("input", observation, inputs),
-            ("output", action, outputs),
-        ):
-            if name and name not in known:
-                raise InputError(f"{model.path}: has no {kind} '{name}'; its {kind}s are {', '.join(known) or 'none'}")
-        if inputs.keys() != {observation, time_step} - {""} or not action:
-            found = f"has the inputs {', '.join(inputs) or 'none'} and {len(outputs)} outputs"
-            raise InputError(f"{model.path}: {found}, expected one input, or one and 'time_step', and an output")
-        self.model, self.has_time_step = model, bool(time_step)
-        self.observation_width = _row(model.path, "input", inputs[observation])
-        self.action_width = _row(model.path, "output", outputs[action])
-        self._observation, self._action, self._time_step = observation, action, time_step
+        inputs = {tensor.name: tensor for tensor in self.model.inputs}
+        outputs = {tensor.name: tensor for tensor in self.model.outputs}
+        where = f"{self.model.path}: "
+        self._time_step = tensors.time_step or ("time_step" if "time_step" in inputs and len(inputs) > 1 else "")
+        self._observation = tensors.observation or next((name for name in inputs if name != self._time_step), "")
+        usual = next((name for name in ("actions", "action", *outputs) if name in outputs), "")
+        self._action = tensors.action or usual
+        named = [name for name in (self._time_step, self._observation) if name]
+        require_known("input", named, inputs, where)
+        require_known("output", [self._action], outputs, where)
+        if inputs.keys() != set(named):
+            found = f"has the inputs {', '.join(inputs)}"
+            raise InputError(f"{where}{found}, expected one observation, and at most 'time_step' beside it")
+        self.has_time_step = bool(self._time_step)
+        self.observation_width = _row(where, "input", inputs[self._observation])
+        self.action_width = _row(where, "output", outputs[self._action])
         self._frame_type: Any = np.float32
-        if time_step:
-            _row(model.path, "input", inputs[time_step], width=1, types=tuple(_NUMBERS))
-            self._frame_type = _NUMBERS[inputs[time_step].type]
+        if self._time_step:
+            time_step = inputs[self._time_step]
+            self._frame_type = _NUMBERS.get(time_step.type)
+            if time_step.width != 1 or self._frame_type is None:
+                found = f"input '{time_step.name}' is {time_step.type} of shape {list(time_step.shape)}"
+                raise InputError(f"{where}{found}, expected a number of shape (1, 1)")
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
@@ -203,9 +193,8 @@ class OnnxPolicy:
         return self.model.run(outputs, inputs)
 
 
-def _row(path: Path, kind: str, tensor: Tensor, width: int = 0, types: tuple[str, ...] = ("tensor(float)",)) -> int:
-    """Return the width of a (1, width) tensor. Raises `InputError` for one of another shape or type."""
-    if tensor.width is None or tensor.width != (width or tensor.width) or tensor.type not in types:
+def _row(where: str, kind: str, tensor: Tensor) -> int:
+    if tensor.width is None or tensor.type != "tensor(float)":
         found = f"{kind} '{tensor.name}' is {tensor.type} of shape {list(tensor.shape)}"
-        raise InputError(f"{path}: {found}, expected {types[0]} of shape (1, {width or 'width'})")
+        raise InputError(f"{where}{found}, expected tensor(float) of shape (1, width)")
     return tensor.width

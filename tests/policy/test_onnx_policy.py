@@ -89,7 +89,7 @@ MODELS = {
     ),
     "width unknown": (linear(input_shape=[1, "n"]), "input 'observation' is tensor(float) of shape [1, 'n'], expected"),
     "wide time step": (partial(of_inputs, "obs", "time_step"), "input 'time_step' is tensor(float) of shape [1, 2], "),
-    "two inputs": (partial(of_inputs, "obs", "memory"), "has the inputs obs, memory and 1 outputs, expected one input"),
+    "two inputs": (partial(of_inputs, "obs", "memory"), "has the inputs obs, memory, expected one observation"),
     "recurrent": (
         partial(of_inputs, "obs", "h_in", "c_in", outputs=("actions", "h_out", "c_out")),
         "is recurrent: its hidden state (h_in, c_in) is not carried",
