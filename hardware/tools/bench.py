@@ -1,10 +1,11 @@
-"""What the tools share: open channels, questions to one motor, confirmations and tables."""
+"""What the tools share: open channels, answers of motors, limp motors, confirmations and tables."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 from rich import box
 from rich.console import Console
@@ -12,36 +13,38 @@ from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.can_bus import BusAddress, OpenChannels, lock_channels, parse_address
+from humanoid_sim.hardware.can_bus import BusAddress, OpenChannels, lock_channels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
 from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, Parameter
-from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID, FrameType
+from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID
 from humanoid_sim.robots.motors import MOTORS
+
+EVERY_ID = range(1, LARGEST_MOTOR_ID + 1)
+Answer = TypeVar("Answer")
 
 
 class SilentMotorError(HumanoidSimError):
     """A motor does not answer: the tool ends with a status of its own."""
 
 
-def some_motors(places: Sequence[tuple[int, int]], sources: Sequence[str]) -> MotorGroup:
-    """Return motors that no robot description names, by their channels' indices and ids."""
-    zeros = (0.0,) * len(places)
-    return MotorGroup(
-        names=tuple(f"motor {motor_id} on {sources[channel]}" for channel, motor_id in places),
-        channel=tuple(channel for channel, _ in places),
-        motor_id=tuple(motor_id for _, motor_id in places),
-        model=(MOTORS["rs-00"],) * len(places),  # scales the values of statuses, which are not shown
-        torque_limit=zeros,
-        current_limit=zeros,
-    )
-
-
 @contextlib.contextmanager
 def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None) -> Iterator[RobstrideLink]:
-    """Open channels for this tool alone. Raises `RobotError` if one is in use, or cannot be opened."""
+    """Open channels for this tool alone, for some motors, or for every id that a motor may have, in order.
+
+    Raises `RobotError` if a channel is in use, or cannot be opened.
+    """
+    if motors is None:
+        places = [(channel, motor_id) for channel in range(len(addresses)) for motor_id in EVERY_ID]
+        motors = MotorGroup(
+            names=tuple(f"motor {motor_id} on {addresses[channel]}" for channel, motor_id in places),
+            channel=tuple(channel for channel, _ in places),
+            motor_id=tuple(motor_id for _, motor_id in places),
+            model=(MOTORS["rs-00"],) * len(places),  # scales the values of statuses, which are not shown
+            torque_limit=(0.0,) * len(places),
+            current_limit=(0.0,) * len(places),
+        )
     checks = CheckList()
     with contextlib.ExitStack() as opened:
         locks = lock_channels(addresses, checks)
@@ -49,23 +52,40 @@ def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None
             opened.callback(lock.close)
         line = OpenChannels(addresses, checks, locks=locks)
         opened.callback(line.close)
-        link = RobstrideLink(line, motors or some_motors([], []))
+        link = RobstrideLink(line, motors)
         line.listeners.append(link.receive)
         yield link
 
 
-@contextlib.contextmanager
-def open_motor(channel: str, motor_id: int) -> Iterator[RobstrideLink]:
-    """Open the channel of one motor, of any model."""
-    if not 1 <= motor_id <= LARGEST_MOTOR_ID:
-        raise InputError(f"motor id: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
-    address = parse_address(channel)
-    with open_bench([address], some_motors([(0, motor_id)], [str(address)])) as link:
-        yield link
+def check_id(what: str, motor_id: int) -> None:
+    """Refuse, by `InputError`, an id that no motor can have."""
+    if motor_id not in EVERY_ID:
+        raise InputError(f"{what}: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
+
+
+def check_channels(link: RobstrideLink) -> None:
+    """Raise `RobotError` if a channel is down, or another master speaks to these motors."""
+    checks = CheckList()
+    link.line.check(checks)
+    checks.refuse()
+
+
+def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
+    """Return the error for a channel on which `no motor answers`, with what was received there instead."""
+    check_channels(link)
+    troubles = "; ".join(link.line.channels[channel].troubles())
+    return SilentMotorError(f"{text} on {link.sources[channel]}{f' ({troubles})' if troubles else ''}")
+
+
+def answer_of(link: RobstrideLink, motor: int, answers: Mapping[int, Answer]) -> Answer:
+    """Return a motor's answer; raises `SilentMotorError` where there is none."""
+    if motor not in answers:
+        raise silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
+    return answers[motor]
 
 
 @contextlib.contextmanager
-def enabled(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> Iterator[MotorLink]:
+def limp_motors(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> Iterator[MotorLink]:
     """Enable some motors of one family, limp, after all checks of a session; disable them at the end, and verify it."""
     link = LINKS[motors.model[0].family](bench.line, motors, terms)
     bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
@@ -90,69 +110,11 @@ def enabled(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> Itera
             raise RobotError(f"{names}: not confirmed to be disabled: switch the power off")
 
 
-def check_channels(link: RobstrideLink) -> None:
-    """Raise `RobotError` if a channel is down, or another master speaks to these motors."""
-    checks = CheckList()
-    link.line.check(checks)
-    checks.refuse()
-
-
-def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
-    """Return the error for a channel on which `no motor answers`, with what was received there instead."""
-    check_channels(link)
-    troubles = "; ".join(link.line.channels[channel].troubles())
-    return SilentMotorError(f"{text} on {link.sources[channel]}" + f" ({troubles})" * bool(troubles))
-
-
-def _silent_motor(link: RobstrideLink, motor: int) -> SilentMotorError:
-    return silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
-
-
-def ask_uid(link: RobstrideLink, motor: int = 0) -> bytes:
-    """Return a motor's unique id."""
-    found = link.read_uids([motor])
-    if motor not in found:
-        raise _silent_motor(link, motor)
-    return found[motor]
-
-
-def command_motor(link: RobstrideLink, kind: FrameType, data: bytes) -> None:
-    """Send a command that is answered by a status to the only motor."""
-    if not link.until_status({0: [link.frame(0, kind, data)]}, lambda _: True):
-        raise _silent_motor(link, 0)
-
-
-def read_value(link: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
-    """Return a parameter's value; None if the motor has no such parameter."""
-    found = link.read({motor: parameter})
-    if motor not in found:
-        raise _silent_motor(link, motor)
-    return found[motor]
-
-
-def write_value(link: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
-    """Write a parameter and verify it."""
-    found = link.write(parameter, {motor: value}).get(motor)
-    if found is None or not parameter.is_same(found, value):
-        raise RobotError(f"{link.motors.names[motor]}: {parameter.name} reads {found} after {value:g} was written")
-
-
-def shown(parameter: Parameter, value: float | None) -> str:
-    """Return a value for a person."""
-    if value is None:
-        return "not there"
-    if parameter.name == "canTimeout":
-        return f"{int(value)} ({1000.0 * CAN_TIMEOUT_TICK * value:g} ms)" if value else "0 (off)"
-    return f"{value:g} {parameter.unit}".rstrip() if parameter.is_float else str(int(value))
-
-
 def confirm(question: str, yes: bool, otherwise: str) -> None:
     """Go on only if an operator types yes; an `InputError` says `otherwise`, such as `not moved`."""
-    if yes:
-        return
-    if not sys.stdin.isatty():
+    if not yes and not sys.stdin.isatty():
         raise InputError("--yes: is needed where standard input is not a terminal")
-    if not answers_yes(question):
+    if not yes and not answers_yes(question):
         raise InputError(f"{otherwise}: not confirmed")
 
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import HumanoidSimError, InputError, RobotError, require_known
+from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.hardware.calibration import CalibrationEntry, read_entries, save_calibration
 from humanoid_sim.hardware.can_bus import parse_addresses
-from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import Wiring, make_wiring
 from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, LinkTerms, MotorLink
-from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Identify
-from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import real_time
@@ -36,9 +31,8 @@ _DAMPING_TIME = 0.05  # s, damping over stiffness: about critical for a forearm,
 _WATCHDOG_DAMPING = 1.0  # N·m·s/rad with which a watchdog brakes a motor without a timeout
 _MOVED = 0.3  # share of the angle from which on a joint counts as moved
 _FARTHEST = 3.0  # share of the angle beyond which something else moves the joint, and it is let go
-_ANSWER_TIME = 0.3  # s that motors have to report their positions, which takes them some milliseconds
 _PATIENCE = 0.75  # s without a status after which a motor counts as silent
-_LIMIT, _POSITION = PARAMETERS["limit_torque"], PARAMETERS["mechPos"]
+_POSITION = PARAMETERS["mechPos"]
 
 
 def identify(config: Identify) -> int:
@@ -52,62 +46,43 @@ def identify(config: Identify) -> int:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
     if not 0.0 < config.torque <= limit:
         raise InputError(f"--torque: is {config.torque}, expected more than 0 and at most {limit:g} N·m")
-    for version in config.accept_firmware:
-        parse_version(version)
     if joint in wiring.endless and not config.allow_no_timeout:
         raise InputError(
             f"{config.joint}: nothing stops its motor when this program dies: --allow-no-timeout accepts that"
         )
     entries = dict(read_entries(config.output, description))
+    alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
+    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), accepted_firmware=config.accept_firmware)
     with real_time(), bench.open_bench(addresses, wiring) as link:
         if joint not in wiring.unasked:
-            bench.ask_uid(link, joint)
+            bench.answer_of(link, joint, link.read_uids([joint]))
         print(
-            f"{config.joint}: motor {motor_id} on {link.sources[wiring.channel[joint]]} will move it by "
+            f"{config.joint}: motor {motor_id} on {addresses[wiring.channel[joint]]} will move it by "
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
         bench.confirm("Is the arm supported and clear?", config.yes, "not moved")
-        found = link.read(dict.fromkeys(range(wiring.count), _POSITION), (_ANSWER_TIME,))
+        found = link.read(dict.fromkeys(range(wiring.count), _POSITION))
         before = {i: position for i, position in found.items() if i != joint and position is not None}
-        with _enabled(config, wiring, joint, link) as motor:
-            moved, after = _move(config, wiring, joint, link, motor, before)
+        with bench.limp_motors(link, alone, terms) as motor:
+            moved, shifts = _move(config, wiring, joint, link, motor, before)
     print(
         f"motor {motor_id} moved by {moved:+.3f} rad; with direction {direction:+d} "
         f"that is {direction * moved:+.3f} rad of {config.joint}"
     )
-    others = [i for i, position in after.items() if abs(position - before[i]) >= _MOVED * config.angle]
+    others = [i for i, shift in shifts.items() if abs(shift) >= _MOVED * config.angle]
     for i in others:  # a limp one may swing along
-        complain(
-            f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved too, by {after[i] - before[i]:+.3f} rad"
-        )
+        complain(f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved too, by {shifts[i]:+.3f} rad")
     if direction * moved < _MOVED * config.angle:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
         return ExitStatus.FAILED
-    is_stored = _store(config, entries, CalibrationEntry(motor_id, direction, None, True), wiring.names)
+    is_stored = _store(config, entries, motor_id, direction, wiring.names)
     return ExitStatus.of(is_stored and not others)
 
 
-@contextlib.contextmanager
-def _enabled(config: Identify, wiring: Wiring, joint: int, link: RobstrideLink) -> Iterator[MotorLink]:
-    """Enable the joint's motor with the torque as its limit, and give it its own limit back at the end."""
-    alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
-    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), {}, config.accept_firmware)
-    old = None if joint in wiring.unasked else link.read({joint: _LIMIT}).get(joint)
-    was_enabled = False
-    try:
-        with bench.enabled(link, alone, terms) as motor:
-            was_enabled = True
-            yield motor
-    finally:
-        if was_enabled and old is not None:
-            with contextlib.suppress(HumanoidSimError):  # a silent motor, of which there is an error already
-                bench.write_value(link, _LIMIT, old, joint)
-
-
 def _move(
-    config: Identify, wiring: Wiring, joint: int, link: RobstrideLink, motor: MotorLink, others: Iterable[int]
+    config: Identify, wiring: Wiring, joint: int, link: RobstrideLink, motor: MotorLink, before: Mapping[int, float]
 ) -> tuple[float, dict[int, float]]:
-    """Move there and back; returns rad by which the joint moved, and other motors' positions meanwhile, motor frame.
+    """Move there and back; returns rad by which the joint moved, and other motors meanwhile, motor frame.
 
     A commanded position that would ask for more torque than allowed is moved towards the joint. Raises `RobotError` if
     the motor reports a fault, is silent or is moved by something else, or another host commands motors.
@@ -116,49 +91,52 @@ def _move(
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, model.stiffness)
     damping = min(_DAMPING_TIME * stiffness, model.damping)
-    doubt = wiring.stiffness_doubt[joint] * stiffness, wiring.damping_doubt[joint] * damping
-    if abs(start + step) > wiring.position_range[joint]:
-        raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of commands")
-    limit, moved, there = np.array([config.torque]), 0.0, dict[int, float]()
-    link.take_answers()  # late ones to earlier questions
+    strongest = wiring.stiffness_doubt[joint] * stiffness, wiring.damping_doubt[joint] * damping
     began = link.line.clock()
-    for first, last, duration in ((0.0, 1.0, _RAMP), (1.0, 1.0, _HOLD), (1.0, 0.0, _RAMP)):
-        begin, missing, elapsed = time.monotonic(), set(others) if first == last else set(), 0.0
-        while elapsed < duration or (missing and elapsed < duration + _PATIENCE):
-            elapsed = time.monotonic() - begin
-            share = first + (last - first) * 0.5 * (1.0 - math.cos(math.pi * min(elapsed / duration, 1.0)))
-            reading = motor.readings()
-            command = MITCommand(*np.array([[start + share * step], [0.0], [0.0], [doubt[0]], [doubt[1]]]))
-            bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
-            motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
-            time.sleep(_PERIOD)
-            _check(link, motor, config.joint, began)
-            if link.line.clock() - reading.time[0] > _PATIENCE:
-                raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
-            distance = float(motor.readings().position[0]) - start
-            if abs(distance) > _FARTHEST * config.angle:
-                raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
-            if first == last:
-                moved = distance
-                found = link.read(dict.fromkeys(missing, _POSITION), (0.0,), takes_late=True)
-                there.update((i, position) for i, position in found.items() if position is not None)
-                missing -= there.keys()
-    return moved, there
+
+    def drive(share: float) -> float:
+        """Command a share of the way for one period; returns rad by which the joint has moved."""
+        reading = motor.readings()
+        command = MITCommand(*np.array([[start + share * step], [0.0], [0.0], [strongest[0]], [strongest[1]]]))
+        limit = np.array([config.torque])
+        bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
+        motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
+        time.sleep(_PERIOD)
+        bench.check_channels(link)
+        for finding in motor.findings(began):
+            raise RobotError(f"{config.joint}: {finding.text}")
+        if link.line.clock() - reading.time[0] > _PATIENCE:
+            raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
+        distance = float(motor.readings().position[0]) - start
+        if abs(distance) > _FARTHEST * config.angle:
+            raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")
+        return distance
+
+    for share in _shares():
+        drive(share)
+    moved, shifts, begin = 0.0, dict[int, float](), time.monotonic()
+    link.take_answers()  # late ones to earlier questions
+    missing = set(before)
+    while time.monotonic() - begin < (_HOLD + _PATIENCE if missing else _HOLD):
+        moved = drive(1.0)
+        found = link.read(dict.fromkeys(missing, _POSITION), (0.0,), takes_late=True)
+        shifts |= {i: position - before[i] for i, position in found.items() if position is not None}
+        missing -= shifts.keys()
+    for share in _shares():
+        drive(1.0 - share)
+    return moved, shifts
 
 
-def _check(link: RobstrideLink, motor: MotorLink, joint: str, since: float) -> None:
-    checks = CheckList()
-    link.line.check(checks)
-    for finding in motor.findings(since):
-        checks.problem(joint, finding.text)
-    status = motor.status()
-    if status is not None and status.level is SafetyLevel.FAULT:
-        checks.problem(joint, status.message)
-    checks.refuse()
+def _shares() -> Iterator[float]:
+    """Give shares of the way, from 0 to 1 within the ramp's time, smooth at both ends."""
+    begin, elapsed = time.monotonic(), 0.0
+    while elapsed < _RAMP:
+        elapsed = time.monotonic() - begin
+        yield 0.5 * (1.0 - math.cos(math.pi * min(elapsed / _RAMP, 1.0)))
 
 
 def _store(
-    config: Identify, entries: dict[str, CalibrationEntry], new: CalibrationEntry, names: tuple[str, ...]
+    config: Identify, entries: dict[str, CalibrationEntry], motor_id: int, direction: int, names: tuple[str, ...]
 ) -> bool:
     """Ask which way it went, and store the answer; False if a person denies the direction."""
     name, old = config.joint, entries.get(config.joint)
@@ -166,15 +144,11 @@ def _store(
         print(f"{name}: its direction is not stored: no person confirms it where standard input is not a terminal")
         return True
     is_confirmed = bench.answers_yes(f"Did {name} go the way of a rising angle in the robot's model?")
-    if old is not None and (old.id, old.direction) == (new.id, new.direction):
-        new = msgspec.structs.replace(new, homing_offset=old.homing_offset)
+    offset = old.homing_offset if old is not None and (old.id, old.direction) == (motor_id, direction) else None
+    if is_confirmed or offset is not None:
+        entries[name] = CalibrationEntry(motor_id, direction, offset, is_confirmed)
+        save_calibration(config.output, entries, names)
+        print(f"wrote {config.output}: direction of {name} {'confirmed' if is_confirmed else 'not confirmed'}")
     if not is_confirmed:
         complain(f"warning: {name}: not confirmed: if it went the other way, its direction in the robot file is wrong")
-    if not is_confirmed and old is None:
-        return False
-    entries[name] = msgspec.structs.replace(
-        new if is_confirmed or old is None else old, direction_confirmed=is_confirmed
-    )
-    save_calibration(config.output, entries, names)
-    print(f"wrote {config.output}: direction of {name} {'confirmed' if is_confirmed else 'not confirmed'}")
     return is_confirmed

@@ -12,10 +12,10 @@ _Channel = Annotated[str, Positional, arg(help="Such as can0, or udp_multicast:2
 _Channels = Annotated[
     str, Positional, arg(help="One channel for all motors, or one for each of the robot's buses: can0,can1.")
 ]
+_MotorId = Annotated[int, Positional, arg(metavar="MOTOR_ID", help="1 to 127.")]
 _Robot = Annotated[str, arg(help="A shipped robot, or its YAML file.")]
 _Yes = Annotated[bool, arg(help="Do not ask first.")]
 _Calibration = Annotated[Path, arg(help="The calibration to write; its other joints are kept.")]
-_CALIBRATION = Path("calibration.yaml")
 
 
 @dataclass(frozen=True)
@@ -31,42 +31,25 @@ class Discover:
 
 
 @dataclass(frozen=True)
-class _OneMotor:
-    channel: Annotated[str, Positional, arg(help="Such as can0, or udp_multicast:239.74.163.2.")]
-    motor_id: Annotated[int, Positional, arg(metavar="MOTOR_ID", help="1 to 127.")]
+class Ping:
+    """Ask one Robstride motor who and how it is. Reads only; exit status 3 if it is silent."""
 
-
-@dataclass(frozen=True)
-class Ping(_OneMotor):
-    """Ask one Robstride motor who and how it is, and time its answers. Reads only; exit status 3 if it is silent."""
-
-
-@dataclass(frozen=True)
-class Get(_OneMotor):
-    """Read parameters."""
-
-    names: Annotated[tuple[str, ...], Positional] = ()
-    """Names such as canTimeout, or indices such as 0x7028. Default: all."""
-
-
-@dataclass(frozen=True)
-class Set(_OneMotor):
-    """Write a parameter and read it back. It is lost at power-off unless saved."""
-
-    name: Annotated[str, Positional, arg(help="A name such as canTimeout, or its index such as 0x7028.")]
-    value: Annotated[float, Positional, arg(metavar="VALUE", help="In the parameter's own unit.")]
-
-
-@dataclass(frozen=True)
-class Save(_OneMotor):
-    """Let the motor keep its parameters beyond power-off."""
+    channel: _Channel
+    motor_id: _MotorId
 
 
 @dataclass(frozen=True)
 class Param:
-    """Read, write or save the parameters of one Robstride motor. Exit status 3 if it does not answer."""
+    """Read the parameters of one Robstride motor, or write one. Exit status 3 if it does not answer."""
 
-    command: Get | Set | Save
+    channel: _Channel
+    motor_id: _MotorId
+    names: Annotated[tuple[str, ...], Positional] = ()
+    """Names such as canTimeout, or indices such as 0x7028. Default: all."""
+    value: float | None = None
+    """Write this to the one parameter that is named, in its own unit; it is lost at power-off unless saved."""
+    save: bool = False
+    """Let the motor keep its parameters beyond power-off."""
 
 
 @dataclass(frozen=True)
@@ -78,14 +61,13 @@ class Identify:
     """
 
     channels: _Channels
-    joint: Annotated[str, Positional]
-    """The joint's name."""
+    joint: Annotated[str, Positional, arg(help="Its name.")]
     robot: _Robot = "lite"
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
     """N·m at most."""
-    output: _Calibration = _CALIBRATION
+    output: _Calibration = Path("calibration.yaml")
     yes: Annotated[bool, arg(help="Do not ask before it moves. Nothing is stored without a person.")] = False
     allow_no_timeout: bool = False
     """Move a motor too that nothing but a watchdog stops when this program dies, such as a Sito's."""
@@ -104,15 +86,13 @@ class Calibrate:
 
     channels: _Channels
     robot: _Robot = "lite"
-    output: _Calibration = _CALIBRATION
+    output: _Calibration = Path("calibration.yaml")
     joints: tuple[str, ...] = ()
     """Only these. Default: all."""
     tolerance: float = 0.2
     """rad by which a sweep may differ from the joint's range."""
     any_offset: bool = False
     """Accept any zero, for motors whose zeros were never set: a sweep outside the limits is not a flipped direction."""
-    duration: float | None = None
-    """s after which the sweep ends by itself."""
     yes: _Yes = False
 
 

@@ -10,7 +10,6 @@ from humanoid_sim.cli import main
 REFUSED = {
     "plya": "unknown verb 'plya' (did you mean 'play'?); known: play, robot, …",
     "policy chek": "Unrecognized options: chek; Available subcommands: show, check, stamp, doctor; …",
-    "hardware param gett": "Unrecognized options: gett; Available subcommands: get, set, save; …",
     "mode dmap": "invalid choice 'dmap' for argument 'intent'. Expected one of ('damp', …",
     "play --robt lite": "Unrecognized options: --robt, lite; Perhaps you meant: --robot …",
     "play x.onnx": "Unrecognized options: x.onnx; …",

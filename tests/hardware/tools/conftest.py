@@ -11,17 +11,7 @@ from humanoid_sim.hardware import main
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride import link, motors
 from humanoid_sim.hardware.sito import motors as sito_motors
-from humanoid_sim.hardware.tools import discover, identify, only_motor
-from humanoid_sim.robots.description import load_robot
-
-CHANNEL = "virtual:bench-tools"
-
-
-@pytest.fixture(scope="module")
-def lite_motors():
-    """The Lite's 14 motors on CHANNEL, for tests that leave them as they are."""
-    with MockServer(load_robot("lite"), [CHANNEL]) as motors:
-        yield motors
+from humanoid_sim.hardware.tools import identify, robstride
 
 
 @pytest.fixture
@@ -77,10 +67,8 @@ def inject():
 @pytest.fixture(autouse=True)
 def pace(monkeypatch):
     """A tool need not wait for a real bus, but for mock motors that a busy machine holds up: it has their clock."""
-    monkeypatch.setattr(discover, "_PACE", 0.001)
-    monkeypatch.setattr(only_motor, "_PACE", 0.0003)
-    monkeypatch.setattr(only_motor, "_QUIET", 0.12)  # more than the motors may be behind
-    monkeypatch.setattr(only_motor, "_LISTENING", 0.04)
+    monkeypatch.setattr(robstride, "_PACE", 0.0003)
+    monkeypatch.setattr(robstride, "_QUIET", 0.12)  # more than the motors may be behind
     monkeypatch.setattr(sito_motors, "_FIRST_FEEDBACK", 20.0)
     enter = MockServer.__enter__
 

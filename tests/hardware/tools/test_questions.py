@@ -1,0 +1,97 @@
+"""`hardware discover`, `ping` and `param` on the Lite's mock motors."""
+
+import can
+import pytest
+
+from humanoid_sim.hardware.can_bus import lock_channel, parse_address
+from humanoid_sim.hardware.mock.faults import Fault
+from humanoid_sim.hardware.mock.server import MockServer
+from humanoid_sim.robots.description import load_robot
+
+CHANNEL = "virtual:bench-questions"
+
+
+@pytest.fixture(scope="module")
+def log():
+    return []
+
+
+@pytest.fixture(scope="module", autouse=True)
+def motors(log):
+    with MockServer(load_robot("lite"), [CHANNEL], log=lambda _, text: log.append(text)) as motors:
+        yield motors
+
+
+@pytest.fixture
+def values(run, table_rows):
+    """Run `param`: its exit status, and the first word of each value by name."""
+
+    def read(*words):
+        status, printed, _ = run("param", CHANNEL, *words)
+        return status, {row[1]: row[2] for row in table_rows(printed)}
+
+    return read
+
+
+def test_every_motor_is_found_with_its_joint(run, table_rows):
+    status, printed, _ = run("discover", CHANNEL, "--robot", "lite")
+    assert status == 0
+    found = {int(row[1]): row for row in table_rows(printed)}
+    assert sorted(found) == [*range(11, 18), *range(21, 28)]
+    assert found[14][3:] == ["left_elbow_pitch"]
+    assert len({row[2] for row in found.values()}) == 14
+
+
+def test_status_1_where_a_joint_is_missing(run, motors, inject):
+    inject(motors, Fault("silent", ("right_wrist_pitch",)))
+    status, _, complained = run("discover", CHANNEL, "--robot", "lite")
+    motors.clear_faults()
+    assert (status, complained) == (1, f"missing: right_wrist_pitch (motor 27 on {CHANNEL})\n")
+
+
+def test_status_3_where_nothing_answers_with_what_was_received_instead(run):
+    """Frames with 11-bit identifiers: motors in another protocol, or another program."""
+    with can.Bus(interface="virtual", channel="nobody") as other:
+        chatter = other.send_periodic(can.Message(arbitration_id=0x12, data=bytes(8), is_extended_id=False), 0.002)
+        status, printed, complained = run("discover", "virtual:nobody")
+        chatter.stop()
+    assert (status, printed) == (3, "")
+    assert "no motor answers on virtual:nobody" in complained
+    assert "11-bit" in complained
+
+
+def test_a_channel_in_use_is_refused(run):
+    with lock_channel(parse_address(CHANNEL)):
+        status, _, complained = run("discover", CHANNEL)
+    assert (status, "is in use by another session" in complained) == (2, True)
+
+
+def test_a_motor_says_who_and_how_it_is_without_being_enabled(run, motors, inject, log):
+    inject(motors, Fault("motor_fault", ("left_shoulder_yaw",), duration=0.01))
+    status, printed, complained = run("ping", CHANNEL, "13")
+    lines = (line.split(maxsplit=1) for line in printed.splitlines() if line.startswith("  "))
+    found = {words[0]: words[1] for words in lines}
+    assert (status, complained) == (0, "")
+    assert printed.startswith(f"motor 13 on {CHANNEL}, unique id ")
+    assert (found["run_mode"], found["VBUS"], found["canTimeout"]) == ("0", "48 V", "0 (off)")
+    assert (found["firmware"], found["faults"]) == ("0.0.3.255 (rs-00)", "phase_a_overcurrent")
+    assert not any("enabled" in text for text in log)
+
+
+def test_parameters_are_read_all_or_by_name_or_index(values):
+    status, found = values("15")
+    assert (status, len(found)) == (0, 29)
+    assert (found["run_mode"], found["limit_torque"], found["canTimeout"]) == ("0", "5.5", "0")
+    assert values("12", "vbus", "0x7026") == (0, {"VBUS": "48", "EPScan_time": "1"})
+
+
+def test_a_value_is_written_verified_and_saved(values, motors):
+    assert values("12", "canTimeout", "--value", "2000", "--save") == (0, {"canTimeout": "2000"})
+    assert values("12", "limit_torque", "--value", "12.1") == (0, {"limit_torque": "12.1"})  # no float32 is 12.1
+
+    def cycle_power(mock):
+        mock.set_power(1, False)
+        mock.set_power(1, True)
+
+    motors.call(cycle_power)
+    assert values("12", "canTimeout", "limit_torque") == (0, {"canTimeout": "2000", "limit_torque": "14"})
