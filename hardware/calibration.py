@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 import yaml
@@ -32,7 +32,7 @@ class CalibrationEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """One joint's."""
 
     id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
-    direction: Literal[-1, 1]
+    direction: int  # ±1
     homing_offset: Annotated[float, msgspec.Meta(ge=-25.2, le=25.2)] | None = None  # rad, motor frame, within ±8π
     direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
 
@@ -73,8 +73,8 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         except msgspec.ValidationError as error:
             raise InputError(f"{path}: {name}: is {str(value)[:120]}: {error}; expected {accepted}") from None
         motor = motors.get(name)
-        if entry.homing_offset is not None and math.isnan(entry.homing_offset):
-            raise InputError(f"{path}: {name}: homing_offset: is nan, expected a finite number")
+        if entry.direction not in (-1, 1) or math.isnan(entry.homing_offset or 0.0):
+            raise InputError(f"{path}: {name}: is {value}, expected a direction of 1 or -1, and a finite homing_offset")
         if motor is not None and entry.id != motor.can_id:
             raise InputError(
                 f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}: "

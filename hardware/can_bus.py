@@ -190,17 +190,6 @@ class Note(NamedTuple):
 NEVER = Note(-math.inf, "")
 
 
-@dataclass(slots=True)
-class ChannelCounters:
-    """Counters of a channel since it was opened. Each field is written by one thread."""
-
-    sent: int = 0
-    received: int = 0  # data frames
-    superseded: int = 0  # commands that a newer one replaced before they could leave
-    stale: int = 0  # commands that were too old to be sent when the queue took frames again, and were dropped
-    errors: int = 0  # failures of the driver, and error frames
-
-
 class _Waiting(NamedTuple):
     """A frame that has not left."""
 
@@ -240,7 +229,8 @@ class Channel:
         clock: Callable[[], float] = time.monotonic,  # the robot's, s
     ) -> None:
         self.address = address
-        self.counters = ChannelCounters()
+        self.sent = self.received = 0  # data frames since the channel was opened
+        self.errors = 0  # failures of the driver, and error frames
         self.down = ""  # why nothing can be sent or received; stays until the channel is opened again
         self.tx_full = NEVER  # the latest sign that frames do not leave as fast as they come
         self.error = ""  # the latest failure that CAN or the driver got over
@@ -270,7 +260,6 @@ class Channel:
                 if is_full or now - since > _LATE:
                     self.tx_full = Note(now, "commands do not leave in time")
                 if not is_full:
-                    self.counters.superseded += old is not None
                     self._waiting[key] = _Waiting(since, now + lifetime, frame)
             self._ready.notify()
 
@@ -323,12 +312,12 @@ class Channel:
             if message.is_error_frame:
                 self._take_error(message.arbitration_id)
             else:
-                self.counters.received += 1
+                self.received += 1
                 self._receive_frame(frame_of(message), self._arrival(message.timestamp))
 
     def _take_error(self, bits: int) -> None:
         """Take an error frame; the bits are those of linux/can/error.h."""
-        self.counters.errors += 1
+        self.errors += 1
         if bits & 0x140:  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
             self.down = self.down or "bus-off"
         else:
@@ -340,7 +329,7 @@ class Channel:
         return self._clock() - (max(time.time() - stamp, 0.0) if is_wall_clock else 0.0)
 
     def _failed(self, text: str, error: Exception) -> None:
-        self.counters.errors += 1
+        self.errors += 1
         self.error = text
         if _error_number(error) in _DOWN:
             self.down = self.down or text
@@ -356,12 +345,10 @@ class Channel:
                 if key is None:
                     continue
                 waiting = self._waiting.pop(key)
-            if self._clock() > waiting.until:
-                self.counters.stale += 1
-                continue
             try:
-                self._bus.send(message_of(waiting.frame), _SEND_TIMEOUT)
-                self.counters.sent += 1
+                if self._clock() <= waiting.until:
+                    self._bus.send(message_of(waiting.frame), _SEND_TIMEOUT)
+                    self.sent += 1
             except Exception as error:
                 self._refused(key, waiting, error)
 
@@ -376,12 +363,10 @@ class Channel:
         if not is_full or self._closing.is_set():
             return
         with self._ready:
-            newer = self._waiting.get(key)
-            if newer is None:
-                self._waiting = {key: waiting, **self._waiting}
+            if key in self._waiting:
+                self._waiting[key] = self._waiting[key]._replace(since=waiting.since)
             else:
-                self._waiting[key] = newer._replace(since=waiting.since)
-                self.counters.superseded += 1
+                self._waiting = {key: waiting, **self._waiting}
         self._closing.wait(_RETRY)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import socket
 import time as system_time
@@ -87,17 +86,14 @@ class HardwareRobot:
         if not self.control_period < can_timeout <= longest:
             accepted = f"more than the control period of {self.control_period:g} s, and at most {longest:g} s"
             raise InputError(f"CAN timeout: is {can_timeout:g} s, expected {accepted}")
-        endless = ", ".join(wiring.names[i] for i in wiring.endless)
-        if endless and not allow_no_timeout:
-            raise InputError(
-                f"{self._name}: motors that execute their last command for ever when this program dies: {endless}; "
-                "--allow-no-timeout accepts that"
-            )
-        families = [dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(k)) for k in range(len(channels))]
-        self._sources = [
-            f"humanoid_devices_{'_'.join(names)}/{address}"
-            for names, address in zip(families, self._addresses, strict=True)
-        ]
+        if wiring.endless and not allow_no_timeout:
+            endless = ", ".join(wiring.names[i] for i in wiring.endless)
+            text = f"motors that execute their last command for ever when this program dies: {endless}"
+            raise InputError(f"{self._name}: {text}; --allow-no-timeout accepts that")
+        self._sources = []
+        for index, address in enumerate(self._addresses):
+            families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(index))
+            self._sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
         self._can_timeout, self._rx_timeout = can_timeout, description.hardware.rx_timeout_ms / 1000.0
         self._undirected = ", ".join(unconfirmed)
         self._imu, self._anchor, self._live = imu, anchor, live
@@ -365,14 +361,9 @@ class HardwareRobot:
         left: dict[int, str] = {}
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
-            for lock in self._locks:
-                stack.callback(lock.close)
-            if self._imu is not None:
-                stack.callback(self._imu.close)
-            if self._line is not None:
-                stack.callback(self._line.close)
-            for link, _ in self._links:
-                stack.callback(link.close)
+            for each in (*self._locks, self._imu, self._line, *(link for link, _ in self._links)):
+                if each is not None:
+                    stack.callback(each.close)
             if self._line is not None and self._may_run:
                 try:
                     self._damp()
@@ -383,9 +374,7 @@ class HardwareRobot:
                     self._may_run &= left.keys()
         if self._may_run:
             names = ", ".join(f"{self.joints[i]} ({left.get(i, 'no status')})" for i in sorted(self._may_run))
-            raise RobotError(
-                f"{self._name}: not confirmed to be disabled: {names}; switch the power off before touching it"
-            )
+            raise RobotError(f"{self._name}: not confirmed to be disabled: {names}; switch the power off")
 
     def _ended(self) -> None:
         self.is_closed = True
@@ -416,12 +405,14 @@ class HardwareRobot:
 
     def figures(self) -> dict[str, Any]:
         """Return figures of the buses since the latest activation, as JSON values, and in words as `lines`."""
-        channels = [
-            {"source": str(channel.address), **dataclasses.asdict(channel.counters)}
-            for channel in (() if self._line is None else self._line.channels)
-        ]
+        channels: list[dict[str, Any]] = []
+        for each in () if self._line is None else self._line.channels:
+            counts = {"sent": each.sent, "received": each.received, "errors": each.errors}
+            channels.append({"source": str(each.address), **counts})
         lines = [f"{self._commands} commands to each of {self._wiring.count} motors"]
-        lines += [", ".join(f"{name} {value}" for name, value in channel.items() if value) for channel in channels]
+        lines += [
+            "{source}: {sent} frames sent, {received} received, {errors} errors".format(**each) for each in channels
+        ]
         faults: dict[str, list[str]] = {}
         for finding in self._findings:
             faults.setdefault(self.joints[finding.motor], []).append(finding.text)

@@ -207,7 +207,7 @@ class SitoMotors(MotorLink):
             batches.setdefault(self.motors.channel[i], []).extend(pair)
         for channel, batch in batches.items():
             self._line.channels[channel].send(batch, _LIFETIME * self._terms.control_period)
-        sent = {channel: self._line.channels[channel].counters.sent for channel in batches}
+        sent = {channel: self._line.channels[channel].sent for channel in batches}
         if self._watchdog is not None and all(count != self._sent.get(i) for i, count in sent.items()):
             self._watchdog.beat()  # frames leave on every channel
             self._sent = sent

@@ -86,7 +86,7 @@ def test_a_confirmed_direction_needs_no_offset_and_holds_for_that_direction_only
         ("a: 3", ["a: is 3"]),
         ("a: {id: 1, direction: 1, homing_offset: 0, x: 1}", ["unknown field `x`"]),
         ("a: {id: true, direction: 1, homing_offset: 0}", ["True", "$.id"]),
-        ("a: {id: 1, direction: 0, homing_offset: 0}", ["$.direction"]),
+        ("a: {id: 1, direction: 0, homing_offset: 0}", ["a direction of 1 or -1"]),
         ("a: {id: 1, direction: 1, homing_offset: 0, direction_confirmed: 1}", ["$.direction_confirmed"]),
         (_FILE + _FILE, ["line 3", "left_elbow_pitch"]),
         ("a: [", ["not valid YAML"]),

@@ -149,7 +149,7 @@ def test_frames_go_both_ways(received, address):
         message = peer.recv(10.0)
         channel.close()
     assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x1FE, b"\1\2", True)
-    assert (channel.counters.sent, channel.counters.received, channel.down) == (1, 1, "")
+    assert (channel.sent, channel.received, channel.down) == (1, 1, "")
 
 
 def test_a_frame_is_as_old_as_its_stamp(received, bus, channel):
@@ -175,7 +175,7 @@ def test_every_way_to_say_full_is_understood(error, bus, channel):
 
     bus.on_send = full
     channel.send([("left", FRAME)])
-    assert wait_until(lambda: channel.counters.sent == 1)
+    assert wait_until(lambda: channel.sent == 1)
     assert channel.down == ""
 
 

@@ -20,7 +20,7 @@ class Rig:
     def __init__(self, count=2):
         self.sent = []
         self.channel = channel = SimpleNamespace(
-            send=lambda frames, _: self.sent.append(frames), counters=SimpleNamespace(sent=0), intruder=NEVER
+            send=lambda frames, _: self.sent.append(frames), sent=0, intruder=NEVER
         )
         line = SimpleNamespace(channels=(channel,), sources=("can0",), clock=lambda: 0.0)
         ids = tuple(range(22, 22 + count))
