@@ -35,7 +35,6 @@ from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink, WorkerSink
 from humanoid_sim.session.sources import IntentSource, PolicySelection
 from humanoid_sim.simulation.model import model_bytes
-from humanoid_sim.simulation.push import Push
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import run_header
 
@@ -214,7 +213,7 @@ class Run:
 
     def _push(self, vx: float, vy: float, body: str) -> None:
         assert self._sim is not None
-        self._sim.pushes.add(Push(vx, vy, self._sim.time, body))
+        self._sim.push(vx, vy, body)
 
     def _show(self, text: str) -> None:
         """Show operators a line that is not recorded."""
@@ -238,7 +237,7 @@ class Run:
             "start_time_ns": self.header.start_time_ns,
             "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
-            "simulation": None if self._sim is None else {"bodies": list(self._sim.pushes.bodies)},
+            "simulation": None if self._sim is None else {"bodies": list(self._sim.pushable)},
         }
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:

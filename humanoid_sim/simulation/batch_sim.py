@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import Any, TypeVar
+from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 from mujoco.batch import Batch
 
-from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose
@@ -18,8 +18,6 @@ from humanoid_sim.simulation.model import UNSOUND, SimConfig, base_body, build_m
 from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
 from humanoid_sim.simulation.sensing import Sensors
 from humanoid_sim.simulation.stability import DampingStability
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -30,7 +28,8 @@ class BatchSim:
     MuJoCo's affine actuators apply the law. A command's gains hold from its own step on, however late its targets
     arrive. With `implicit`, MuJoCo integrates damping implicitly at longer steps: an approximation, made for training.
     A floating base has no support. Every robot does what it would do alone. One whose simulation is no longer finite
-    has a fault: it stands still, as it was before the step, until it is reset. Not thread-safe.
+    has a fault: it stands still, as it was before the step, until it is reset. Not thread-safe; arrays that it gives
+    are its own.
     """
 
     def __init__(
@@ -46,8 +45,8 @@ class BatchSim:
     ) -> None:
         """Build the model of N = `count` robots, whose random differences begin with `seeds`, (N,); None: 0, 1, 2, ….
 
-        `threads` step physics, None for one per processor that this process may use. Raises `InputError` where
-        settings, MJCF or damping do not fit, or a fixed base is to be pushed.
+        `threads` step physics, None for one per processor. Raises `InputError` where settings, MJCF or damping do not
+        fit, or a fixed base is to be pushed.
         """
         config = SimConfig() if config is None else config
         self.description = description
@@ -55,7 +54,7 @@ class BatchSim:
         self.count = count
         self.control_period = config.period(description)
         self.physics_steps = config.physics_steps(description, implicit=implicit)
-        self.threads = min(_usable_processors() if threads is None else threads, count)
+        self.threads = min(threads or os.cpu_count() or 1, count)
         self.randomisation = Randomisation() if randomisation is None else randomisation
         self._is_varied = self.randomisation.differs
         self._timestep = config.timestep(description, implicit=implicit)
@@ -81,11 +80,16 @@ class BatchSim:
             self._random_pushes = RandomPushes(self.randomisation, count, mass, self.control_period)
 
         n = len(self.joints)
-        self._batch: Batch | None = Batch(model, count, self.threads)
+        self._batch: Any = Batch(model, count, self.threads)
         self._gains = self._batch.expand("actuator_biasprm")[:, :, 1:3]
         self._sensordata, self._force = self._batch.bind("sensordata"), self._batch.bind("actuator_force")
-        self._effort, self._touch = np.zeros((count, n)), np.zeros(count)
-        self._step, self._fault = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+        self.effort = np.zeros((count, n))
+        """Shape (N, n), N·m, the saturated torque of the latest physics step."""
+        self.key_force = np.zeros(count)
+        """Shape (N,), N, hardest touch of any key in any physics step of the latest `step`; 0 for none."""
+        self.fault: BoolArray = np.zeros(count, dtype=np.bool_)
+        """Shape (N,), robots that stand still because their simulation broke."""
+        self._step = np.zeros(count, dtype=np.int64)
         self._state: MITState | None = None
         self._effort_scale = np.broadcast_to(description.torque_scale, (count, n))
         self._stiffness_scale, self._damping_scale = self._effort_scale.copy(), self._effort_scale.copy()
@@ -104,37 +108,24 @@ class BatchSim:
 
     @property
     def qpos(self) -> FloatArray:
-        """Shape (N, nq), MuJoCo's generalised position; a read-only view."""
-        return _read_only(self._open.qpos)
+        """Shape (N, nq), MuJoCo's generalised position."""
+        qpos: FloatArray = self._batch.qpos
+        return qpos
 
     @property
     def qvel(self) -> FloatArray:
-        """Shape (N, nv), MuJoCo's generalised velocity; a read-only view."""
-        return _read_only(self._open.qvel)
-
-    @property
-    def effort(self) -> FloatArray:
-        """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view, as are all others."""
-        return _read_only(self._effort)
-
-    @property
-    def fault(self) -> BoolArray:
-        """Shape (N,), robots that stand still because their simulation broke; a read-only view."""
-        return _read_only(self._fault)
+        """Shape (N, nv), MuJoCo's generalised velocity."""
+        qvel: FloatArray = self._batch.qvel
+        return qvel
 
     @property
     def base(self) -> BaseState | None:
         """Pose and motion of floating bases, shape (N, …); None for fixed ones."""
-        return self._sensors.base(self._open.qpos, self._open.qvel, self._sensordata)
-
-    @property
-    def key_force(self) -> FloatArray:
-        """Shape (N,), N, hardest touch of any key in any physics step of the latest `step`; 0 for none."""
-        return _read_only(self._touch)
+        return self._sensors.base(self.qpos, self.qvel, self._sensordata)
 
     def model(self, i: int) -> mujoco.MjModel:
         """Return a copy of the model of robot i, with the gains in force."""
-        return self._open.get_model(i)
+        return self._batch.get_model(i)
 
     def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
         """Begin the random numbers of robots `indices`, (k,) or all, anew with `seeds`, (k,), and draw them.
@@ -156,11 +147,11 @@ class BatchSim:
             variation = self.randomisation.draw(self.generators[i], nominal, len(self.joints))
             self.variations[i] = variation
             for name, values in variation.model_fields(nominal, self._sensors.joints.dof).items():
-                self._open.expand(name)[i] = values
+                self._batch.expand(name)[i] = values
             self._stiffness_scale[i], self._damping_scale[i] = scale * variation.stiffness, scale * variation.damping
             self._encoder_offset[i] = variation.encoder_offset
             self._delay[i] = self._own_delay + round(variation.delay / self._timestep)
-        self._open.set_const(np.sort(where))
+        self._batch.set_const(np.sort(where))
 
     def reset(
         self,
@@ -174,7 +165,7 @@ class BatchSim:
 
         They start at `qpos`, (k, nq), and `qvel`, (k, nv), or at a pose as `StartPose.arrays` takes it, shape (k, …).
         """
-        where, batch = self._where(indices), self._open
+        where, batch = self._where(indices), self._batch
         position, velocity = self.start_pose.arrays(where.shape, **pose)
         position = position if qpos is None else qpos
         ids = np.sort(where)
@@ -184,14 +175,12 @@ class BatchSim:
         batch.forward(ids)
         self._targets[:, where] = 0.0
         self._targets[:, where, 0] = position[:, self._sensors.joints.qpos]
-        self._effort[where], self._touch[where] = 0.0, 0.0
-        self._step[where], self._fault[where] = 0, False
+        self.effort[where], self.key_force[where] = 0.0, 0.0
+        self._step[where], self.fault[where] = 0, False
         self._state = None
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one control period.
-
-        Raises `RobotError` if the command has another shape, or the simulation is closed.
 
         Args:
             command: shape (N, n). A row that is not finite is a fault of its robot.
@@ -199,11 +188,8 @@ class BatchSim:
                 the whole period; None for none.
             where: shape (N,), the robots that advance; None for all. The others stand still, as do those with a fault.
         """
-        batch = self._open
-        if command.position.shape != self._effort.shape:
-            name, shape = self.description.name, command.position.shape
-            raise RobotError(f"{name}: command has shape {shape}, expected {self._effort.shape}")
-        moving = ~self._fault if where is None else where & ~self._fault
+        batch = self._batch
+        moving = ~self.fault if where is None else where & ~self.fault
         if not moving.any():
             return
         ids = None if moving.all() else np.flatnonzero(moving)
@@ -216,21 +202,20 @@ class BatchSim:
         warned = batch.warning[rows][:, UNSOUND, 1].any(axis=1)
         if warned.any():
             broken = np.flatnonzero(warned) if ids is None else ids[warned]
-            self._fault[broken] = True
+            self.fault[broken] = True
             batch.state[broken] = before[warned]
             batch.forward(broken)
-        moved = moving & ~self._fault
-        self._effort[moved] = self._force[moved]
+        moved = moving & ~self.fault
+        self.effort[moved] = self._force[moved]
         self._step += moved
 
     def state(self) -> MITState:
         """Return the state of the robots now, shape (N, …)."""
         if self._state is None:
-            batch, offset = self._open, self._encoder_offset if self._is_varied else None
-            time: FloatArray = (self._step * self.physics_steps).astype(
-                np.float64
-            ) * self._timestep  # as `SimRobot` counts, to the bit
-            self._state = self._sensors.state(time, batch.qpos, batch.qvel, self._sensordata, self._effort, offset)
+            offset = self._encoder_offset if self._is_varied else None
+            physics_step = (self._step * self.physics_steps).astype(np.float64)
+            time = physics_step * self._timestep  # as `SimRobot` counts, to the bit
+            self._state = self._sensors.state(time, self.qpos, self.qvel, self._sensordata, self.effort, offset)
         return self._state
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -238,21 +223,15 @@ class BatchSim:
         return self._sensors.body_poses(self._sensordata, in_base=in_base)
 
     def close(self) -> None:
-        """Stop the threads. May be called twice."""
+        """Stop the threads; nothing may be called then."""
         self._batch = None
-
-    @property
-    def _open(self) -> Batch:
-        if self._batch is None:
-            raise RobotError(f"{self.description.name}: the batch simulation is closed")
-        return self._batch
 
     def _where(self, indices: npt.ArrayLike | None) -> IndexArray:
         return np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
 
     def _push(self, wrench: FloatArray | None) -> None:
         """Put the forces of the coming control period in force."""
-        forces = self._open.xfrc_applied
+        forces = self._batch.xfrc_applied
         forces[:, self._base_body] = 0.0 if wrench is None else wrench
         if self._random_pushes is not None:
             seeds = [variation.push_seed for variation in self.variations]
@@ -270,11 +249,11 @@ class BatchSim:
 
     def _advance(self, ids: IndexArray | None, rows: slice | IndexArray) -> None:
         """Take the physics steps of a control period, as many at a time as are under the same targets."""
-        touch, batch = self._sensors.touch, self._open
+        touch, batch = self._sensors.touch, self._batch
         one_by_one = bool(touch.stop) or len(self._targets) > 1
         count = 1 if one_by_one else self.physics_steps
         ctrl, everyone = batch.ctrl, np.arange(self.count)
-        self._touch[rows] = 0.0
+        self.key_force[rows] = 0.0
         for step in range(0, self.physics_steps, count):
             if step == 0 or len(self._targets) > 1:
                 # control periods since the command in force at this step was written
@@ -284,16 +263,4 @@ class BatchSim:
             is_last = step + count >= self.physics_steps
             batch.step(ids, nstep=count, stage=_VELOCITY_STAGE if is_last else 0)
             if touch.stop:
-                self._touch[rows] = np.maximum(self._touch[rows], self._sensordata[rows][:, touch].max(axis=1))
-
-
-def _usable_processors() -> int:
-    if hasattr(os, "sched_getaffinity"):  # Linux
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-    view = array.view()
-    view.setflags(write=False)
-    return view
+                self.key_force[rows] = np.maximum(self.key_force[rows], self._sensordata[rows][:, touch].max(axis=1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Protocol
 
 import mujoco
@@ -84,49 +83,40 @@ class BaseObserver:
     """Observes a robot's floating base, its centre of mass and the floor under it. Not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Find the base in a model made by `build_model`."""
         self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
-        self._model, self._body = model, model.body(description.base.body).id
+        self._model, self._data, self._body = model, mujoco.MjData(model), model.body(description.base.body).id
         self._floor = Floor(model)
-        up = -gravity_direction(model.qpos0[self._quaternion])  # not every designer's bases stand on their z axes
-        axis = int(np.abs(up).argmax())
-        self._up = np.where(np.arange(3) == axis, np.sign(up), 0.0)
-
-    @cached_property
-    def _data(self) -> mujoco.MjData:
-        return mujoco.MjData(self._model)
+        self._up = -gravity_direction(model.qpos0[self._quaternion])  # not every base stands on its z axis
 
     def _mass(self, qpos: FloatArray) -> FloatArray:
-        """Return the centre of mass of one robot, shape (3,), m, world frame."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         position: FloatArray = self._data.subtree_com[self._body].copy()
         return position
 
-    def at(self, qpos: FloatArray, qvel: FloatArray | None, centre_of_mass: FloatArray | None = None) -> BaseState:
-        """Return the base at MuJoCo's generalised position (..., nq) and velocity (..., nv), None at rest.
+    def at(self, qpos: FloatArray, qvel: FloatArray, centre_of_mass: FloatArray) -> BaseState:
+        """Return the base at MuJoCo's generalised position (..., nq) and velocity (..., nv).
 
-        `centre_of_mass`, shape (..., 3), m, world frame, is computed where it is None, for one robot.
+        `centre_of_mass`, shape (..., 3), m, world frame, is of the whole robot.
         """
-        still = np.zeros((*qpos.shape[:-1], 3))
         quaternion = qpos[..., self._quaternion]
-        mass = self._mass(qpos) if centre_of_mass is None else centre_of_mass
         return BaseState(
             position=qpos[..., self._position].copy(),
             quaternion=quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True)),
-            linear_velocity=still if qvel is None else qvel[..., self._linear].copy(),
-            angular_velocity=still if qvel is None else qvel[..., self._angular].copy(),
-            centre_of_mass=mass,
-            floor=self._floor.level(mass),
+            linear_velocity=qvel[..., self._linear].copy(),
+            angular_velocity=qvel[..., self._angular].copy(),
+            centre_of_mass=centre_of_mass,
+            floor=self._floor.level(centre_of_mass),
             up=self._up,
         )
 
     def sensed(self, state: MITState, qpos: FloatArray) -> BaseState:
         """Return the base of one simulated robot at `qpos`, (nq,), with the velocities that its sensors measure."""
-        base, turning = self.at(qpos, None), rotate(state.imu_quaternion, state.imu_angular_velocity)
+        base, turning = self.at(qpos, np.zeros(self._model.nv), self._mass(qpos)), state.imu_angular_velocity
         moving = state.extern[BASE_LINEAR_VELOCITY].value
-        return replace(base, linear_velocity=moving, angular_velocity=rotate_inverse(base.quaternion, turning))
+        turning = rotate_inverse(base.quaternion, rotate(state.imu_quaternion, turning))
+        return replace(base, linear_velocity=moving, angular_velocity=turning)
 
     def standing_height(self, qpos: FloatArray) -> float:
         """Return m from the floor to the centre of mass if the robot stood in this pose, shape (nq,)."""
@@ -142,21 +132,21 @@ class Support:
     ) -> None:
         """Choose the start, at the description's height or `drop`, m, above the feet; `data` has the joints' pose."""
         self._robot, self._data, self._is_floating = description.name, data, description.is_floating
-        self._rises = drop > 0.0
-        self._is_lifted = False
+        self._can_lift, self._is_lifted = drop > 0.0, False
         if not self._is_floating:
             return
-        self._position, self._quaternion, *_ = base_addresses(model, description)
+        position, quaternion, *_ = base_addresses(model, description)
+        self._pose = slice(position.start, quaternion.stop)
         self._mocap = int(model.body(SUPPORT).mocapid[0])
         self._weld = model.equality(SUPPORT).id
         qpos = np.array(data.qpos)
-        qpos[self._position][:2] = 0.0
-        qpos[self._quaternion] = model.qpos0[self._quaternion]
-        height = description.base.height
-        if height is None:
-            height = float(qpos[self._position][2]) - clearance(model, qpos) + drop
-        qpos[self._position][2] = height
-        self._start = qpos[self._position].copy(), qpos[self._quaternion].copy()
+        qpos[self._pose] = model.qpos0[self._pose]
+        qpos[self._pose][:2] = 0.0
+        if description.base.height is None:
+            qpos[self._pose][2] += drop - clearance(model, qpos)
+        else:
+            qpos[self._pose][2] = description.base.height
+        self._start = qpos[self._pose]
 
     @property
     def holds(self) -> bool:
@@ -167,7 +157,7 @@ class Support:
         """Put the base of a robot at rest where it starts, held or not."""
         self._is_lifted = False
         if self._is_floating:
-            self._data.qpos[self._position], self._data.qpos[self._quaternion] = self._start
+            self._data.qpos[self._pose] = self._start
             self.move(held)
 
     def move(self, held: bool, *, lifts: bool = False) -> None:
@@ -177,28 +167,26 @@ class Support:
         """
         if not self._is_floating:
             raise RobotError(f"{self._robot}: has a fixed base, which needs no support")
-        self._is_lifted = lifts and self._rises
+        self._is_lifted = lifts and self._can_lift
         if held and not self.holds:
-            self._data.mocap_pos[self._mocap] = self._data.qpos[self._position]
-            self._data.mocap_quat[self._mocap] = self._data.qpos[self._quaternion]
+            pose = self._data.qpos[self._pose]
+            self._data.mocap_pos[self._mocap], self._data.mocap_quat[self._mocap] = pose[:3], pose[3:]
         self._data.eq_active[self._weld] = held
 
     def advance(self, time: float) -> None:
         """Raise a base that it lifts for `time`, s, slowly."""
         if self._is_lifted and self.holds:
-            position, highest = self._data.mocap_pos[self._mocap], self._start[0][2]
-            position[2] = max(position[2], min(position[2] + _LIFT_SPEED * time, highest))
+            position = self._data.mocap_pos[self._mocap]
+            position[2] = max(position[2], min(position[2] + _LIFT_SPEED * time, self._start[2]))
 
 
 class Supported(Protocol):
     """A robot whose floating base may hang on a support."""
 
     @property
-    def supported(self) -> bool:
-        """True while the support holds the base."""
+    def supported(self) -> bool: ...
 
-    def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Hold the base where it now is, raising it slowly to its start if it `lifts`, or let it go."""
+    def set_support(self, held: bool, *, lifts: bool = False) -> None: ...
 
 
 def support_in_mode(robot: Supported, mode: Mode) -> str:
@@ -219,21 +207,16 @@ class StartPose:
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         """Find the description's own start; the model is from `build_model`."""
         data = mujoco.MjData(model)
-        self._model, self._description = model, description
-        self._joints = joint_addresses(model, description.joint_names)
+        self._joints, self._nv = joint_addresses(model, description.joint_names), model.nv
         data.qpos[self._joints.qpos] = description.initial_position
-        self._quaternion = slice(0)
-        if description.is_floating:
-            Support(model, data, description).start(held=False)
-            self._quaternion = base_addresses(model, description)[1]
+        Support(model, data, description).start(held=False)
         self._qpos: FloatArray = data.qpos.copy()
-
-    @cached_property
-    def standing_height(self) -> float:
+        self._quaternion: slice | None = None
+        self.standing_height = 0.0
         """m, of the centre of mass above the floor; 0 for a fixed base."""
-        if not self._description.is_floating:
-            return 0.0
-        return BaseObserver(self._model, self._description).standing_height(self._qpos)
+        if description.is_floating:
+            self._quaternion = base_addresses(model, description)[1]
+            self.standing_height = BaseObserver(model, description).standing_height(self._qpos)
 
     def arrays(
         self,
@@ -250,12 +233,12 @@ class StartPose:
         (...), rad, turns a floating base about the vertical.
         """
         qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
-        qvel = np.zeros((*batch, self._model.nv))
+        qvel = np.zeros((*batch, self._nv))
         if joint_position is not None:
             qpos[..., self._joints.qpos] = joint_position
         if joint_velocity is not None:
             qvel[..., self._joints.dof] = joint_velocity
-        if base_yaw is not None and self._description.is_floating:
+        if base_yaw is not None and self._quaternion is not None:
             half, none = 0.5 * np.asarray(base_yaw), np.zeros(batch)
             turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
             qpos[..., self._quaternion] = multiply(turn, self._qpos[self._quaternion])

@@ -1,6 +1,6 @@
 """Quantities that follow from joint positions alone: poses of bodies, torques that hold them, and the way back.
 
-Inverse kinematics is damped least squares (Wampler 1986). Each object keeps a model and its buffers: one per thread.
+Each object keeps a model and its buffers: one per thread.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ class _Posed:
     """A robot without a room, to be put into any pose."""
 
     def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
-        """Build the model, or use one that nobody else does."""
         self._model = build_model(description, scene=False) if model is None else model
         self._data = mujoco.MjData(self._model)
         self._addresses = joint_addresses(self._model, description.joint_names)
@@ -48,7 +47,7 @@ class ForwardKinematics(_Posed):
     ) -> None:
         """Find the bodies, None for the description's hands. Raises `InputError` for one that the model lacks."""
         super().__init__(description, model)
-        self.bodies = description.hands if bodies is None else tuple(bodies)
+        self.bodies = description.hands if bodies is None else bodies
         with blaming(description.name, InputError):
             self._ids = list(body_ids(self._model, self.bodies))
 
@@ -58,15 +57,14 @@ class ForwardKinematics(_Posed):
         `joint_position` is of shape (..., n), rad.
         """
         q = np.asarray(joint_position, dtype=np.float64)
-        flat = q.reshape(-1, q.shape[-1])
-        position, rotation = np.empty((len(flat), len(self._ids), 3)), np.empty((len(flat), len(self._ids), 9))
+        flat, b = q.reshape(-1, q.shape[-1]), len(self._ids)
+        position, rotation = np.empty((len(flat), b, 3)), np.empty((len(flat), b, 9))
         for i, row in enumerate(flat):
-            self._data.qpos[self._addresses.qpos] = row
-            mujoco.mj_kinematics(self._model, self._data)
+            self._pose(row)
             position[i], rotation[i] = self._data.xpos[self._ids], self._data.xmat[self._ids]
         position = np.einsum("ji,tbj->tbi", self._base_rotation, position - self._base_position)
-        matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
-        return position.reshape(*q.shape[:-1], -1, 3), matrices.reshape(*q.shape[:-1], -1, 3, 3)
+        matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(-1, b, 3, 3))
+        return position.reshape(*q.shape[:-1], b, 3), matrices.reshape(*q.shape[:-1], b, 3, 3)
 
 
 class GravityTorque(_Posed):
@@ -85,7 +83,10 @@ class GravityTorque(_Posed):
 
 
 class InverseKinematics(_Posed):
-    """Joint positions that bring bodies to given poses in the base frame, within the joints' limits."""
+    """Joint positions that bring bodies to given poses in the base frame, within the joints' limits.
+
+    Damped least squares (Wampler 1986); `damping`, m/rad, is steadier near singular poses and slower if larger.
+    """
 
     def __init__(
         self,
@@ -95,11 +96,9 @@ class InverseKinematics(_Posed):
         damping: float = 0.01,
         model: mujoco.MjModel | None = None,
     ) -> None:
-        """Find the B bodies; `damping`, m/rad, is steadier near singular poses and slower if larger."""
         super().__init__(description, model)
         self._ids = [self._model.body(name).id for name in bodies]
-        self._lower, self._upper = description.lower, description.upper
-        self._damping = damping
+        self._lower, self._upper, self._damping = description.lower, description.upper, damping
 
     def solve(
         self,
@@ -110,14 +109,10 @@ class InverseKinematics(_Posed):
         posture: FloatArray | None = None,
         iterations: int = 20,
     ) -> FloatArray:
-        """Return the joint positions, shape (n,), rad, for one pose.
+        """Return the joint positions, shape (n,), rad, for one pose: (B, 3), m, and (B, 3, 3), base frame.
 
-        Args:
-            position: shape (B, 3), m, base frame.
-            rotation: shape (B, 3, 3), base frame.
-            start: shape (n,), rad, where the search begins.
-            posture: shape (n,), rad, where the joints drift in the directions that move no body; None for nowhere.
-            iterations: at most this many; the search ends when a step is below a microradian.
+        The search begins at `start`, (n,), rad, and ends when a step is below a microradian. In the directions that
+        move no body the joints drift to `posture`, (n,), rad; None for nowhere.
         """
         world_position = self._base_position + position @ self._base_rotation.T
         world_rotation = self._base_rotation @ rotation

@@ -99,15 +99,15 @@ def build_model(
 
     The MJCF loses its own actuators, the sensors of them, and its keyframes. Joint and effort limits are the
     description's, which also says whether joints keep damping of their own. Joints that the description does not have
-    stay passive. Euler integration unless `implicit`, and no automatic reset of a bad state. A floating base gets a
-    support, see `floating_base`. Raises `InputError` if the MJCF cannot be read, or lacks what the description names.
+    stay passive. No automatic reset of a bad state. A floating base gets a support, see `floating_base`. Raises
+    `InputError` if the MJCF cannot be read, or lacks what the description names.
 
     Args:
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit; the gains start at 0.
-        implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
-        scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at.
+        implicit: integrate damping implicitly (`implicitfast`), that of the affine actuators too; else Euler.
+        scene: add floor, light and sky; or only the floor, for models that nobody looks at.
         sensors: add the sensors that `sensing.Sensors` reads for these settings.
     """
     spec = read_spec(description.mjcf_path)
@@ -117,8 +117,8 @@ def build_model(
     with blaming(f"{description.mjcf_path}: not a valid MJCF model", ValueError):
         _check_names(description, spec)
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
-    integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST if implicit else mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.integrator = integrator
+    kinds = mujoco.mjtIntegrator
+    spec.option.integrator = kinds.mjINT_IMPLICITFAST if implicit else kinds.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     if description.is_floating:
         _add_support(spec, description.base.body)
@@ -224,33 +224,22 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
 def _add_support(spec: mujoco.MjSpec, body: str) -> None:
     """Add what can hold the base: a weld, at first inactive, to a mocap body that nothing pushes away."""
     spec.worldbody.add_body(name=SUPPORT, mocap=True)
-    spec.add_equality(
-        name=SUPPORT,
-        type=mujoco.mjtEq.mjEQ_WELD,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        name1=SUPPORT,
-        name2=body,
-        # anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m
-        data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
-        active=False,
-    )
+    weld = spec.add_equality(name=SUPPORT, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, active=False)
+    weld.name1, weld.name2 = SUPPORT, body
+    # anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m
+    weld.data = [*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0]
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
     limited, unlimited = mujoco.mjtLimited.mjLIMITED_TRUE, mujoco.mjtLimited.mjLIMITED_FALSE
     for joint, scale in zip(description.joints, description.torque_scale.tolist(), strict=True):
-        has_limit, limit = math.isfinite(joint.effort_limit), scale * joint.effort_limit
-        spec.add_actuator(
-            name=joint.name,
-            target=joint.name,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-            gainprm=[1.0, *[0.0] * 9],
-            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-            biasprm=[0.0] * 10,
-            forcelimited=limited if has_limit else unlimited,
-            forcerange=[-limit, limit] if has_limit else [0.0, 0.0],
-        )
+        actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm[0] = 1.0
+        actuator.forcelimited = unlimited
+        if math.isfinite(joint.effort_limit):
+            limit = scale * joint.effort_limit
+            actuator.forcelimited, actuator.forcerange = limited, [-limit, limit]
 
 
 def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
@@ -267,11 +256,13 @@ def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
         model.jnt_actfrclimited[i] = 0
         if description.simulation.joint_damping == "drop":
             model.dof_damping[dof] = 0.0
-        if joint.dynamics is not None:
-            measured = joint.dynamics.armature, joint.dynamics.friction, joint.dynamics.damping
-            fields = model.dof_armature, model.dof_frictionloss, model.dof_damping
-            for values, value in zip(fields, measured, strict=True):
-                if value is not None:
-                    values[dof] = value
+        if joint.dynamics is None:
+            continue
+        measured = joint.dynamics.armature, joint.dynamics.friction, joint.dynamics.damping
+        for values, value in zip(
+            (model.dof_armature, model.dof_frictionloss, model.dof_damping), measured, strict=True
+        ):
+            if value is not None:
+                values[dof] = value
     if any(joint.dynamics is not None for joint in description.joints):
         mujoco.mj_setConst(model, mujoco.MjData(model))  # the inertias seen by constraints

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
+import msgspec
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, IndexArray, IntArray
-from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
+from humanoid_sim.robots.schema import NotNegative
 
-Range = tuple[float, float]
+PUSH_DURATION = 0.1  # s
+Range = tuple[NotNegative, NotNegative]
 """Least and greatest of a uniform distribution."""
+_Delay = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # s
 
-_LONGEST_DELAY = 1.0  # s
 
-
-@dataclass(frozen=True, slots=True)
-class Randomisation:
+class Randomisation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Ranges from which each episode's robot is drawn. By default it is the one that the description has."""
 
     mass: Range = (1.0, 1.0)
     """Factor on mass and inertia, body by body."""
-    centre_of_mass: float = 0.0
+    centre_of_mass: NotNegative = 0.0
     """m, greatest shift along each axis of the body's frame, of every body that the robot moves."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of all contacts."""
@@ -36,40 +36,28 @@ class Randomisation:
     """Factor on the effort limit, motor by motor."""
     armature: Range = (1.0, 1.0)
     """Factor on the inertia of motor and gear, joint by joint."""
-    delay: Range = (0.0, 0.0)
+    delay: tuple[_Delay, _Delay] = (0.0, 0.0)
     """s from a command to its effect, rounded to whole physics steps."""
     push: Range = (0.0, 0.0)
     """m/s by which a push would speed up the whole robot: a force of 0.1 s on a floating base, in any horizontal
     direction."""
-    push_interval: float = 5.0
+    push_interval: Annotated[float, msgspec.Meta(ge=2.0 * PUSH_DURATION)] = 5.0
     """s: there is one push in each such stretch of time, at a random moment."""
-    encoder_offset: float = 0.0
+    encoder_offset: NotNegative = 0.0
     """rad, greatest error of each encoder's zero: what it reports is off by it, and the motor's own loop is, too."""
-
-    def __post_init__(self) -> None:
-        """Check every field. Raises `InputError` naming the field, its value and what is accepted."""
-        for field in fields(self):
-            value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
-            bounds = tuple(value) if is_range and isinstance(value, Sequence) else (value,)
-            is_sized = len(bounds) == (2 if is_range else 1) and all(type(bound) in (int, float) for bound in bounds)
-            if not (is_sized and 0.0 <= bounds[0] <= bounds[-1] < math.inf):
-                accepted = "two finite numbers >= 0, the least and the greatest" if is_range else "a finite number >= 0"
-                raise InputError(f"randomisation: {field.name} is {value!r}, expected {accepted}")
-            if is_range:
-                object.__setattr__(self, field.name, (float(bounds[0]), float(bounds[1])))
-        if self.delay[1] > _LONGEST_DELAY:
-            raise InputError(f"randomisation: delay is {self.delay}, expected at most {_LONGEST_DELAY:g} s")
-        if self.push_interval < 2.0 * PUSH_DURATION:
-            accepted = f"at least {2.0 * PUSH_DURATION:g} s: a push takes {PUSH_DURATION:g} s"
-            raise InputError(f"randomisation: push_interval is {self.push_interval:g}, expected {accepted}")
 
     @classmethod
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
-        """Return the randomisation itself, one with these fields, or one without differences for None."""
-        if isinstance(values, Randomisation):
-            return values
-        require_known("field", values or (), [field.name for field in fields(cls)], "randomisation: ")
-        return cls(**(values or {}))
+        """Return the randomisation itself, or one with these fields. Raises `InputError` for what is no range."""
+        fields = msgspec.structs.asdict(values) if isinstance(values, Randomisation) else values or {}
+        try:
+            checked = msgspec.convert(fields, cls)
+        except msgspec.ValidationError as error:
+            raise InputError(f"randomisation: {error}") from None
+        for name, value in msgspec.structs.asdict(checked).items():
+            if isinstance(value, tuple) and not value[0] <= value[1] < math.inf:
+                raise InputError(f"randomisation: {name} is {value}, expected the least and the greatest, finite")
+        return checked
 
     @property
     def differs(self) -> bool:
@@ -79,7 +67,7 @@ class Randomisation:
     def draw(self, generator: np.random.Generator, model: mujoco.MjModel, joints: int) -> Variation:
         """Return one robot of n `joints`. Takes as many numbers whatever the ranges are."""
 
-        def between(bounds: Range, *shape: int) -> FloatArray:
+        def between(bounds: tuple[float, float], *shape: int) -> FloatArray:
             return bounds[0] + (bounds[1] - bounds[0]) * generator.random(shape)
 
         def within(most: float, *shape: int) -> FloatArray:
@@ -139,6 +127,16 @@ class Variation:
         return {name: values for name, values in changed.items() if values.size}
 
 
+def push_wrench(velocity: FloatArray, mass: float) -> FloatArray:
+    """Return the force and torque, shape (..., 6), N and N·m, world frame, of a push on a body at its centre of mass.
+
+    `velocity`, shape (..., 2), m/s, world frame, is by how much it speeds up the `mass`, kg, in `PUSH_DURATION`.
+    """
+    wrench = np.zeros((*velocity.shape[:-1], 6))
+    wrench[..., :2] = mass * velocity / PUSH_DURATION
+    return wrench
+
+
 class RandomPushes:
     """The pushes of N robots: one in each interval, which is cut into control periods."""
 
@@ -152,7 +150,7 @@ class RandomPushes:
         self._velocity = np.zeros((count, 2))
 
     def wrench(self, step: IntArray, seeds: Sequence[int]) -> FloatArray:
-        """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
+        """Return force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
         `step`, shape (N,), has the control periods since each robot's start, `seeds` the `push_seed` of each.
         """

@@ -6,7 +6,7 @@ the physics step that led there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import mujoco
@@ -111,47 +111,45 @@ class Sensors:
         self, model: mujoco.MjModel, description: RobotDescription, config: SimConfig, count: int = 1, threads: int = 1
     ) -> None:
         """Find the addresses; `count` robots are scanned for ground at a time, on `threads`."""
-        self._model = model
         self.widths = live_inputs(description, config)
         """Names and widths of the live inputs."""
         self.joints = joints = joint_addresses(model, description.joint_names)
         self._qpos: slice | IndexArray
         self._dof: slice | IndexArray
         self._qpos, self._dof = joints.slices or (joints.qpos, joints.dof)
-        self._quaternion = self._address("imu_quaternion")
-        self._angular_velocity = self._address("imu_angular_velocity")
-        site = model.sensor(f"{_PREFIX}imu_quaternion").objid[0]
-        self._acceleration: slice | None = None
+        sensors = [model.sensor(i) for i in range(model.nsensor)]
+        at = {s.name.removeprefix(_PREFIX): slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors}
+        self._quaternion, self._angular_velocity = at["imu_quaternion"], at["imu_angular_velocity"]
+        self._acceleration = at.get("imu_linear_acceleration")
         self._gravity = np.zeros(3)
-        if model.body_weldid[model.site_bodyid[site]]:
-            self._acceleration = self._address("imu_linear_acceleration")
-        else:
+        if self._acceleration is None:  # the IMU is fixed to the world
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
-            self._gravity = -data.site_xmat[site].reshape(3, 3).T @ model.opt.gravity
+            rotation = data.site_xmat[model.sensor(f"{_PREFIX}imu_quaternion").objid[0]].reshape(3, 3)
+            self._gravity = -rotation.T @ model.opt.gravity
         self._observer = BaseObserver(model, description) if description.is_floating else None
         self._live: dict[str, slice] = {}
         """Columns of `sensordata` by live input."""
         if description.is_floating:
             self._base_velocity = base_addresses(model, description)[2]
-            self._centre_of_mass = self._address("centre_of_mass")
-            self._live = {name: self._address(name) for name in map(point_velocity, config.velocity_at)}
+            self._centre_of_mass = at["centre_of_mass"]
+            self._live = {name: at[name] for name in map(point_velocity, config.velocity_at)}
         if config.anchor_body:
-            self._live[mit.ANCHOR_POSE] = self._pose_address("anchor")
+            self._live[mit.ANCHOR_POSE] = _pose(at, "anchor")
         self._scanner: HeightScanner | None = None
         if config.height_scan is not None:
-            self._scan = self._pose_address("scan")
+            self._scan = _pose(at, "scan")
             self._scanner = HeightScanner(model, base_body(model, description), config.height_scan, count, threads)
-        self._bodies = self._columns([f"body_{i}" for i in range(len(config.bodies))])
-        self._bodies_in_base = self._columns([f"body_{i}_in_base" for i in range(len(config.bodies))])
+        firsts = np.array([at[f"body_{i}_position"].start for i in range(len(config.bodies))], dtype=np.intp)
+        self._bodies = firsts[:, None] + np.arange(7)
+        self._bodies_in_base = self._bodies + 7
         self._keys: IndexArray | None = None
         self.touch = slice(0)
         """Columns of `sensordata` with the force on each key, N, normal to the surfaces; none without a piano."""
         if description.piano is not None:
             self._keys = joint_addresses(model, key_joint_names()).qpos
             self._trigger = TRIGGER * np.array([model.joint(name).range[1] for name in key_joint_names()])
-            first = self._address("key_0").start
-            self.touch = slice(first, first + KEY_COUNT)
+            self.touch = slice(at["key_0"].start, at["key_0"].start + KEY_COUNT)
 
     def state(
         self,
@@ -177,10 +175,9 @@ class Sensors:
             live[mit.HEIGHT_SCAN] = self._scanner.scan(sensordata[..., self._scan])
         sampled = time if isinstance(time, float) else 0.0
         position = qpos[..., self._qpos]
+        acceleration = np.broadcast_to(self._gravity, (*effort.shape[:-1], 3))
         if self._acceleration is not None:
             acceleration = sensordata[..., self._acceleration]
-        else:
-            acceleration = self._gravity if effort.ndim == 1 else np.broadcast_to(self._gravity, (len(effort), 3))
         return MITState(
             time=time,
             joint_position=position if encoder_offset is None else position + encoder_offset,
@@ -204,15 +201,7 @@ class Sensors:
         poses = sensordata[..., self._bodies_in_base if in_base else self._bodies]
         return poses[..., :3], poses[..., 3:]
 
-    def _columns(self, names: Sequence[str]) -> IndexArray:
-        """Return the columns of poses, shape (b, 7)."""
-        first = np.array([self._pose_address(name).start for name in names], dtype=np.intp)
-        return first[:, None] + np.arange(7)
 
-    def _pose_address(self, name: str) -> slice:
-        first = self._address(f"{name}_position").start
-        return slice(first, first + 7)
-
-    def _address(self, name: str) -> slice:
-        sensor = self._model.sensor(_PREFIX + name)
-        return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
+def _pose(at: Mapping[str, slice], name: str) -> slice:
+    first = at[f"{name}_position"].start
+    return slice(first, first + 7)

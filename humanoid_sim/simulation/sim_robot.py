@@ -12,19 +12,20 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import RobotError
+from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, bind_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, Support
 from humanoid_sim.simulation.model import UNSOUND, SimConfig, build_model
-from humanoid_sim.simulation.push import Pushes
-from humanoid_sim.simulation.randomisation import Randomisation, RandomPushes, Variation
+from humanoid_sim.simulation.randomisation import PUSH_DURATION, Randomisation, RandomPushes, Variation, push_wrench
 from humanoid_sim.simulation.sensing import Sensors
 from humanoid_sim.simulation.stability import DampingStability
 
 _SOURCE = "mujoco"
 _OK = (SafetyStatus(source=_SOURCE),)
+_NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_FASTEST_PUSH = 10.0  # m/s
 
 
 class Touch(NamedTuple):
@@ -61,7 +62,6 @@ class SimRobot:
         self.stability = DampingStability(self.model, description)
         self.warnings = self.stability.check_description()
         """Messages to an operator about gains that are close to unstable, one line each."""
-        self.pushes = Pushes(self.model, description)
         self.hardest_touch: Touch | None = None
         """Hardest touch of a key of its piano in any physics step since `forget_touches`; None for none."""
         self.is_closed = False
@@ -69,7 +69,12 @@ class SimRobot:
         self._support = Support(self.model, self.data, description, config.drop)
         self._step = self._start = 0
 
-        self._nominal: mujoco.MjModel | None = None
+        moved = [self.model.body(int(self.model.joint(name).bodyid[0])) for name in self.joints]
+        if description.is_floating:
+            moved.insert(0, self.model.body(description.base.body))
+        self._pushable = {body.name: body.id for body in moved if body.name}
+        self._push: tuple[int, FloatArray, int] | None = None  # body, wrench (6,), physics step at which it ends
+        self._nominal = copy.copy(self.model)
         self._variation: Variation | None = None
         self._random_pushes: RandomPushes | None = None
         self._limit = description.torque_scale * description.effort_limit
@@ -114,13 +119,18 @@ class SimRobot:
         """Return whether the support holds a floating base."""
         return self._support.holds
 
+    @property
+    def pushable(self) -> tuple[str, ...]:
+        """Names of the bodies that can be pushed: a floating base, and the body that each joint moves."""
+        return tuple(self._pushable)
+
     @cached_property
     def start_pose(self) -> StartPose:
         """Pose in which a robot without support starts, for any joint positions."""
         return StartPose(self.model, self.description)
 
     def activate(self) -> None:
-        """Put the robot to rest at its start, forget commands, clear a fault. Raises `RobotError` if it is closed."""
+        """Put the robot to rest at its start, forget commands, clear a fault."""
         self._begin()
         self._bind(MITCommand.zeros(len(self.joints)))
         self.data.qpos[self._sensors.joints.qpos] = self.description.initial_position
@@ -150,11 +160,9 @@ class SimRobot:
 
     def vary(self, randomisation: Randomisation, generator: np.random.Generator) -> None:
         """Become another robot, drawn from a randomisation; `activate` or `reset` is to follow."""
-        if self._nominal is None:
-            self._nominal = copy.copy(self.model)
-            if randomisation.push[1] > 0.0:
-                mass = float(self.model.body_subtreemass[self.model.body(self.description.base.body).id])
-                self._random_pushes = RandomPushes(randomisation, 1, mass, self.control_period)
+        if randomisation.push[1] > 0.0 and self._random_pushes is None:
+            mass = float(self._nominal.body_subtreemass[self.model.body(self.description.base.body).id])
+            self._random_pushes = RandomPushes(randomisation, 1, mass, self.control_period)
         self._variation = variation = randomisation.draw(generator, self._nominal, len(self.joints))
         for name, values in variation.model_fields(self._nominal, self._sensors.joints.dof).items():
             getattr(self.model, name)[:] = values
@@ -162,6 +170,20 @@ class SimRobot:
         self._limit = self.description.torque_scale * self.description.effort_limit * variation.effort
         self._is_described = False
         self._delay = self._own_delay + round(variation.delay / self._timestep)
+
+    def push(self, vx: float, vy: float, body: str = "") -> None:
+        """Push a body, the floating base if empty, for `PUSH_DURATION` from now on; the newest push counts.
+
+        The force is as large as it takes to speed up all that the body carries by `vx` and `vy`, m/s, world frame.
+        """
+        if not max(abs(vx), abs(vy)) <= _FASTEST_PUSH:
+            raise InputError(f"push: is {vx:g},{vy:g} m/s, expected VX,VY within ±{_FASTEST_PUSH:g}")
+        body = body or self.description.base.body
+        require_known("body", [body], self.pushable)
+        self.data.xfrc_applied[:] = 0.0
+        i = self._pushable[body]
+        wrench = push_wrench(np.array([vx, vy]), float(self._nominal.body_subtreemass[i]))
+        self._push = i, wrench, self._step + round(PUSH_DURATION / self._timestep)
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """Return the state at the present simulation time, and the simulator's safety status."""
@@ -189,7 +211,8 @@ class SimRobot:
         if command.position.shape != (len(self.joints),):
             name, shape = self.description.name, command.position.shape
             raise RobotError(f"{name}: command has shape {shape}, expected ({len(self.joints)},)")
-        self._require_open()
+        if self.is_closed:
+            raise RobotError(f"{self.description.name}: the simulated robot is closed")
         self._state = None
         begin, end = self._step, self._step + self.physics_steps
         self._step = end
@@ -223,20 +246,15 @@ class SimRobot:
         """Refuse further commands. May be called twice."""
         self.is_closed = True
 
-    def _require_open(self) -> None:
-        if self.is_closed:
-            raise RobotError(f"{self.description.name}: the simulated robot is closed")
-
     def _begin(self) -> None:
         """Forget everything: no command is in force."""
-        self._require_open()
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.time
-        self._update_torque, self._state, self.fault = None, None, ""
+        self._update_torque = self._state = self._push = None
+        self.fault = ""
         self._torque[:] = 0.0
         self._pending.clear()
         self._start = self._step
-        self.pushes.forget()
 
     def _disturb(self, step: int) -> None:
         """Put support and pushes of the control period that begins at a physics step in force."""
@@ -245,25 +263,21 @@ class SimRobot:
             period = np.array([(step - self._start) // self.physics_steps])
             body = self.model.body(self.description.base.body).id
             self.data.xfrc_applied[body] = self._random_pushes.wrench(period, [self._variation.push_seed])[0]
-        else:
-            self.pushes.apply(self.data, step * self._timestep)
+        elif self._push is not None:
+            body, wrench, end = self._push
+            self.data.xfrc_applied[body] = wrench if step < end else 0.0
+            self._push = self._push if step < end else None
 
     def _applied(self, command: MITCommand) -> MITCommand:
         """Return the command with which described motors of full strength would give the torque that these give."""
         if self._is_described:
             return command
-        stiffness = damping = effort = self.description.torque_scale
-        position = command.position
+        scale, position = self.description.torque_scale, command.position
+        stiffness, damping, effort = command.stiffness * scale, command.damping * scale, command.effort * scale
         if self._variation is not None:
-            stiffness, damping = stiffness * self._variation.stiffness, damping * self._variation.damping
             position = position - self._variation.encoder_offset
-        return MITCommand(
-            position=position,
-            velocity=command.velocity,
-            effort=command.effort * effort,
-            stiffness=command.stiffness * stiffness,
-            damping=command.damping * damping,
-        )
+            stiffness, damping = stiffness * self._variation.stiffness, damping * self._variation.damping
+        return MITCommand(position, command.velocity, effort, stiffness, damping)
 
     def _bind(self, command: MITCommand) -> None:
         """Put a command in force."""
@@ -279,12 +293,16 @@ class SimRobot:
         model, data, update_torque, step = self.model, self.data, self._update_torque, mujoco.mj_step2
         assert update_torque is not None
         scatters, touches, joints = self._views is None, self._sensors.touch.stop > 0, self._sensors.joints
-        for _ in range(count):
+        if not touches:  # sensors of the last step alone are read: 2 µs of the 25 that a step of the Lite takes
+            model.opt.disableflags |= _NO_SENSORS
+        for remaining in range(count, 0, -1):
             if scatters:
                 self._position[:], self._velocity[:] = data.qpos[joints.qpos], data.qvel[joints.dof]
             update_torque()
             if scatters:
                 data.qfrc_applied[joints.dof] = self._torque
+            if remaining == 1:
+                model.opt.disableflags &= ~_NO_SENSORS
             step(model, data)
             step = mujoco.mj_step
             if touches and data.ncon:

@@ -11,32 +11,18 @@ Implicit damping has no such limit, only stiffness has: a step turns an oscillat
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
-WARNED_ABOVE = 1.0
-REFUSED_ABOVE = 2.0
-
+_WARNED_ABOVE, _REFUSED_ABOVE = 1.0, 2.0
 _SAMPLES = 64  # random poses, within the joint limits
 _MEASURABLE = 1e100  # 1/s, of an entry of M⁻¹·K: beyond any motor, and far below where eigenvalues overflow
-_SHORTEST_STEP = 1e-6  # s, that is worth proposing
-
-
-class DampingMeasure(NamedTuple):
-    """The worst of the sampled poses."""
-
-    eigenvalue: float
-    """Largest eigenvalue of `dt · M⁻¹ · K_d`, or `dt · ω` where damping is implicit; dimensionless."""
-    joint: str
-    """The joint that moves most in that eigenvector."""
 
 
 class DampingStability:
@@ -75,45 +61,40 @@ class DampingStability:
                 raise InputError(f"{description.mjcf_path}: {reason}") from None
             self._inverse_mass[i] = inverse[np.ix_(joints, joints)]
 
-    def measure(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike = 0.0) -> DampingMeasure:
-        """Measure K_d, N·m·s/rad, and K_p, N·m/rad, each (n,) or scalar; K_p counts where damping is implicit."""
-        names = self._description.joint_names
+    def measure(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike = 0.0) -> tuple[float, str]:
+        """Return the largest eigenvalue of `dt · M⁻¹ · K_d` over the poses, and the joint that moves most in it.
+
+        K_d, N·m·s/rad, and K_p, N·m/rad, are (n,) or scalar. Where damping is implicit it is the largest `dt · ω`.
+        """
+        names, inverse = self._description.joint_names, self._inverse_mass
         k_d, k_p = (np.broadcast_to(np.asarray(gain, np.float64), (len(names),)) for gain in (damping, stiffness))
-        gain: FloatArray = k_d
-        inverse: FloatArray = self._inverse_mass
+        gain = k_p if self._is_implicit else k_d
         if self._is_implicit:
-            gain = k_p
             inverse = np.linalg.inv(np.linalg.inv(inverse) + 0.5 * self._timestep * np.diag(k_d)).astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
             symmetric = np.sqrt(gain)[:, None] * inverse * np.sqrt(gain)  # of the eigenvalues of M⁻¹·K
         if not (np.abs(symmetric) < _MEASURABLE).all():  # NaN too
-            return DampingMeasure(math.inf, names[int(np.argmax(gain))])
+            return math.inf, names[int(np.argmax(gain))]
         values, vectors = np.linalg.eigh(symmetric)
         worst = int(np.argmax(values[:, -1]))
         largest = self._timestep * max(float(values[worst, -1]), 0.0)
         value = math.sqrt(self._timestep * largest) if self._is_implicit else largest
-        return DampingMeasure(value, names[int(np.argmax(np.abs(vectors[worst, :, -1])))])
+        return value, names[int(np.argmax(np.abs(vectors[worst, :, -1])))]
 
     def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
         """Return a warning about gains as `measure` takes them, or '' if they are stable; `what` has them.
 
-        Raises `InputError` if they are unstable, with the joint, and a step that works, if there is one.
+        Raises `InputError` if they are unstable.
         """
-        measure = self.measure(damping, stiffness)
-        value = measure.eigenvalue
-        if value <= WARNED_ABOVE:
+        value, joint = self.measure(damping, stiffness)
+        if value <= _WARNED_ABOVE:
             return ""
         formula = "dt·√((M + ½·dt·K_d)⁻¹·K_p)" if self._is_implicit else "dt·M⁻¹·K_d"
-        shown = f"{value:.2f}" if value < 1e6 else f"{value:.2g}"
-        message = f"{what}: {formula} reaches {shown} at {measure.joint} with a physics step of {self._timestep:g} s"
-        if value <= REFUSED_ABOVE:
-            return f"{message}: stable, but the velocity changes sign from step to step above {WARNED_ABOVE:g}"
-        longest = self._timestep * REFUSED_ABOVE / value
-        remedy = "no physics step makes it stable"
-        if longest > _SHORTEST_STEP:
-            where = "as timestep of the MJCF or simulation.physics_timestep of the robot's file"
-            remedy = f"use less than {longest:.2g} s, such as {_round_step_below(longest):g} s, {where}"
-        raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, {remedy}")
+        message = f"{what}: {formula} reaches {value:.3g} at {joint} with a physics step of {self._timestep:g} s"
+        if value <= _REFUSED_ABOVE:
+            return f"{message}: stable, but the velocity changes sign from step to step above {_WARNED_ABOVE:g}"
+        longest = self._timestep * _REFUSED_ABOVE / value
+        raise InputError(f"{message}: unstable above {_REFUSED_ABOVE:g}; use a step of less than {longest:.2g} s")
 
     def check_description(self) -> tuple[str, ...]:
         """Return the warnings about the description's own gains. Raises as `check`."""
@@ -129,9 +110,3 @@ class DampingStability:
             gains.append(("remote_policy_controller", robot.passive_damping, 0.0))
         found = [self.check(k_d, f"{robot.name}: {owner}", k_p) for owner, k_d, k_p in gains]
         return tuple(warning for warning in found if warning)
-
-
-def _round_step_below(limit: float) -> float:
-    """Return s: the longest step below `limit` of 1, 2.5 and 5 times a power of ten, which divide the usual periods."""
-    decade = 10.0 ** math.floor(math.log10(limit))
-    return max(factor * decade for factor in (0.5, 1.0, 2.5, 5.0) if factor * decade < limit)

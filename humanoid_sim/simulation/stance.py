@@ -14,7 +14,6 @@ from humanoid_sim.mit import FloatArray
 DOWN = np.array([0.0, 0.0, -1.0])
 GROUND_GROUP: npt.NDArray[np.uint8] = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
 """The groups that a ray on a `ground_model` may hit."""
-_FLAT = 1e-9  # m, and 1: planes that differ by less in level and direction are one floor
 
 
 def fixed_geoms(model: mujoco.MjModel) -> list[int]:
@@ -44,14 +43,11 @@ class Floor:
         """Find the ground; one level plane needs no rays."""
         geoms = fixed_geoms(model)
         self._ground = ground_model(model, geoms)
-        self._data = data = mujoco.MjData(self._ground)
-        mujoco.mj_kinematics(self._ground, data)
-        levels = data.geom_xpos[geoms, 2]
-        is_plane = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
-        is_level = data.geom_xmat[geoms, 8] > 1.0 - _FLAT
-        self._is_flat = not geoms or bool((is_plane & is_level).all() and np.ptp(levels) < _FLAT)
-        # beyond the edge of a floor that has one, its own lowest part is what a robot sinks to
-        self._lowest = float((levels - np.where(is_plane, 0.0, model.geom_rbound[geoms])).min()) if geoms else 0.0
+        self._data = mujoco.MjData(self._ground)
+        mujoco.mj_kinematics(self._ground, self._data)
+        self._lowest = float(self._data.geom_xpos[geoms, 2].min()) if geoms else 0.0
+        is_plane = len(geoms) == 1 and model.geom_type[geoms[0]] == mujoco.mjtGeom.mjGEOM_PLANE
+        self._is_flat = not geoms or bool(is_plane and self._data.geom_xmat[geoms[0], 8] > 1.0 - 1e-9)
 
     def level(self, position: FloatArray) -> FloatArray:
         """Return the level of the first thing straight below points of shape (..., 3), m, world frame: (...), m."""
@@ -81,4 +77,4 @@ def clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
     mujoco.mj_comPos(model, data)
     mujoco.mj_collision(model, data)
     on_ground = is_static[data.contact.geom].any(axis=1) if data.ncon else np.zeros(0, dtype=bool)
-    return float(data.contact.dist[on_ground].min(initial=far)) if on_ground.any() else 0.0
+    return float(data.contact.dist[on_ground].min()) if on_ground.any() else 0.0

@@ -5,7 +5,6 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.push import Push
 from humanoid_sim.simulation.sim_robot import SimRobot
 
 
@@ -21,13 +20,11 @@ def test_a_push_speeds_the_whole_robot_up():
     for tick in range(32):
         if tick == 10:
             assert np.allclose(momentum(robot)[:2], 0.0, atol=1e-6)
-            robot.pushes.add(Push(0.5, -0.25, robot.time))
-            with pytest.raises(InputError, match=r"the push before has not ended; each takes 0.1 s"):
-                robot.pushes.add(Push(0.5, 0.0, robot.time))
+            robot.push(0.5, -0.25)
         robot.write(MITCommand.zeros(14))
     assert np.allclose(momentum(robot)[:2], [0.5, -0.25], atol=1e-3)
     assert not robot.data.xfrc_applied.any()
-    robot.pushes.add(Push(0.5, 0.0, robot.time))
+    robot.push(0.5, 0.0)
     robot.activate()
     robot.write(MITCommand.zeros(14))
     assert not robot.data.xfrc_applied.any()
@@ -35,10 +32,10 @@ def test_a_push_speeds_the_whole_robot_up():
 
 def test_a_robot_whose_base_is_fixed_is_pushed_at_a_body():
     robot = SimRobot(load_robot("lite"))
-    body = robot.model.body(robot.pushes.bodies[3])
-    for push, message in ((Push(0.0, 1.0, 0.0), "unknown body ''"), (Push(0.0, 11.0, 0.0, body.name), "within ±10")):
+    body = robot.model.body(robot.pushable[3])
+    for speed, name, message in ((1.0, "", "unknown body ''"), (11.0, body.name, "within ±10")):
         with pytest.raises(InputError, match=message):
-            robot.pushes.add(push)
-    robot.pushes.add(Push(0.0, 1.0, 0.0, body.name))
+            robot.push(0.0, speed, name)
+    robot.push(0.0, 1.0, body.name)
     robot.write(MITCommand.zeros(14))
     assert robot.data.xfrc_applied[body.id][1] == pytest.approx(body.subtreemass[0] / 0.1)

@@ -30,9 +30,9 @@ def stability(robot, timestep):
 
 
 def test_the_measure_of_one_rotor_is_dt_kd_over_inertia(small_robot):
-    measure = stability(small_robot(ROTOR, ("rotor",)), 0.001).measure(4.0)
-    assert measure.eigenvalue == pytest.approx(0.001 * 4.0 / 0.01, rel=1e-6)
-    assert measure.joint == "rotor"
+    value, joint = stability(small_robot(ROTOR, ("rotor",)), 0.001).measure(4.0)
+    assert value == pytest.approx(0.001 * 4.0 / 0.01, rel=1e-6)
+    assert joint == "rotor"
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
@@ -40,8 +40,8 @@ def test_the_lite_at_half_a_millisecond(name):
     """Its working gains are far from the limit; the passive 5.0 is stable, and close enough to be mentioned."""
     robot = load_robot(name)
     measured = stability(robot, 0.0005)
-    assert measured.measure(robot.damping).eigenvalue == pytest.approx(0.47, abs=0.01)
-    assert measured.measure(5.0).eigenvalue == pytest.approx(1.18, abs=0.01)
+    assert measured.measure(robot.damping)[0] == pytest.approx(0.47, abs=0.01)
+    assert measured.measure(5.0)[0] == pytest.approx(1.18, abs=0.01)
     (warning,) = measured.check_description()
     assert warning.startswith(f"{name}: damping_controller: dt·M⁻¹·K_d reaches 1.18 at left_wrist_yaw ")
 
@@ -69,20 +69,13 @@ def test_unstable_gains_are_refused_with_joint_and_step(damping):
         measured.check(gains, "policy.onnx")
 
 
-def test_a_step_that_works_is_named_and_does(small_robot):
-    robot = small_robot(ROTOR, ("rotor",))
-    with pytest.raises(InputError, match=r"use less than 0\.00067 s, such as 0\.0005 s,"):
-        stability(robot, 0.001).check(30.0, "policy")
-    assert "stable, but" in stability(robot, 0.0005).check(30.0, "policy")
-
-
 def test_implicit_damping_is_limited_by_stiffness(small_robot):
     """One rotor: unstable where dt·√(K_p / (I + ½·dt·K_d)) exceeds 2, and it is."""
     robot, timestep = small_robot(ROTOR, ("rotor",)), 0.0025
     model = build_model(robot, physics_timestep=timestep, affine_actuators=True, implicit=True, scene=False)
     measured = DampingStability(model, robot)
     limit = 4.0 * (0.01 + 0.5 * timestep * 4.0) / timestep**2
-    assert measured.measure(4.0, limit).eigenvalue == pytest.approx(2.0, rel=1e-4)
+    assert measured.measure(4.0, limit)[0] == pytest.approx(2.0, rel=1e-4)
     for factor, grows in ((0.98, False), (1.02, True)):
         data = mujoco.MjData(model)
         model.actuator_forcelimited[:] = False
