@@ -166,8 +166,6 @@ class HardwareRobot:
         except BaseException as error:
             self._give_up(error)
             raise
-        self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
-        self._read_joints()
         if enables:
             self._enabled_since, self._commands = self.time, 0
 
@@ -192,6 +190,7 @@ class HardwareRobot:
         for source, channel in zip(line.sources, line.channels, strict=True):
             for kind, count in channel.strangers.items():
                 checks.warn(source, f"{count} × {kind}: another program, or a motor in another protocol")
+        self._track()
 
     def _open(self, checks: CheckList) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
@@ -226,10 +225,16 @@ class HardwareRobot:
         late = [i for link, joints in self._links if not link.knows_positions for i in joints]
         check_positions(self._wiring, late, self._readings().position, checks)
         checks.refuse()
+        self._track()
+
+    def _track(self) -> None:
+        self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
+        self._read_joints()
 
     def _retire(self) -> None:
         """Stop what may run, and close the channels of an earlier activation."""
-        if self._may_run:
+        if self._line is not None and self._may_run:
+            self._line.forget_queues()
             self._may_run &= self._stop(self._may_run).keys()
         for link, _ in self._links:
             link.close()

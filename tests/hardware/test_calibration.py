@@ -1,7 +1,6 @@
 """The calibration file, and the offsets from sweeps."""
 
 import math
-import os
 
 import pytest
 from hypothesis import given
@@ -97,19 +96,6 @@ def test_a_file_that_is_no_calibration_is_refused_with_field_and_value(tmp_path,
     with pytest.raises(InputError) as refused:
         load_calibration(path, _LITE)
     assert all(word in str(refused.value) for word in [str(path), *words])
-
-
-def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
-    path = _written(tmp_path, _FILE)
-
-    def no_space(descriptor):
-        raise OSError(28, os.strerror(28))
-
-    monkeypatch.setattr(os, "fsync", no_space)
-    with pytest.raises(InputError, match="cannot be written: No space left on device"):
-        save_calibration(path, _whole())
-    assert path.read_text(encoding="utf-8") == _FILE
-    assert list(tmp_path.iterdir()) == [path]
 
 
 _ELBOW = _LITE.joints[3]  # -2.35619 to 0

@@ -18,17 +18,12 @@ from humanoid_sim.hardware.can_bus import (
     BusAddress,
     Channel,
     Frame,
-    OpenChannels,
     lock_channel,
     message_of,
     open_bus,
     parse_address,
     parse_addresses,
 )
-from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.joints import make_wiring
-from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.robots.description import load_robot
 
 FRAME = Frame(0x1234567, b"12345678")
 _numbers = itertools.count()
@@ -199,22 +194,3 @@ def test_a_multicast_group_has_neither_its_own_frames_nor_another_groups():
         peer.send(message_of(FRAME))  # the same frame once more: this one is another host's
         assert bus.recv(10.0).arbitration_id == FRAME.arbitration_id
         assert bus.recv(0.0) is None
-
-
-def test_motors_or_programs_that_speak_another_protocol_are_counted(address):
-    """LeRobot's motors speak MIT frames of 11 bits, which say nothing here."""
-    checks = CheckList()
-    line = OpenChannels([address], checks)
-    try:
-        link = RobstrideLink(line, make_wiring(load_robot("lite"), 1))
-        line.listeners.append(link.receive)
-        with can.Bus(interface="virtual", channel=address.channel) as peer:
-            for motor_id in range(11, 18):
-                peer.send(message_of(Frame(motor_id, bytes.fromhex("7fff7ff0000007ff"), is_extended=False)))
-        until(lambda: line.channels[0].strangers.total() == 7)
-        line.check(checks)
-    finally:
-        line.close()
-    assert checks.problems == ()
-    assert line.channels[0].troubles() == ("7 × frame with an 11-bit identifier",)
-    assert all(slot.sample is None for slot in link.slots)
