@@ -12,12 +12,13 @@ from functools import cached_property
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from humanoid_sim.client import Feed, Intake, SessionError, SessionInfo, find_session, monotonic_ns
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import SessionHeader, TickRecord
-from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand
 from humanoid_sim.recording.codec import decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
 from humanoid_sim.robots.description import RobotDescription
@@ -141,6 +142,16 @@ class Attachment(Source):
         """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if sent."""
         fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
         return self.intake.remote(self.header.joint_names, *fields, stamp=stamp)
+
+
+def shown_qpos(record: TickRecord, qpos: FloatArray, joints: IndexArray) -> FloatArray:
+    """Return the pose of a tick, shape (nq,): as simulated, or `qpos` with the joints, at `joints`, that are known."""
+    if record.qpos is not None:
+        return record.qpos
+    position, pose = record.input.state.joint_position, qpos.copy()
+    known = np.isfinite(position)
+    pose[joints[known]] = position[known]
+    return pose
 
 
 @contextmanager

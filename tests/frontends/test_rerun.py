@@ -1,46 +1,63 @@
+"""What rerun's viewer is given, written to a stand-in for the library."""
+
+import sys
 from dataclasses import replace
-from importlib.util import find_spec
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import Wanted
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.frontends.attach import Source, Tick
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.play.front_ends import wanted_front_ends
-from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.rerun import main, status_text
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.rerun import RunLog
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.stack import run_header
+from humanoid_sim.testing import healthy_state
 
-needs_rerun = pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk is not installed (rerun)")
-
-RECORD = TickRecord(
-    0,
-    TickInput(MITState.unknown(1, 12.34)),
-    TickOutput(MITCommand.zeros(1), ControlMode(Mode.STANDBY, "standby_controller_a", "ready")),
-    0.0,
-    False,
-    np.zeros(1),
-)
+LITE = load_robot("lite")
 
 
-def test_the_status_says_what_is_shown_or_that_it_is_the_past():
-    assert status_text(RECORD, "", "12:00:00") == "# STANDBY\n\nready\n\n12:00:00, robot's clock 12.3 s"
-    late = status_text(replace(RECORD, qpos=None), "BEHIND: this was 1.3 s ago", "12:00:00")
-    assert late.startswith("# BEHIND: this was 1.3 s ago\n")
-    assert status_text(None, "", "12:00:00") == "# no tick yet\n\n12:00:00"
+class Robot(Source):
+    header = run_header(LITE, 0.02, None, settings={})
+
+    def model(self):
+        return build_model(LITE)
 
 
-@needs_rerun
-@pytest.mark.peers
-def test_play_starts_it_in_place_of_the_window(monkeypatch):
-    monkeypatch.setenv("DISPLAY", ":0")
-    assert wanted_front_ends(PlayConfig(viewer="rerun")) == (Wanted("rerun"),)
+@pytest.fixture
+def written(monkeypatch):
+    """By path: the newest of what was logged, as the library's types were called."""
+    kinds = ("Mesh3D", "SeriesLines", "Scalars", "BarChart", "TextDocument", "Transform3D", "Quaternion")
+    library = {kind: lambda *values, **named: SimpleNamespace(values=values, **named) for kind in kinds}
+    monkeypatch.setitem(sys.modules, "rerun", SimpleNamespace(**library, MediaType=SimpleNamespace(MARKDOWN="")))
+    found = {}
+    found["stream"] = SimpleNamespace(
+        log=lambda path, entity, **_: found.update({path: entity}),
+        set_time=lambda _, duration: found.update(time=duration),
+    )
+    return found
 
 
-@needs_rerun
-@pytest.mark.peers
-def test_a_session_without_a_body_is_refused(local):
-    local.tick()
-    with pytest.raises(InputError, match=r"^session \d+ .*: does not describe its robot's body$"):
-        main([])
+def test_the_robot_its_plots_and_whether_it_is_the_present_are_shown(written):
+    source = Robot()
+    log = RunLog(written["stream"], source)
+    assert len(written["robot/left_hand"].vertex_positions) > 8
+    assert written["plots/position"].names == list(LITE.joint_names)
+    state = healthy_state(np.full(LITE.joint_count, 0.25), 3.0)
+    output = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.STANDBY, "standby_controller_a", "ready"))
+    record = TickRecord(0, TickInput(state), output, 0.0, False)
+    log.tick(record)
+    assert written["time"] == 3.0
+    assert written["plots/position"].values[0].tolist() == [0.25] * LITE.joint_count
+    raised = written["robot/left_hand"].translation.copy()
+    log.tick(replace(record, input=TickInput(healthy_state(np.zeros(LITE.joint_count), 3.1))))
+    assert abs(written["robot/left_hand"].translation - raised).max() > 0.05
+    source.latest = Tick(record, monotonic_ns())
+    log.status(source)
+    assert written["status"].values[0].startswith("# STANDBY\n\nready\n\n")
+    source.latest = Tick(record, monotonic_ns() - 1_300_000_000)
+    log.status(source)
+    assert written["status"].values[0].startswith("# BEHIND: this was 1.3 s ago\n")

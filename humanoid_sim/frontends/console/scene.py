@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 
-import numpy as np
 import viser
 
-from humanoid_sim.frontends.attach import Source
+from humanoid_sim.frontends.attach import Source, shown_qpos
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.ghost import ReferenceGhost
@@ -38,13 +37,7 @@ class Scene:
 
     def show(self, record: TickRecord) -> None:
         """Draw the state of a tick: as simulated, or from the joints that are known."""
-        if record.qpos is not None:
-            self._qpos = record.qpos
-        else:
-            position = record.input.state.joint_position
-            known = np.isfinite(position)
-            self._qpos = self._qpos.copy()
-            self._qpos[self._addresses[known]] = position[known]
+        self._qpos = shown_qpos(record, self._qpos, self._addresses)
         ghost, pose = self._ghost, None
         if ghost is not None and ghost.frame is not None:
             pose = ghost.pose(self._model, self._qpos, ghost.frame, ghost.alignment)
