@@ -19,7 +19,6 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import (
-    URDF_DOCUMENT,
     SafetyLevel,
     SafetyStatus,
     SessionHeader,
@@ -51,19 +50,15 @@ class Mirror(Source):
         states = client.state()
         while states is None or client.control_mode() is None or client.description() is None:
             states = client.state() or states
-        urdf, self._start = client.description() or "", states.time_ns
-        description, self._model = _described(urdf)
+        self._start = states.time_ns
+        description, self._model = _described(client.description() or "")
         if set(states.names) != set(description.joint_names):
             raise InputError(
                 f"/robot_description: has the joints {', '.join(description.joint_names)}, expected those of the "
                 f"joint states: {', '.join(states.names)}"
             )
         self._joints = joint_addresses(self._model, states.names).qpos
-        documents = {
-            "robot": description.to_json(),
-            "settings": "{}",
-            URDF_DOCUMENT: urdf,
-        }
+        documents = {"robot": description.to_json(), "settings": "{}"}
         self.header = SessionHeader(description.name, states.names, _PERIOD, self._start, documents)
         self._count = 0
 
