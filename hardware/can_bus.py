@@ -234,7 +234,8 @@ class Channel:
         self.down = ""  # why nothing can be sent or received; stays until the channel is opened again
         self.tx_full = NEVER  # the latest sign that frames do not leave as fast as they come
         self.error = ""  # the latest failure that CAN or the driver got over
-        self.forget_strangers()
+        self.intruder = NEVER  # the latest sign of another host that commands our motors
+        self.strangers = Counter[str]()  # frames that concern none of our motors, by kind
         self._receive_frame, self._clock = receive, clock
         self._ready = threading.Condition()
         self._waiting: dict[Hashable, _Waiting] = {}  # a dict keeps the place of a key whose value is replaced
@@ -267,11 +268,6 @@ class Channel:
         """Drop frames that wait to be sent; one that the driver has at this moment may still leave."""
         with self._ready:
             self._waiting.clear()
-
-    def forget_strangers(self) -> None:
-        """Begin anew to note what belongs to none of the motors."""
-        self.intruder = NEVER  # the latest sign of another host that commands our motors
-        self.strangers = Counter[str]()  # frames that concern none of our motors, by kind
 
     def flush(self, timeout: float) -> bool:
         """Wait until everything queued was handed to the driver, at most `timeout` s; True if it was."""

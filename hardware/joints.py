@@ -212,4 +212,5 @@ def check_positions(wiring: Wiring, joints: Iterable[int], position: FloatArray,
             text = f"needs commands of {reach[i]:.2f} rad, which reach {wiring.position_range[i]:.2f}"
             checks.problem(name, f"{text}: switch the motor off and on, or set its zero")
         else:
-            checks.passed(name, f"at {angle[i]:.3f} rad = {np.rad2deg(angle[i]):.1f}°")
+            counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
+            checks.passed(name, f"at {angle[i]:.3f} rad = {np.rad2deg(angle[i]):.1f}°{counts}")

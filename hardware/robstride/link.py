@@ -10,7 +10,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -31,7 +31,6 @@ from humanoid_sim.hardware.robstride.protocol import (
     Malformed,
     MotorMode,
     ParameterReply,
-    Reply,
     Status,
     Version,
     decode_reply,
@@ -54,11 +53,14 @@ class Sample(NamedTuple):
 
 @dataclass(slots=True)
 class MotorSlot:
-    """Data received from one motor. Written by one receiver thread."""
+    """The latest of everything that came from one motor. Written by one receiver thread."""
 
     sample: Sample | None = None
     report: FaultReport | None = None
     invalid: Note = NEVER  # the latest frame that could not be read
+    uid: bytes | None = None
+    version: FirmwareVersion | None = None
+    parameters: dict[int, ParameterReply] = field(default_factory=dict)  # by index, until somebody takes them
 
     @property
     def runs(self) -> bool:
@@ -78,7 +80,7 @@ _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)  # s that a motor has to answer each reque
 _POLL = 0.001  # s
 _LIFETIME = 0.06  # s in which what makes a motor move must leave, or it never does; other frames may be late
 _WRITES = 4  # times that a value is written before what is read back counts
-_MOST_ANSWERS = 4096  # that wait for `take_answers`
+_MOST_IDS = 4096  # answers to a scan
 Answer = TypeVar("Answer")
 
 
@@ -89,22 +91,14 @@ class RobstrideLink:
     """
 
     def __init__(self, line: OpenChannels, motors: MotorGroup) -> None:
-        self.line = line
-        self.sources = line.sources
-        self.expect(motors)
-
-    def expect(self, motors: MotorGroup) -> None:
-        """Talk to these motors from here on; everything received from others is forgotten."""
-        self.motors = motors
+        self.line, self.sources, self.motors = line, line.sources, motors
         self.slots = tuple(MotorSlot() for _ in range(motors.count))
-        self._answers: deque[tuple[int, Reply]] = deque(maxlen=_MOST_ANSWERS)  # with their channel
+        self._device_ids: deque[tuple[int, DeviceId]] = deque(maxlen=_MOST_IDS)  # with their channel
         self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
         self._models = [
             {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)}
-            for channel in range(len(self.line.channels))
+            for channel in range(len(line.channels))
         ]
-        for each in self.line.channels:
-            each.forget_strangers()
 
     # --- receiver threads
 
@@ -133,12 +127,18 @@ class RobstrideLink:
                 bus.strangers[reason.replace("_", " ")] += 1
             case Malformed() if slot is not None:
                 slot.invalid = Note(time, reply.reason)
+            case DeviceId():
+                self._device_ids.append((channel, reply))
+                if slot is not None:
+                    slot.uid = reply.uid
+            case Status() if slot is not None:
+                slot.sample = Sample(time, reply)
             case FaultReport() if slot is not None:
                 slot.report = reply
-            case DeviceId() | ParameterReply() | Version() | Status():
-                self._answers.append((channel, reply))
-                if isinstance(reply, Status) and slot is not None:
-                    slot.sample = Sample(time, reply)
+            case ParameterReply() if slot is not None:
+                slot.parameters[reply.index] = reply
+            case Version() if slot is not None:
+                slot.version = reply.version
         return True
 
     # --- control thread
@@ -173,39 +173,23 @@ class RobstrideLink:
                     channel = self.line.channels[self.motors.channel[motor]]
                     channel.send([(key, frame)], _LIFETIME if moves else math.inf)
 
-    def take_answers(self) -> list[tuple[int, Reply]]:
-        """Return motor and answer of every answer that has come since; waits for none."""
-        found = []
-        while self._answers:
-            channel, reply = self._answers.popleft()
-            motor = self._index.get((channel, reply.motor_id))
-            if motor is not None:
-                found.append((motor, reply))
-        return found
-
-    def ask(
+    def _ask(
         self,
         frames: Mapping[int, Sequence[Frame]],
-        accept: Callable[[int, Reply], Answer | None],  # None: another answer than the wanted one
-        patience: Sequence[float] | None = None,  # s to wait for answers, each time that it asks
-        *,
-        takes_late: bool = False,  # answers to earlier questions count
+        answer: Callable[[int], Answer | None],  # None: there is none yet
+        patience: Sequence[float] = (),  # s to wait for answers, each time that it asks; empty: the usual
     ) -> dict[int, Answer]:
-        """Send each motor's frames and collect one answer per motor."""
+        """Send each motor's frames, again while its answer is missing, and return the answers."""
         found: dict[int, Answer] = {}
         for wait in patience or _ANSWER_TIMES:
-            missing = {motor: group for motor, group in frames.items() if motor not in found}
-            if not missing:
-                break
-            if not takes_late:
-                self._answers.clear()
-            self.send(missing)
+            missing = [motor for motor in frames if motor not in found]
+            self.send({motor: frames[motor] for motor in missing})
             deadline = time.monotonic() + wait
-            while True:
-                for motor, reply in self.take_answers():
-                    if motor in missing and (answer := accept(motor, reply)) is not None:
-                        found[motor] = answer
-                if len(found) == len(frames) or time.monotonic() >= deadline:
+            while len(found) < len(frames):
+                for motor in missing:
+                    if motor not in found and (one := answer(motor)) is not None:
+                        found[motor] = one
+                if time.monotonic() >= deadline:
                     break
                 time.sleep(_POLL)
         return found
@@ -214,7 +198,14 @@ class RobstrideLink:
         self, frames: Mapping[int, Sequence[Frame]], wanted: Callable[[Status], bool]
     ) -> dict[int, Status]:
         """Send each motor's frames until a status that came afterwards is as wanted."""
-        return self.ask(frames, lambda _, reply: reply if isinstance(reply, Status) and wanted(reply) else None)
+        before = [slot.sample for slot in self.slots]
+
+        def answer(motor: int) -> Status | None:
+            sample = self.slots[motor].sample
+            is_new = sample is not None and sample is not before[motor]
+            return sample.status if sample is not None and is_new and wanted(sample.status) else None
+
+        return self._ask(frames, answer)
 
     def stop_motors(self, motors: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
         """Stop motors, and clear their faults on request; returns those that did not confirm it."""
@@ -225,78 +216,80 @@ class RobstrideLink:
     def read_versions(self, motors: Iterable[int]) -> dict[int, FirmwareVersion]:
         """Return motors' firmware; one that does not know the question takes it for a stop, and is left out."""
         frames = {i: [self.frame(i, FrameType.STOP, READ_VERSION)] for i in motors}
-        return self.ask(frames, lambda _, reply: reply.version if isinstance(reply, Version) else None)
+        for i in frames:
+            self.slots[i].version = None
+        return self._ask(frames, lambda i: self.slots[i].version)
 
     def read_uids(self, motors: Iterable[int]) -> dict[int, bytes]:
         """Return motors' unique ids."""
         frames = {i: [self.frame(i, FrameType.GET_DEVICE_ID)] for i in motors}
-        return self.ask(frames, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
+        for i in frames:
+            self.slots[i].uid = None
+        return self._ask(frames, lambda i: self.slots[i].uid)
 
     def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 
         Nobody else is expected after `quiet_time` s without an answer; `pace`: s between two ids.
         """
-        self._answers.clear()
+        self._device_ids.clear()
         for motor_id in motor_ids:
             for each in self.line.channels:
                 each.send([(None, encode_command(FrameType.GET_DEVICE_ID, motor_id))])
             time.sleep(pace)
         for each in self.line.channels:
             each.flush(1.0)
-        found: list[tuple[int, DeviceId]] = []
-        quiet_since = time.monotonic()
+        count, quiet_since = 0, time.monotonic()
         while time.monotonic() - quiet_since < quiet_time:
-            while self._answers:
-                channel, reply = self._answers.popleft()
-                if isinstance(reply, DeviceId):
-                    found.append((channel, reply))
-                    quiet_since = time.monotonic()
+            if len(self._device_ids) > count:
+                count, quiet_since = len(self._device_ids), time.monotonic()
             time.sleep(_POLL)
-        return found
+        return list(self._device_ids)
 
-    # --- parameters; those that a motor does not have are None
+    # --- parameters; NaN: a motor does not have it
 
     def read(
-        self, parameters: Mapping[int, Parameter], patience: Sequence[float] | None = None, *, takes_late: bool = False
-    ) -> dict[int, float | None]:
+        self, parameter: Parameter, motors: Iterable[int], patience: Sequence[float] = (), *, takes_late: bool = False
+    ) -> dict[int, float]:
         """Return a parameter of each motor.
 
         `takes_late`: late answers to earlier questions count, for what is read again and again: where a bus takes
         longer than `patience`, there is an old answer each time, and not none for ever.
         """
-        frames = {i: [self._read_frame(i, parameter)] for i, parameter in parameters.items()}
-        return self._values(frames, parameters, patience, takes_late=takes_late)
+        frames = {i: [self._read_frame(i, parameter)] for i in motors}
+        return self._values(parameter, frames, patience, takes_late=takes_late)
 
-    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | None]:
+    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float]:
         """Write a value to each motor and read it back; what differs is written again: its frame was lost."""
-        found: dict[int, float | None] = {}
+        found: dict[int, float] = {}
         wrong = list(values)
         for _ in range(_WRITES):
             frames = {}
             for i in wrong:
                 data = parameter_data(parameter.index, pack_value(parameter.type, values[i]))
                 frames[i] = [self.frame(i, FrameType.WRITE_PARAMETER, data), self._read_frame(i, parameter)]
-            found |= self._values(frames, dict.fromkeys(wrong, parameter))
-            wrong = [i for i, value in found.items() if value is not None and not parameter.is_same(value, values[i])]
+            found |= self._values(parameter, frames)
+            wrong = [i for i, one in found.items() if math.isfinite(one) and not parameter.is_same(one, values[i])]
         return found
+
+    def take_value(self, motor: int, parameter: Parameter) -> float | None:
+        """Return the value that a motor has answered, once; None: none has come."""
+        reply = self.slots[motor].parameters.pop(parameter.index, None)
+        if reply is None or not reply.is_success:
+            return None if reply is None else math.nan
+        return unpack_value(parameter.type, reply.payload)
 
     def _read_frame(self, motor: int, parameter: Parameter) -> Frame:
         return self.frame(motor, FrameType.READ_PARAMETER, parameter_data(parameter.index))
 
     def _values(
         self,
+        parameter: Parameter,
         frames: Mapping[int, Sequence[Frame]],
-        parameters: Mapping[int, Parameter],
-        patience: Sequence[float] | None = None,
+        patience: Sequence[float] = (),
         *,
         takes_late: bool = False,
-    ) -> dict[int, float | None]:
-        def accept(motor: int, reply: Reply) -> tuple[float | None] | None:
-            parameter = parameters[motor]
-            if not isinstance(reply, ParameterReply) or reply.index != parameter.index:
-                return None
-            return (float(unpack_value(parameter.type, reply.payload)) if reply.is_success else None,)
-
-        answers = self.ask(frames, accept, patience, takes_late=takes_late)
-        return {motor: value for motor, (value,) in answers.items()}
+    ) -> dict[int, float]:
+        for i in () if takes_late else frames:
+            self.take_value(i, parameter)
+        return self._ask(frames, lambda i: self.take_value(i, parameter), patience)

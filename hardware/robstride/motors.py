@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
 
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
@@ -18,7 +21,6 @@ from humanoid_sim.hardware.robstride.parameters import (
     fault_word,
     pack_value,
     report_interval,
-    unpack_value,
 )
 from humanoid_sim.hardware.robstride.protocol import (
     REPORTS_OFF,
@@ -27,7 +29,6 @@ from humanoid_sim.hardware.robstride.protocol import (
     FrameType,
     MotorMode,
     OperationControl,
-    ParameterReply,
     encode_operation,
     flag_names,
     parameter_data,
@@ -120,9 +121,8 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         self._stop_and_clear(checks)
         self._configure("run_mode", dict.fromkeys(self._all, OPERATION_MODE), checks)
         found = self._configure("canTimeout", dict.fromkeys(self._all, self._timeout_ticks), checks, may_hide=True)
-        self._hidden = [
-            i for i in self._all if found.get(i) is None
-        ]  # some manuals have it as one that is written only
+        # Some manuals have it as one that is written only.
+        self._hidden = [i for i in self._all if math.isnan(found.get(i, math.nan))]
         # Never a limit above the peak of the motor's data sheet; 0 leaves the firmware's own.
         motors = self.motors
         torque = {i: min(top, motors.model[i].peak_torque) for i, top in enumerate(motors.torque_limit) if top > 0.0}
@@ -130,10 +130,10 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         # Documented for the velocity and position modes only, so that it need not be readable.
         current = {i: min(top, motors.model[i].peak_current) for i, top in enumerate(motors.current_limit) if top > 0.0}
         self._configure("limit_cur", current, checks, may_hide=True)
-        counted = self.read(dict.fromkeys(self._all, PARAMETERS["mechPos"]))
+        counted = self.read(PARAMETERS["mechPos"], self._all)
         for i, slot in enumerate(self.slots):  # the reported position wraps; `mechPos` counts turns since power-on
-            name, own, sample = motors.names[i], counted.get(i), slot.sample
-            if own is None:
+            name, own, sample = motors.names[i], counted.get(i, math.nan), slot.sample
+            if math.isnan(own):
                 checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
             elif sample is not None and not abs(own - sample.status.position) < motors.model[i].position:
                 checks.problem(name, "turned beyond ±4π since power-on: switch it off and on")
@@ -154,25 +154,29 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def _faults(self) -> list[str]:
         """Return each motor's faults: of its status, and of its fault word, which alone shows overvoltage."""
-        words = self.read({i: fault_word(self.motors.model[i].name) for i in self._all})
+        words: dict[int, float] = {}
+        for name in {model.name for model in self.motors.model}:
+            words |= self.read(fault_word(name), [i for i in self._all if self.motors.model[i].name == name])
         faults = []
         for i, slot in enumerate(self.slots):
             names = [] if slot.sample is None else [*flag_names(slot.sample.status.faults)]
-            faults.append(", ".join(dict.fromkeys([*names, *flag_names(FaultBit(int(words.get(i) or 0)))])))
+            faults.append(
+                ", ".join(dict.fromkeys([*names, *flag_names(FaultBit(int(np.nan_to_num(words.get(i, 0.0)))))]))
+            )
         return faults
 
     def _configure(
         self, name: str, values: Mapping[int, float], checks: CheckList, *, may_hide: bool = False
-    ) -> dict[int, float | None]:
+    ) -> dict[int, float]:
         """Write a parameter and return what is read back; another value is a problem, but for a limit that is lower."""
         parameter = PARAMETERS[name]
         found = self.write(parameter, values)
         for i, wanted in values.items():
-            value = found.get(i)
-            if value is None and may_hide:
+            value = found.get(i, math.nan)
+            if math.isnan(value) and may_hide:
                 checks.warn(self.motors.names[i], f"{name} cannot be read")
-            elif value is None or not (parameter.is_same(value, wanted) or (parameter.is_float and value < wanted)):
-                checks.problem(self.motors.names[i], f"{name} reads {value} after {wanted:g} was written")
+            elif not (parameter.is_same(value, wanted) or (parameter.is_float and value < wanted)):
+                checks.problem(self.motors.names[i], f"{name} reads {value:g} after {wanted:g} was written")
         return found
 
     # --- enable
@@ -192,7 +196,6 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             return
         before = [slot.sample for slot in self.slots]
         confirmed: dict[int, float] = {}
-        self.take_answers()
         deadline = time.monotonic() + _LONGEST
         while True:
             running = [i for i, slot in enumerate(self.slots) if slot.sample is not before[i] and slot.runs]
@@ -204,9 +207,10 @@ class RobstrideMotors(RobstrideLink, MotorLink):
                 self.send({i: self._enabling_frames(i, i in running, i in confirmed)})
             end = time.monotonic() + _PERIOD
             while time.monotonic() < end and len(confirmed) < len(self._all):
-                for i, reply in self.take_answers():
-                    if isinstance(reply, ParameterReply) and reply.index == _TIMEOUT.index:
-                        confirmed[i] = unpack_value(_TIMEOUT.type, reply.payload) if reply.is_success else -1.0
+                for i in running:
+                    value = self.take_value(i, _TIMEOUT)
+                    if value is not None:
+                        confirmed[i] = value
                 time.sleep(_POLL)
         for i, name in enumerate(self.motors.names):
             if i not in running:

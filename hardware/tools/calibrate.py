@@ -86,7 +86,7 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
     """Read positions until it is enough; show them meanwhile. A motor that falls silent may lose its count of turns."""
     sweeps = {i: Sweep() for i in chosen}
     unasked = [i for i in chosen if i in wiring.unasked]
-    asked = dict.fromkeys([i for i in chosen if i not in unasked], PARAMETERS["mechPos"])
+    asked = [i for i in chosen if i not in unasked]
     with contextlib.ExitStack() as stack:
         limp = None
         if unasked:
@@ -96,7 +96,7 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
         received = dict.fromkeys(chosen, time.monotonic())
         while not _is_over():
             bench.check_channels(link)
-            found = link.read(asked, (_ANSWER_TIME,), takes_late=True)
+            found = link.read(PARAMETERS["mechPos"], asked, (_ANSWER_TIME,), takes_late=True)
             if limp is not None:
                 readings = limp.readings()
                 fresh = link.line.clock() - readings.time <= _LATE

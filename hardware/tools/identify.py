@@ -61,8 +61,8 @@ def identify(config: Identify) -> int:
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
         bench.confirm("Is the arm supported and clear?", config.yes, "not moved")
-        found = link.read(dict.fromkeys(range(wiring.count), _POSITION))
-        before = {i: position for i, position in found.items() if i != joint and position is not None}
+        found = link.read(_POSITION, range(wiring.count))
+        before = {i: position for i, position in found.items() if i != joint and math.isfinite(position)}
         with bench.limp_motors(link, alone, terms) as motor:
             moved, shifts = _move(config, wiring, joint, link, motor, before)
     print(
@@ -115,12 +115,13 @@ def _move(
     for share in _shares():
         drive(share)
     moved, shifts, begin = 0.0, dict[int, float](), time.monotonic()
-    link.take_answers()  # late ones to earlier questions
+    for i in before:
+        link.take_value(i, _POSITION)  # a late answer to an earlier question
     missing = set(before)
     while time.monotonic() - begin < (_HOLD + _PATIENCE if missing else _HOLD):
         moved = drive(1.0)
-        found = link.read(dict.fromkeys(missing, _POSITION), (0.0,), takes_late=True)
-        shifts |= {i: position - before[i] for i, position in found.items() if position is not None}
+        found = link.read(_POSITION, missing, (0.0,), takes_late=True)
+        shifts |= {i: position - before[i] for i, position in found.items() if math.isfinite(position)}
         missing -= shifts.keys()
     for share in _shares():
         drive(1.0 - share)

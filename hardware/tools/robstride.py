@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator
 
 from rich.markup import escape
@@ -78,12 +79,12 @@ def _command(link: RobstrideLink, motor: int, kind: FrameType, data: bytes) -> N
     answer_of(link, motor, link.until_status({motor: [link.frame(motor, kind, data)]}, lambda _: True))
 
 
-def _value(link: RobstrideLink, motor: int, parameter: Parameter) -> float | None:
-    return answer_of(link, motor, link.read({motor: parameter}))
+def _value(link: RobstrideLink, motor: int, parameter: Parameter) -> float:
+    return answer_of(link, motor, link.read(parameter, [motor]))
 
 
-def _shown(parameter: Parameter, value: float | None) -> str:
-    if value is None:
+def _shown(parameter: Parameter, value: float) -> str:
+    if math.isnan(value):
         return "not there"
     if parameter.name == "canTimeout":
         return f"{int(value)} ({1000.0 * CAN_TIMEOUT_TICK * value:g} ms)" if value else "0 (off)"
@@ -100,7 +101,7 @@ def ping(config: Ping) -> int:
         if version is not None and model is not None:
             word = _value(link, motor, fault_word(model))
             rows["firmware"] = f"{version_text(version)} ({model})"
-            rows["faults"] = "not there" if word is None else ", ".join(flag_names(FaultBit(int(word)))) or "none"
+            rows["faults"] = "not there" if math.isnan(word) else ", ".join(flag_names(FaultBit(int(word)))) or "none"
     for name, text in rows.items():
         print(f"  {name:<13} {text}")
     return 0
@@ -126,9 +127,9 @@ def param(config: Param) -> int:
         for known, value in zip(parameters, values, strict=True)
     ]
     bench.make_console().print(bench.make_table(("index", "name", "value", ""), rows))
-    if config.value is not None and (values[0] is None or not parameters[0].is_same(values[0], config.value)):
+    if config.value is not None and not parameters[0].is_same(values[0], config.value):
         raise RobotError(f"{parameters[0].name}: reads {values[0]} after {config.value:g} was written")
-    return ExitStatus.of(None not in values or not config.names)
+    return ExitStatus.of(not config.names or not any(map(math.isnan, values)))
 
 
 @contextlib.contextmanager
@@ -193,7 +194,7 @@ def set_zero(config: SetZero) -> int:
         bench.confirm("Is the shaft where its zero shall be?", config.yes, "the zero was not changed")
         _command(link, motor, FrameType.SET_ZERO, HERE)
         after = _value(link, motor, _POSITION)
-        if after is None or not abs(after) <= _NEAR:
+        if not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor_id}: reads {after} rad after its zero was set, expected 0: hold it still")
         _save(link, motor_id, uid)
         print(f"its position is now {after:.3f} rad, read back and saved")
