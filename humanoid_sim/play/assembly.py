@@ -62,32 +62,29 @@ class Monitor(WorkerSink):
 class Run:
     """The parts of a run, and what connects them."""
 
-    session: Session
-
     def __init__(self, plan: Plan, console: Console) -> None:
         """Put everything together. Intents that come from here on wait for the first tick.
 
         Raises `InputError` if a socket or the terminal cannot be taken over; nothing stays open then.
         """
-        config, description, setup, policy = plan.config, plan.description, plan.setup, plan.policy
+        config, setup = plan.config, plan.setup
         self.plan = plan
         self.is_hardware = config.hardware is not None
         self.header, self._made = _header(plan), time.monotonic_ns()
-        self.interruption = None
-        if self.is_hardware:
-            self.interruption = Interruption(plan.control_period, _STANDSTILL, self._note)
-        self._watch(console)
         self._sim = setup.robot if isinstance(setup.robot, SimRobot) else None
         self._outside_safety = OutsideSafety(plan.watchdogs)
-        bring_up = setup.bring_up
-        reactivation = Reactivation((lambda: ()) if bring_up is None else bring_up.warnings)
-        selection = PolicySelection()
+        self._watch(console)
+        reactivation, selection = Reactivation(setup.warnings), PolicySelection()
         with ExitStack() as stack:
             registration = Registration()
             stack.callback(registration.close)
-            push = None if self._sim is None else self._push
             intents = IntentSocket(
-                registration.path / "intents", reactivation, self._note, self._outside_safety, push, selection
+                registration.path / "intents",
+                reactivation,
+                self._note,
+                self._outside_safety,
+                None if self._sim is None else self._push,
+                selection,
             )
             stack.callback(intents.close)
             self.data = self._data_socket(registration)
@@ -105,24 +102,28 @@ class Run:
                 begin=self._begin,
             )
             stack.callback(self.front_ends.close)
-            policies = ", ".join(policy.named) or policy.source
-            registration.register(robot=description.name, policy=policies, hardware=config.hardware or "")
+            registration.register(
+                robot=plan.description.name, policy=plan.policies.label, hardware=config.hardware or ""
+            )
             self.keyboard = None
             if has_keys(config):
-                velocity = plan.velocity if policy.walks else None
+                velocity = plan.velocity if plan.policies.walks else None
                 self.keyboard = Keyboard(velocity, reactivation=reactivation, tell=self._show)
                 stack.callback(self.keyboard.close)
             self._open = stack.pop_all()
-        sources: list[IntentSource] = [intents]
+        self.interruption = None
+        sources: list[IntentSource] = []
+        if self.is_hardware:
+            if config.needs_gamepad:
+                sources.append(DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
+            self.interruption = Interruption(plan.control_period, _STANDSTILL, self._note)
+            sources.append(self.interruption)
+        sources.append(intents)
         if self.keyboard is not None:
             sources.append(self.keyboard)
-        if self.interruption is not None:
-            sources.insert(0, self.interruption)
-        if self.is_hardware and config.needs_gamepad:
-            sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
         self.script = None
         if plan.steps is not None:
-            frames = {one.name: one.motion_frames for one in policy.choices}
+            frames = {one.name: 0 if one.motion is None else len(one.motion.frames) for one in plan.policies.choices}
             self.script = Script(plan.steps, frames, selection=selection, operators=sources)
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
@@ -145,7 +146,7 @@ class Run:
             safety_filter=self._with_other_safety,
             externs=(self.data, plan.velocity),
             qpos=lambda: setup.qpos(self.session.state),
-            mode_listener=setup.mode_listener,
+            mode_listener=setup.enter,
             reactivation=reactivation,
             interruption=self.interruption,
             selection=selection,
@@ -153,24 +154,21 @@ class Run:
 
     def _watch(self, console: Console) -> None:
         """Make what shows, records and judges the run."""
-        plan, description, policy = self.plan, self.plan.description, self.plan.policy
-        outputs, loaded, motion = plan.outputs, policy.loaded, policy.motion
-        is_single = loaded is not None and not policy.others
+        plan, outputs, first = self.plan, self.plan.outputs, self.plan.policies.first
         is_drawn = outputs.html is not None or outputs.video is not None
         tracking = keys = ghost = None
-        if loaded is not None and is_single:
-            tracking = MotionErrors.of(description, loaded)
-            if motion is not None and motion.task_type == "piano":
-                keys = PlayedKeys(motion.frames)
-            ghost = ReferenceGhost(description, loaded.contract, loaded.reference) if is_drawn else None
+        if first is not None and len(plan.policies.choices) == 1:
+            contract = first.loaded.contract
+            tracking = MotionErrors.of(plan.description, first.loaded)
+            if first.motion is not None and first.motion.task_type == "piano":
+                keys = PlayedKeys(first.motion.frames)
+            ghost = ReferenceGhost(plan.description, contract, first.loaded.reference) if is_drawn else None
         self.console = ConsoleSink(
             console,
             has_keys=has_keys(plan.config),
-            walks=policy.walks,
-            motion_frames=policy.motion_frames,
-            expected_duration=plan.expected_duration(),
+            walks=plan.policies.walks,
+            motion_frames=0 if first is None or first.motion is None else len(first.motion.frames),
             available=plan.supervisor.controllers,
-            is_driven=plan.setup.is_driven,
         )
         self.recorder = None
         if outputs.record is not None:
@@ -181,12 +179,12 @@ class Run:
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.poses = Poses(ghost) if is_drawn else None
-        figures = RunFigures(description, tracking=tracking, keys=keys, base=plan.setup.base)
+        figures = RunFigures(plan.description, tracking=tracking, keys=keys, base=plan.setup.base)
         self.monitor = Monitor(figures, self._tell)
 
     def _data_socket(self, registration: Registration) -> DataSocket:
         plan, timeouts = self.plan, dict[str, float]()
-        for contract in plan.policy.contracts:
+        for contract in plan.policies.contracts:
             for name, topic in contract.live_topics.items():
                 if topic.timeout is not None:
                     timeouts[name] = topic.timeout
@@ -195,7 +193,7 @@ class Run:
             plan.description.joint_names,
             1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
             clock=plan.clock,
-            velocity=plan.velocity if plan.policy.walks else None,
+            velocity=plan.velocity if plan.policies.walks else None,
             live=plan.external,
             timeouts=timeouts,
             tell=self._note,
@@ -250,20 +248,20 @@ class Run:
 
 def _header(plan: Plan) -> SessionHeader:
     """Return what interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
-    policy, bring_up = plan.policy, plan.setup.bring_up
+    policies, first = plan.policies, plan.policies.first
     since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
     return run_header(
         plan.description,
         plan.control_period,
-        policy.loaded,
-        policy.motion,
-        policies=policy.named,
-        motions={choice.name: choice.motion for choice in policy.choices if choice.motion is not None},
+        None if first is None else first.loaded,
+        None if first is None else first.motion,
+        policies=policies.named,
+        motions={choice.name: choice.motion for choice in policies.choices if choice.motion is not None},
         settings={
             "program": f"humanoid_sim.play {__version__}",
             "options": asdict(plan.config),
-            **policy.settings,
-            "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
+            **policies.settings,
+            "checks": [": ".join(check) for check in plan.setup.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
         remote=True,

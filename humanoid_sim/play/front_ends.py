@@ -5,24 +5,18 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted, require_packages
-from humanoid_sim.frontends.joy import chosen_bindings, joy_options
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.policies import Policies
 from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
 from humanoid_sim.session.keyboard import KEY_HELP
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.sources import VELOCITY_HELP
-
-if TYPE_CHECKING:
-    from humanoid_sim.play.policies import PolicyChoice
 
 _LOOK_WITHIN = 20.0  # s for the program that looks for a gamepad
 _OPEN_END = 10.0  # s that a policy without a motion runs when nothing else ends the run
@@ -43,25 +37,21 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
 
     Raises `InputError` if the packages of one are not installed, or the network interface of one is not there.
     """
-    layout, interface = _pad_layout(config), _one(config.dds, "--dds", "network interface")
+    interface = _one(config.dds, "--dds", "network interface")
     if interface:
         check_network_interface("--dds", interface)
-    port = _one(config.midi, "--midi", "port or device")
-    keys = ("--device" if "/" in port else "--port", port) if port else ()
     known = (
         (config.remote == "gravity", Wanted("gravity")),
         (config.console, Wanted("console")),
-        (config.needs_gamepad, Wanted("gamepad", layout)),
+        (config.needs_gamepad, Wanted("gamepad", _mapping(config))),
         (config.dds is not None, Wanted("dds")),
         (bool(interface), Wanted("dds", ("--interface", interface), f"dds {interface}")),
-        (config.midi is not None, Wanted("midi", keys)),
         (shows_window(config), Wanted("viewer")),
         (config.viewer == "rerun", Wanted("rerun")),
     )
     wanted = tuple(front_end for is_wanted, front_end in known if is_wanted)
     for front_end in wanted:
-        if front_end.options[:1] != ("--device",):  # bytes need no library
-            require_packages(front_end.name)
+        require_packages(front_end.name)
     return wanted
 
 
@@ -72,20 +62,19 @@ def _one(values: tuple[str, ...] | None, option: str, what: str) -> str:
     return values[0] if values else ""
 
 
-def _pad_layout(config: PlayConfig) -> tuple[str, ...]:
-    """Return the options of the gamepad's program that say where the buttons are."""
+def _mapping(config: PlayConfig) -> tuple[str, ...]:
     file = _one(config.gamepad, "--gamepad", "file (.yaml)")
-    return joy_options(chosen_bindings(Path(file) if file else None, config.joy, "--gamepad"))
+    return ("--mapping", file) if file else ()
 
 
-def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:
+def look_for_gamepad(config: PlayConfig) -> list[str]:
     """Return what an operator should know of the gamepads that are plugged in, before anything moves.
 
     Raises `InputError` if on a real bus none is plugged in that can be used.
     """
     if not config.needs_gamepad or config.dry_run:
-        return ()
-    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list", *_pad_layout(config)]
+        return []
+    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list", *_mapping(config)]
     try:
         found = subprocess.run(program, check=False, capture_output=True, text=True, timeout=_LOOK_WITHIN)
     except (OSError, subprocess.SubprocessError) as error:
@@ -94,30 +83,27 @@ def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:
     if found.returncode and config.is_real_bus:
         why = lines[-1] if lines else f"status {found.returncode}"
         raise InputError(f"--hardware: {why}; plug one in to damp the robot by, or say --no-gamepad")
-    return tuple(f"gamepad: {line}" for line in lines)
+    return [f"gamepad: {line}" for line in lines]
 
 
 def operator_notices(
-    config: PlayConfig, steps: Sequence[ScriptStep] | None, policy: PolicyChoice, external: Sequence[str]
-) -> tuple[str, ...]:
+    config: PlayConfig, steps: Sequence[ScriptStep] | None, policies: Policies, external: Sequence[str]
+) -> list[str]:
     """Return who drives the robot, and what has to come from programs that this run does not start, one line each.
 
     `steps` are those of a script that drives, `external` the names of the live inputs that come from other programs.
     """
     notices = []
     if has_keys(config):
-        notices += [KEY_HELP, VELOCITY_HELP] if policy.walks else [KEY_HELP]
+        notices += [KEY_HELP, VELOCITY_HELP] if policies.walks else [KEY_HELP]
     elif steps is None and not config.dry_run:
         notices.append("waits for an operator, in another terminal: python -m humanoid_sim.mode damp, load_a, ...")
     if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
         notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
     for name in external:
-        topic = live_topic(policy.contract, name)
-        if name == KEY_PRESSED and config.midi is None:
-            notices.append("which keys are down has to come from a program: --midi takes it from a MIDI keyboard")
-        elif name != KEY_PRESSED and topic is not None:
-            notices.append(f"the policy observes {name} ({topic.name}), which a program has to send")
-    return tuple(notices)
+        how = ", such as python -m humanoid_sim.midi" if name == KEY_PRESSED else ""
+        notices.append(f"the policy observes {name}, which another program has to send{how}")
+    return notices
 
 
 def is_realtime(config: PlayConfig, front_ends: Sequence[Wanted]) -> bool:
@@ -127,13 +113,13 @@ def is_realtime(config: PlayConfig, front_ends: Sequence[Wanted]) -> bool:
     return config.hardware is not None or config.manual or bool(front_ends)
 
 
-def automatic_steps(config: PlayConfig, policy: PolicyChoice) -> tuple[ScriptStep, ...]:
+def automatic_steps(config: PlayConfig, policies: Policies) -> tuple[ScriptStep, ...]:
     """Return the script that plays when nobody drives: long enough in each mode to see it."""
     start, run = "", f"hold {config.duration or _OPEN_END}"
     if config.remote != "none":
         start = "start_remote; "
-    elif config.has_policy:
+    elif policies.first is not None:
         start = "start_locomotion; "
-        if policy.motion is not None:
+        if policies.first.motion is not None:
             run = "motion; hold 0.5"
     return parse_script(f"hold 0.5; damp; hold 1; load_a; wait; hold 0.2; {start}{run}; damp; hold 1")

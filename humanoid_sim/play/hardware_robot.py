@@ -2,99 +2,167 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.can_bus import BusAddress, parse_addresses
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride.firmware import parse_version
+from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import BringUp, RobotSetup, shared
+from humanoid_sim.play.played_robot import RobotSetup, shared
 from humanoid_sim.policy.checks import motor_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.kinematics import AnchorOrientation
-from humanoid_sim.simulation.model import build_model
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
+_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
 
-def real_robot(
-    config: PlayConfig,
-    description: RobotDescription,
-    control_period: float,
-    left: ExitStack,
-    contracts: Sequence[PolicyContract] = (),
-) -> RobotSetup:
-    """Return a robot on the channels of `--hardware`, which measures what the policies of contracts observe.
-
-    Opens nothing, but for mock motors, which run until `left`.
+class HardwareSetup(RobotSetup):
+    """A robot on the channels of `--hardware`, which measures what the policies of contracts observe.
 
     On channels of the interface `virtual`, which exist in this process only, there are mock motors, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
     """
-    assert config.hardware is not None
-    addresses = parse_addresses(config.hardware)
-    for version in config.accept_firmware:
-        parse_version(version)
-    is_virtual = [address.interface == "virtual" for address in addresses]
-    if any(is_virtual) and not all(is_virtual):
-        raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
-    offsets, unconfirmed, notices = _homing_offsets(config, description, addresses)
-    motors: MockServer | None = None
-    if all(is_virtual):
-        with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
-            motors = MockServer(description, addresses, homing_offset=offsets)
-        left.callback(motors.close)
-    imu = make_imu(config.imu, config.imu_mounting)
-    if imu is None and motors is not None:
-        imu = SimulatedImu(lambda: motors.truth)
-    anchor = _anchor(description, contracts)
-    keys = None if motors is None or description.piano is None else motors
-    robot = HardwareRobot(
-        description,
-        addresses,
-        calibration=offsets,
-        unconfirmed=unconfirmed,
-        control_period=control_period,
-        clock=time.monotonic if motors is None else motors.clock,
-        imu=imu,
-        anchor=anchor,
-        live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
-        allow_no_timeout=config.allow_no_timeout,
-        can_timeout=config.can_timeout,
-        accepted_firmware=config.accept_firmware,
-    )
-    channels = ", ".join(map(str, addresses))
-    question = f"Enable the motors of {description.name} on {channels}, without torque?"
-    return RobotSetup(
-        robot,
-        live=({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({} if keys is None else {KEY_PRESSED: KEY_COUNT}),
-        qpos=MeasuredPose(description),
-        model=lambda: build_model(description),
-        check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
-        mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
-        notices=notices,
-        bring_up=_bring_up(robot, "" if motors is not None else question),
-        figures=lambda: _figures(robot, motors),
-        is_driven=lambda: robot.is_enabled,
-        failure=lambda: "" if motors is None or motors.failure is None else f"mock motors: {motors.failure!r}",
-    )
+
+    robot: HardwareRobot
+
+    def __init__(
+        self,
+        config: PlayConfig,
+        description: RobotDescription,
+        control_period: float,
+        left: ExitStack,
+        contracts: Sequence[PolicyContract] = (),
+    ) -> None:
+        """Open nothing, but for mock motors, which run until `left`."""
+        super().__init__(description)
+        assert config.hardware is not None
+        self._addresses = parse_addresses(config.hardware)
+        for version in config.accept_firmware:
+            parse_version(version)
+        is_virtual = [address.interface == "virtual" for address in self._addresses]
+        if any(is_virtual) and not all(is_virtual):
+            raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
+        offsets, unconfirmed, self.notices = _homing_offsets(config, description, self._addresses)
+        motors: MockServer | None = None
+        if all(is_virtual):
+            with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
+                motors = MockServer(description, self._addresses, homing_offset=offsets)
+            left.callback(motors.close)
+        self._motors = motors
+        imu = make_imu(config.imu, description.hardware.imu_mounting)
+        if imu is None and motors is not None:
+            imu = SimulatedImu(lambda: motors.truth)
+        self._has_imu = imu is not None
+        anchor = _anchor(description, contracts)
+        keys = None if motors is None or description.piano is None else motors
+        self.live = ({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({} if keys is None else {KEY_PRESSED: KEY_COUNT})
+        self.robot = HardwareRobot(
+            description,
+            self._addresses,
+            calibration=offsets,
+            unconfirmed=unconfirmed,
+            control_period=control_period,
+            clock=time.monotonic if motors is None else motors.clock,
+            imu=imu,
+            anchor=anchor,
+            live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
+            allow_no_timeout=config.allow_no_timeout,
+            can_timeout=config.can_timeout,
+            accepted_firmware=config.accept_firmware,
+        )
+        model = self.model()
+        self._qpos0: FloatArray = model.qpos0.copy()
+        self._joints = np.array([model.joint(name).qposadr[0] for name in description.joint_names])
+
+    def qpos(self, state: MITState) -> FloatArray:
+        """Return the joints as they are measured; one that was never heard stands in its initial position."""
+        qpos = self._qpos0.copy()
+        known = np.isfinite(state.joint_position)
+        qpos[self._joints] = np.where(known, state.joint_position, self.description.initial_position)
+        qpos.setflags(write=False)
+        return qpos
+
+    def enter(self, mode: Mode) -> str:
+        is_supported = self._motors is not None and self.description.is_floating
+        return support_in_mode(self._motors, mode) if self._motors is not None and is_supported else ""
+
+    def check_policy(self, contract: PolicyContract) -> list[str]:
+        """Refuse what the motors cannot be told, what cannot be meant, and what nobody measures."""
+        suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
+        findings = [*suspicious, *motor_findings(contract, self.description)]
+        for finding in findings:
+            if finding.severity == "error":
+                name = self.description.name
+                raise InputError(f"policy on robot '{name}': {finding}; see python -m humanoid_sim.policy check")
+        by_imu = {"motion_anchor_ori"} if self.description.is_floating else set()
+        kinds = {term.name: contract.kind(term) for term in contract.terms}
+        measured = [name for name, kind in kinds.items() if kind.reads.startswith("imu_") or kind.name in by_imu]
+        if measured and not self._has_imu:
+            raise InputError(f"--imu: is none, but the policy observes {', '.join(measured)}")
+        return [f"{finding.severity}: {finding}" for finding in findings]
+
+    def bring_up(self, config: PlayConfig, console: Console) -> bool:
+        """Prepare the robot, print what was checked, and ask the operator; True if it is to be enabled.
+
+        Raises:
+            RobotError: if something is wrong with the robot; the list is printed then too.
+            InputError: if nobody can be asked.
+        """
+        asks = self._motors is None and not config.yes and not config.dry_run
+        if asks and not (sys.stdin and sys.stdin.isatty()):
+            raise InputError("--yes: is needed where nobody can be asked (standard input is not a terminal)")
+        try:
+            self.robot.prepare()
+        except RobotError as error:
+            raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
+        finally:
+            console.print("[bold]Checks, before anything is enabled[/bold]")
+            for verdict, subject, text in self.checks():
+                console.print(Text.assemble((f"{verdict:<7} ", _STYLES[verdict]), (subject, "bold"), f"  {text}"))
+        if config.dry_run:
+            console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
+            return False
+        channels = ", ".join(map(str, self._addresses))
+        question = f"Enable the motors of {self.description.name} on {channels}, without torque? [y/N] "
+        if asks and console.input(Text(question)).strip().lower() not in ("y", "yes"):
+            console.print("nothing was enabled", markup=False)
+            return False
+        return True
+
+    def checks(self) -> list[tuple[str, str, str]]:
+        return [(check.verdict, check.subject, check.text) for check in self.robot.checks.all]
+
+    def figures(self) -> dict[str, Any]:
+        """Return the robot's figures, and for how long, s, the clock of mock motors stood still."""
+        figures, stood_still = self.robot.figures(), 0.0 if self._motors is None else self._motors.stood_still
+        if stood_still:
+            figures["lines"].append(f"the mock motors stood still for {stood_still:.2f} s: this computer was too slow")
+        return {**figures, "emulation_stood_still": stood_still}
+
+    def failure(self) -> str:
+        failure = None if self._motors is None else self._motors.failure
+        return "" if failure is None else f"mock motors: {failure!r}"
 
 
 def _anchor(description: RobotDescription, contracts: Sequence[PolicyContract]) -> AnchorOrientation | None:
@@ -108,69 +176,16 @@ def _homing_offsets(
     config: PlayConfig, description: RobotDescription, addresses: Sequence[BusAddress]
 ) -> tuple[dict[str, float], tuple[str, ...], tuple[str, ...]]:
     """Return the homing offset of every joint, rad, motor frame; joints of unconfirmed direction; and notices."""
-    interfaces = {address.interface for address in addresses}
-    if config.calibration is None and interfaces == {"virtual"}:
-        return dict.fromkeys(description.joint_names, 0.0), (), ("mock motors, assembled without offsets",)
-    if config.calibration == "none":
-        notice = "no calibration: the motors' zeros are taken for the joints'"
-        return dict.fromkeys(description.joint_names, 0.0), (), (notice,)
+    is_virtual = all(address.interface == "virtual" for address in addresses)
+    if config.calibration == "none" or (config.calibration is None and is_virtual):
+        who = "mock motors, assembled without offsets" if is_virtual else "the motors' zeros are taken for the joints'"
+        return dict.fromkeys(description.joint_names, 0.0), (), (f"no calibration: {who}",)
     path = Path(CALIBRATION if config.calibration is None else config.calibration)
     if config.calibration is None and not path.exists():
-        none = ", or add --calibration none for motors of hardware emulate" if interfaces == {"udp_multicast"} else ""
         raise InputError(
             f"--calibration: is missing, and there is no {CALIBRATION} here; without it nobody knows where the joints "
-            f"are: run python -m humanoid_sim.hardware calibrate{none}"
+            "are: run python -m humanoid_sim.hardware calibrate, or say --calibration none for motors of emulate"
         )
     calibration = load_calibration(path, description)
-    unconfirmed = () if interfaces == {"virtual"} else calibration.unconfirmed(description)
+    unconfirmed = () if is_virtual else calibration.unconfirmed(description)
     return calibration.homing_offsets(description), unconfirmed, (f"calibration {path}", *calibration.warnings)
-
-
-def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
-    """Refuse what the motors cannot be told, what cannot be meant, and what nobody measures."""
-    suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
-    findings = [*suspicious, *motor_findings(contract, description)]
-    for finding in findings:
-        if finding.severity == "error":
-            raise InputError(
-                f"policy on robot '{description.name}': {finding}; see python -m humanoid_sim.policy check"
-            )
-    by_imu = {"motion_anchor_ori"} if description.is_floating else set()
-    kinds = {term.name: contract.kind(term) for term in contract.terms}
-    measured = [name for name, kind in kinds.items() if kind.reads.startswith("imu_") or kind.name in by_imu]
-    if measured and not has_imu:
-        raise InputError(f"--imu: is none, but the policy observes {', '.join(measured)}")
-    return tuple(f"{finding.severity}: {finding}" for finding in findings)
-
-
-def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
-    return BringUp(
-        question,
-        prepare=robot.prepare,
-        checks=lambda: robot.checks.all,
-    )
-
-
-def _figures(robot: HardwareRobot, motors: MockServer | None) -> Mapping[str, Any]:
-    """Return the robot's figures, and for how long, s, the clock of mock motors stood still."""
-    figures, stood_still = robot.figures(), 0.0 if motors is None else motors.stood_still
-    if stood_still:
-        figures["lines"].append(f"the mock motors stood still for {stood_still:.2f} s: this computer was too slow")
-    return {**figures, "emulation_stood_still": stood_still}
-
-
-class MeasuredPose:
-    """From a state to MuJoCo's generalised position. A joint that was never heard stands in its initial position."""
-
-    def __init__(self, description: RobotDescription) -> None:
-        model = build_model(description, scene=False)
-        self._initial = np.array(description.initial_position)
-        self._qpos: FloatArray = model.qpos0.copy()
-        self._joints = np.array([model.joint(name).qposadr[0] for name in description.joint_names])
-
-    def __call__(self, state: MITState) -> FloatArray:
-        """Shape (nq,), read-only."""
-        qpos = self._qpos.copy()
-        qpos[self._joints] = np.where(np.isfinite(state.joint_position), state.joint_position, self._initial)
-        qpos.setflags(write=False)
-        return qpos

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import tyro
-
-from humanoid_sim.controllers.joy import JoyBindings
 
 DEFAULT_ROBOT = "lite"
 NO_POLICY = "none"
@@ -27,11 +25,8 @@ class PlayConfig:
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the only checkpoint does not say about itself. Default: the one beside it."""
     motion: str | None = None
-    """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP. Default with the
-    sample policy: wave."""
-    song: str | None = None
-    """Song of a piano policy: a sample song, such as ode_to_joy, or a MIDI file (.mid).
-    Default with the sample policy: ode_to_joy."""
+    """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP; of a piano policy a
+    sample song, such as ode_to_joy, or a MIDI file (.mid). Default with the sample policies: wave, and ode_to_joy."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot, robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""
@@ -71,15 +66,11 @@ class PlayConfig:
     gamepad: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[MAPPING.yaml]")] = None
     """Drive the FSM with a gamepad, of the usual layout or of the one in MAPPING.yaml. On a real bus one must be there,
     asked for or not; with --hardware its loss damps the robot."""
-    joy: JoyBindings = field(default_factory=JoyBindings)
     no_gamepad: bool = False
     """On a real bus: do without a gamepad."""
     dds: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[INTERFACE]")] = None
     """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there.
     INTERFACE, such as eth1, starts a second one for another computer: anybody on that network can command REMOTE."""
-    midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
-    """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
-    PORT is part of its port's name, or the path of a raw MIDI device such as /dev/snd/midiC1D0."""
     remote: Literal["none", "gravity"] = "none"
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""
