@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -66,12 +66,12 @@ class SimulatedImu(Imu):
         return ImuReading(truth.imu_quaternion, truth.imu_angular_velocity, truth.imu_linear_acceleration)
 
 
-def make_imu(text: str, mounting: str) -> Imu | None:
-    """Return the IMU of `--imu` and `--imu-mounting`, not opened yet; None for `none`.
+def make_imu(text: str, mounting: Sequence[float]) -> Imu | None:
+    """Return the IMU of `--imu`, not opened yet; None for `none`.
 
     Args:
         text: `none`, `microstrain:PORT` or `microstrain:PORT@BAUD`.
-        mounting: `w,x,y,z`, the device's axes in the robot's IMU frame.
+        mounting: w x y z, the device's axes in the robot's IMU frame.
     """
     if text == "none":
         return None
@@ -79,13 +79,9 @@ def make_imu(text: str, mounting: str) -> Imu | None:
     port, at, baud = rest.rpartition("@") if "@" in rest else (rest, "", "115200")
     if kind != "microstrain" or not port or (at and not baud.isdecimal()):
         raise InputError(f"--imu: is '{text}', expected none, microstrain:PORT or microstrain:PORT@BAUD")
-    try:
-        quaternion = tuple(float(part) for part in mounting.split(","))
-    except ValueError:
-        quaternion = ()
-    norm = math.hypot(*quaternion)
-    if len(quaternion) != 4 or not abs(norm - 1.0) < 1e-3:
-        raise InputError(f"--imu-mounting: is '{mounting}', expected w,x,y,z: a unit quaternion of four numbers")
+    norm = math.hypot(*mounting)
+    if not abs(norm - 1.0) < 1e-3:
+        raise InputError(f"hardware.imu_mounting: is {list(mounting)}, expected a unit quaternion w, x, y, z")
     from humanoid_sim.hardware.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
 
-    return MicrostrainImu(port, int(baud), [value / norm for value in quaternion])
+    return MicrostrainImu(port, int(baud), [value / norm for value in mounting])

@@ -76,7 +76,9 @@ class HardwareSetup(RobotSetup):
         self._has_imu = imu is not None
         anchor = _anchor(description, contracts)
         keys = None if motors is None or description.piano is None else motors
-        self.live = ({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | ({} if keys is None else {KEY_PRESSED: KEY_COUNT})
+        self.live = ({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | (
+            {} if keys is None else {KEY_PRESSED: KEY_COUNT}
+        )
         self.robot = HardwareRobot(
             description,
             self._addresses,

@@ -52,8 +52,6 @@ class PlayConfig:
     """Let --script move a real robot, with nobody at the keys."""
     imu: str = "none"
     """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
-    imu_mounting: Annotated[str, tyro.conf.arg(metavar="W,X,Y,Z")] = "0,1,0,0"
-    """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native", "rerun"] = "auto"
     """MuJoCo's window, or rerun's viewer, in a process of its own; auto opens MuJoCo's window where there is a display,
     but none on hardware."""

@@ -127,9 +127,7 @@ def refuse(config: PlayConfig) -> None:
     if len(config.policy) > 1 and (NO_POLICY in config.policy or config.contract is not None):
         raise InputError("--policy: several are given, expected none of them to be 'none', and no --contract")
     if config.viewer == "native" and not has_display():
-        raise InputError(
-            "--viewer native: there is no display here; --html out.html shows the run in a browser"
-        )
+        raise InputError("--viewer native: there is no display here; --html out.html shows the run in a browser")
     if config.duration is not None and not 0.0 < config.duration < math.inf:
         raise InputError(f"--duration: is {config.duration}, expected a finite number > 0")
 
@@ -138,20 +136,22 @@ def choose_outputs(config: PlayConfig) -> Outputs:
     """Resolve `auto` and `none`; refuse to replace files that exist."""
     given = {name: getattr(config, name) for name in _SUFFIXES}
     paths = {name: Path(value) for name, value in given.items() if value not in (None, "none", "auto")}
-    stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
+    automatic: dict[str, Path] = {}
+    stem = _RUNS / f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     if config.record == "auto":
-        paths["record"] = _RUNS / f"{stem}.mcap"
+        automatic["record"] = stem.with_suffix(".mcap")
     is_watched = config.viewer != "auto" or shows_window(config) or config.console
     if config.html == "auto" and config.hardware is None and not is_watched:
-        paths["html"] = paths.get("record", _RUNS / stem).with_suffix(".html")
-    if "video" in paths:
-        require_pictures("--video")
-    if any(path.parent == _RUNS for path in paths.values()):
-        with blaming(f"folder '{_RUNS}' for recordings cannot be made", OSError):
-            _RUNS.mkdir(exist_ok=True)
+        beside = paths if "record" in paths else automatic
+        beside["html"] = paths.get("record", stem).with_suffix(".html")
     for name, path in paths.items():
         output_file(path, f"--{name}", _SUFFIXES[name], overwrite=config.overwrite)
-    return Outputs(**paths)
+    if "video" in paths:
+        require_pictures("--video")
+    if automatic:
+        with blaming(f"folder '{_RUNS}' for recordings cannot be made", OSError):
+            _RUNS.mkdir(exist_ok=True)
+    return Outputs(**paths, **automatic)
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

@@ -102,10 +102,7 @@ class Policies:
 
 
 def choose_policies(config: PlayConfig, description: RobotDescription) -> tuple[Policies, RobotDescription]:
-    """Load the checkpoints and the motions that the options name; return them, and the robot with what it takes of them.
-
-    All of this happens before the session begins.
-    """
+    """Load the checkpoints and the motions that the options name; return them, and the robot as it goes with them."""
     if not config.has_policy:
         if description.has_no_gains:
             robot = description.name

@@ -20,8 +20,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     plan, figures = run.plan, run.monitor.figures.summary()
     return {
         "robot": plan.description.name,
-        "policy": None if plan.policy.loaded is None else plan.policy.source,
-        "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
+        **plan.policies.settings,
         "reason": result.reason,
         "duration": result.duration,
         **figures,
@@ -35,7 +34,6 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
             "lateness": spread(result.lateness),
             "measures": list(result.measures),
         },
-        "key_force": plan.setup.key_force(),
         "hardware": plan.setup.figures(),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
@@ -50,7 +48,7 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
 def print_report(console: Console, summary: dict[str, Any]) -> None:
     """Print the tables."""
     print_figures(console, summary)
-    loop, force = summary["loop"], summary["key_force"]
+    loop = summary["loop"]
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     missed = "missed deadlines" if loop["realtime"] else "ticks took longer than the control period"
     rows = [
@@ -64,8 +62,6 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         rows.append(("ticks began late by", describe_spread(loop["lateness"])))
     if loop["measures"]:
         rows.append(("real-time settings", "\n".join(loop["measures"])))
-    if force:
-        rows.append(("hardest touch of a key", f"{force['force']:.2f} N, the limit is {force['limit']:g} N"))
     print_table(console, "Loop", rows)
     if summary["hardware"]:
         print_table(console, "Buses and motors", [(line,) for line in summary["hardware"]["lines"]])

@@ -6,14 +6,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 from rich.console import Console
 from rich.markup import escape
-from rich.text import Text
 
 from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
@@ -21,22 +19,18 @@ from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
-from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """A run that has ended, as `play` reports it."""
 
     status: int
-    summary: dict[str, Any]
-    """The final table, as `--summary` writes it; empty after a dry run."""
-    problems: tuple[str, ...]
-    """Parts of the run that failed while it went on, a line each."""
+    summary: dict[str, Any]  # the final table, as `--summary` writes it; empty after a dry run
+    problems: tuple[str, ...]  # parts of the run that failed while it went on, a line each
 
 
 def play(config: PlayConfig) -> int:
@@ -54,15 +48,14 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     output = sys.stdout
     with ExitStack() as left:
         plan = Plan(config, left)
-        if plan.policy.warning:
-            console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
-        console.print(f"robot {plan.description.name}, policy {plan.policy.label}", markup=False)
+        for warning in (one.warning for one in plan.policies.choices if one.warning):
+            console.print(f" {warning} ", style="bold white on red", markup=False)
+        console.print(f"robot {plan.description.name}, policy {plan.policies.label}", markup=False)
         for notice in plan.notices:
             console.print(f"note: {notice}", markup=False, style="dim")
-        if plan.setup.bring_up is not None:
-            left.callback(plan.setup.robot.close)
-            if not bring_up(plan.setup.bring_up, config, console):
-                return Outcome(0, {}, ())
+        left.callback(plan.setup.robot.close)
+        if not plan.setup.bring_up(config, console):
+            return Outcome(0, {}, ())
         run = Run(plan, console)
         try:
             with _handled_signals(run) as received:
@@ -88,34 +81,24 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
         else:
             complain(f"failed: {problem}")
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
-    went_wrong = fell or summary["faults"] or summary["safety"]
-    status = 128 + received[0] if received else int(ExitStatus.of(not (problems or went_wrong)))
+    went_wrong = fell or problems or summary["faults"] or summary["safety"]
+    status = 128 + received[0] if received else int(ExitStatus.of(not went_wrong))
     return Outcome(status, summary, tuple(problems))
 
 
 def _problems(run: Run, result: SessionResult) -> list[str]:
     """Return the parts of the run that failed while it went on."""
-    recorder, setup = run.recorder, run.plan.setup
-    parts = (
-        ("recording", recorder and recorder.error),
-        ("final table", run.monitor.error),
-        ("console", run.console.error),
-        ("robot", setup.failure()),
-    )
-    found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
-    touch = setup.key_force()
-    if touch is not None and touch["force"] > touch["limit"]:
-        hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
-        found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
+    found = list(result.failures)
+    failure = run.plan.setup.failure()
+    if failure:
+        found.append(f"robot: {failure}")
+    for part, sink in (("recording", run.recorder), ("final table", run.monitor), ("console", run.console)):
+        if sink is not None and sink.error:
+            found.append(f"{part}: {sink.error}")
+        if sink is not None and sink.lost:
+            found.append(f"{part}: {sink.lost} ticks left out, it could not keep up")
     if run.plan.config.script is None and result.reason == "script finished":  # else refusals may be meant
         found += [f"the automatic script: {one['message']}" for one in run.monitor.figures.remarks["refusals"]]
-    for part, lost in (
-        ("recording", recorder.lost if recorder else 0),
-        ("final table", run.monitor.lost),
-        ("console", run.console.lost),
-    ):
-        if lost:
-            found.append(f"{part}: {lost} ticks left out, it could not keep up")
     return found
 
 
@@ -146,30 +129,28 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
             continue
         try:
             with _noting(problems), console.status(f"writing the {kind} (Ctrl-C skips it)"):
-                say(kind, f"{file}   {write(file, run, run.poses)}")
+                write(file, run, run.poses)
+                say(kind, f"{file}   {file.stat().st_size / 1e6:.1f} MB")
         except KeyboardInterrupt:
             say(kind, "skipped")
     if outputs.summary is not None and outputs.summary.exists():
         say("summary", outputs.summary)
 
 
-def _write_page(path: Path, run: Run, poses: Poses) -> str:
+def _write_page(path: Path, run: Run, poses: Poses) -> None:
     from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
 
-    policy = run.plan.policy
-    motion = [] if policy.motion_file is None else [policy.motion_file.stem]
-    title = ", ".join([run.plan.description.name, policy.name, *motion])
+    title = f"{run.plan.description.name}, {run.plan.policies.label}"
     write_page(path, run.plan.setup.model(), poses, title=title)
-    return f"open it in a browser; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def _write_video(path: Path, run: Run, poses: Poses) -> str:
+def _write_video(path: Path, run: Run, poses: Poses) -> None:
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415 - pictures' libraries are heavy
 
     write_video(path, run.plan.setup.model(), poses)
-    return f"{path.stat().st_size / 1e6:.1f} MB"
 
 
+<<<<<<< HEAD
 _STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
 
@@ -219,6 +200,9 @@ def _print_checks(robot: BringUp, console: Console, *, is_verdict: bool) -> None
     else:
         text = "ready to be enabled, if every joint is where the list says"
     console.print(f"verdict: {text}", markup=False, style="bold")
+=======
+_Handler: TypeAlias = signal.Handlers | int | Callable[[int, FrameType | None], object] | None
+>>>>>>> a09b03f5 (wip3)
 
 
 @contextmanager
@@ -230,14 +214,13 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
     damps instead, and goes on. It also ignores what stops a process that uses a terminal in the background.
     """
     received: list[int] = []
-    before: dict[int, signal.Handlers | int | Callable[[int, FrameType | None], object] | None] = {}
-    keyboards = [] if run.keyboard is None else [run.keyboard]
-    interruption, robot = run.interruption, run.plan.setup.robot
+    before: dict[int, _Handler] = {}
+    interruption, keyboard, robot = run.interruption, run.keyboard, run.plan.setup.robot
 
-    def end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+    def end(number: int, _: FrameType | None) -> None:
         received.append(number)
         if robot.is_closed:
-            for keyboard in keyboards:
+            if keyboard is not None:
                 keyboard.close()
             signal.signal(number, before[number])
             signal.raise_signal(number)
@@ -247,27 +230,24 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
         if interruption is not None and not robot.is_closed:
             interruption.refuse_suspension()
             return
-        for keyboard in keyboards:
+        if keyboard is not None:
             keyboard.close()
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)  # returns when the process is continued
         signal.signal(number, suspend)
         proceed(number, frame)
 
-    def proceed(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    def proceed(_: int, __: FrameType | None) -> None:
         if interruption is not None:
             interruption.note_continued()
-        for keyboard in keyboards:
+        if keyboard is not None:
             keyboard.take_terminal()
 
-    handlers: dict[int, signal.Handlers | Callable[[int, FrameType | None], object]] = {
-        **dict.fromkeys((signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP), end),
-        signal.SIGTSTP: suspend,
-        signal.SIGCONT: proceed,
-    }
+    always = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+    handlers: dict[int, _Handler] = dict.fromkeys((*always, signal.SIGHUP), end)
+    handlers |= {signal.SIGTSTP: suspend, signal.SIGCONT: proceed}
     if interruption is not None:
         handlers |= {signal.SIGTTIN: signal.SIG_IGN, signal.SIGTTOU: signal.SIG_IGN}
-    always = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
     for number, handler in handlers.items():
         if number in always or signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
             before[number] = signal.signal(number, handler)

@@ -16,7 +16,7 @@ REFUSED = {
     "play --duration x": "Error parsing --duration: …",
     "play --script": "Missing value for argument '--script'. Expected 1 values.; …",
     "play --policy lite_pino": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: …",
-    "play --policy lite_biped_velocity": "--robot: it fits --robot lite_biped; policy on robot 'lite': …",
+    "play --policy lite_biped_velocity": "--robot: policy on robot 'lite': …",
     "play --robot lite_bipd": "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, …",
     "play --motion wve": "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, …",
     "prepare --policy lite_pino --motion x.npz": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?…",

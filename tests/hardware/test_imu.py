@@ -153,15 +153,14 @@ def test_no_measurement_is_none(damaged):
     assert reading_of(packet(**damaged), UP) is None
 
 
-def test_port_baud_rate_and_mounting_of_the_options(device):
-    imu = make_imu(f"microstrain:{device.port}@460800", "1,0,0,0")
+def test_port_baud_rate_and_mounting(device):
+    imu = make_imu(f"microstrain:{device.port}@460800", (1.0, 0.0, 0.0, 0.0))
     imu.open()
     reading = imu.read(time.monotonic())
     imu.close()
     assert reading.linear_acceleration == pytest.approx([0.0, 0.0, -9.80665])  # mounted upside down, and level
 
 
-@pytest.mark.parametrize("text", ["", "1,0,0", "1,1,0,0", "w,x,y,z", "nan,0,0,0"])
-def test_a_mounting_that_is_no_rotation(text):
-    with pytest.raises(InputError, match=f"--imu-mounting: is '{text}'"):
-        make_imu("microstrain:/dev/ttyACM0", text)
+def test_a_mounting_that_is_no_rotation():
+    with pytest.raises(InputError, match="imu_mounting: is"):
+        make_imu("microstrain:/dev/ttyACM0", (1.0, 1.0, 0.0, 0.0))

@@ -35,33 +35,26 @@ def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch):
     monkeypatch.setattr(front_ends.subprocess, "run", lambda *_, **__: answer)
     with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in; plug one in .* or say --no-gamepad$"):
         look_for_gamepad(PlayConfig(hardware="can0"))
-    assert look_for_gamepad(PlayConfig(gamepad=())) == ("gamepad: no gamepad is plugged in",)
+    assert look_for_gamepad(PlayConfig(gamepad=())) == ["gamepad: no gamepad is plugged in"]
     answer.returncode = 0
     answer.stdout = "Pad (12 buttons, unknown layout); down: none; its buttons have their driver's numbers\n"
-    assert look_for_gamepad(PlayConfig(hardware="can0")) == (f"gamepad: {answer.stdout.strip()}",)
-    assert look_for_gamepad(PlayConfig()) == ()
+    assert look_for_gamepad(PlayConfig(hardware="can0")) == [f"gamepad: {answer.stdout.strip()}"]
+    assert look_for_gamepad(PlayConfig()) == []
     assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
 
 
-def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(monkeypatch, tmp_path):
+def test_the_gamepad_of_play_has_the_layout_of_its_file(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
-    options = ("--joy.damp-button", "3", "--joy.load-combo-a", "4", "1", "--joy.load-combo-b", "4", "0")
-    given = parse(PlayConfig, "play", ["--gamepad", *options])
-    assert wanted_front_ends(given) == (Wanted("gamepad", options),)
-    file = tmp_path / "pad.yaml"
-    file.write_text("joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}\n")
-    from_file = parse(PlayConfig, "play", ["--gamepad", str(file)])
-    assert wanted_front_ends(from_file) == (Wanted("gamepad", options),)
-    with pytest.raises(InputError, match=r"^--gamepad and --joy.damp-button: both bind the buttons"):
-        wanted_front_ends(parse(PlayConfig, "play", ["--gamepad", str(file), "--joy.damp-button", "3"]))
-    on_a_bus = parse(PlayConfig, "play", ["--hardware", "can0", "--joy.damp-button", "3"])
-    assert wanted_front_ends(on_a_bus) == (Wanted("gamepad", ("--joy.damp-button", "3")),)
+    given = parse(PlayConfig, "play", ["--gamepad", "pad.yaml"])
+    assert wanted_front_ends(given) == (Wanted("gamepad", ("--mapping", "pad.yaml")),)
+    with pytest.raises(InputError, match=r"^--gamepad: is one two, expected one file"):
+        wanted_front_ends(PlayConfig(gamepad=("one", "two")))
 
 
 def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(MissingPackageError, match="rtmidi"):
-        wanted_front_ends(PlayConfig(midi=()))
+    with pytest.raises(MissingPackageError, match="cyclonedds"):
+        wanted_front_ends(PlayConfig(dds=()))
 
 
 def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
@@ -74,26 +67,3 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
     for name in ("eth7", "lo"):
         with pytest.raises(InputError, match=rf"^--dds: unknown network interface .* '{name}'.*; known: eth1$"):
             wanted_front_ends(PlayConfig(dds=(name,)))
-
-
-@pytest.mark.parametrize(
-    ("named", "options"),
-    [
-        ((), ()),
-        (("Keystation",), ("--port", "Keystation")),
-        (("/dev/snd/midiC1D0",), ("--device", "/dev/snd/midiC1D0")),
-    ],
-)
-def test_a_midi_keyboard_is_named_by_its_port_or_its_device(named, options, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
-    (wanted,) = wanted_front_ends(PlayConfig(midi=named))
-    assert (wanted.name, wanted.options) == ("midi", options)
-    with pytest.raises(InputError, match=r"^--midi: is one two, expected one port or device$"):
-        wanted_front_ends(PlayConfig(midi=("one", "two")))
-
-
-def test_only_a_port_needs_the_library(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    assert [one.name for one in wanted_front_ends(PlayConfig(midi=("./keys",)))] == ["midi"]
-    with pytest.raises(MissingPackageError, match=r"rtmidi.*humanoid_sim\[midi\]"):
-        wanted_front_ends(PlayConfig(midi=()))

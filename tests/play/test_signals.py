@@ -5,33 +5,6 @@ import sys
 
 import pytest
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.play.console import PlayConsole
-from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.run import bring_up
-
-PLACEHOLDER = ("--policy", "placeholder")  # which loads no network
-OPTIONS = (*PLACEHOLDER, "--pace", "realtime")
-
-
-PLAY = (sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap")
-
-
-def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):
-    class Asking:
-        question = "Enable?"
-
-        def prepare(self): ...
-
-        def checks(self):
-            return [("ok", "can0", "all there")]
-
-    console = PlayConsole()
-    console.is_unread = True
-    monkeypatch.setattr("sys.stdin", type("Terminal", (), {"isatty": lambda _: True})())
-    with pytest.raises(InputError, match="--yes: is needed where the question cannot be read"):
-        bring_up(Asking(), PlayConfig(hardware="can0"), console)
-
 
 @pytest.mark.soak
 def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder, quick):

@@ -40,16 +40,12 @@ def song(tmp_path):
 
 def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd):
     robot = quick_robot(tmp_path, "lite_piano")
-    result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--html", "none")
+    result = run("--robot", robot, "--policy", str(policy), "--motion", str(song), "--html", "none")
     assert result.status == 0
     assert "left out of the song, beyond reach or more notes at a time than fingers: C8" in result.out
     found = result.summary["piano"]
     assert found["precision"] > 0.95
     assert 0.75 < found["f1"] < 0.95
-    force = result.summary["key_force"]
-    assert 1.0 < force["force"] < force["limit"] == 14.0
-    assert force["key"] in ("G3", "D5")
-    assert f"{force['force']:.2f} N, the limit is 14 N" in result.out
     recording = result.summary["recording"]
     assert run_program(piano.main, [recording, "--json"]) == 0
     assert json.loads(capfd.readouterr().out) == found
@@ -58,10 +54,9 @@ def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--song", "twinkl"], "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, "),
-        ([], "--song: is missing; "),
-        (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),
-        (["--song", "HIGH"], "has no note that 'lite_piano' can reach: A7, B7, C8"),
+        (["--motion", "twinkl"], "--motion: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, "),
+        ([], "--motion: is missing; "),
+        (["--motion", "HIGH"], "has no note that 'lite_piano' can reach: A7, B7, C8"),
     ],
 )
 def test_mistakes_are_one_line(run, policy, tmp_path, words, message):
@@ -71,10 +66,3 @@ def test_mistakes_are_one_line(run, policy, tmp_path, words, message):
     result = run("--robot", "lite_piano", "--policy", str(policy), *words)
     assert result.status == 2
     assert message in result.err
-
-
-def test_a_policy_that_plays_no_songs_refuses_one(run):
-    result = run("--song", "twinkle")
-    assert result.status == 2
-    assert "--song: is 'twinkle', but " in result.err
-    assert "lite_tracking.onnx is a tracking policy" in result.err

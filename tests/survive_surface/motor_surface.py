@@ -27,7 +27,7 @@ from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play import main as play_main
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.policies import choose_policy
+from humanoid_sim.play.policies import choose_policies
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.stack import build_supervisor
@@ -120,9 +120,8 @@ def run_play(*words: str) -> int:
 def policy_of_play(checkpoint: Path, robot: str, can_timeout: float) -> Callable[..., Any]:
     """Return what `play --hardware … --can-timeout …` calls in a tick: (observation, frame) to action."""
     config = PlayConfig(policy=(str(checkpoint),), hardware="virtual:survive-policy", can_timeout=can_timeout)
-    loaded = choose_policy(config, load_robot(robot)).loaded
-    assert loaded is not None
-    return loaded.policy
+    policies, _ = choose_policies(config, load_robot(robot))
+    return policies.choices[0].loaded.policy
 
 
 def short_waits(monkeypatch: Any, *, answers: float, listening: float) -> None:
