@@ -150,59 +150,7 @@ def _write_video(path: Path, run: Run, poses: Poses) -> None:
     write_video(path, run.plan.setup.model(), poses)
 
 
-<<<<<<< HEAD
-_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
-
-
-def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
-    """Prepare the robot, print what was checked, and ask the operator; True if it is to be enabled.
-
-    Raises:
-        RobotError: if something is wrong with the robot; the list is printed then too.
-        InputError: if nobody can be asked.
-    """
-    asks = bool(robot.question) and not config.yes and not config.dry_run
-    if asks and not (sys.stdin and sys.stdin.isatty()):
-        raise InputError(
-            "--yes: is needed where nobody can be asked (standard input is not a terminal): motors get enabled"
-        )
-    try:
-        robot.prepare()
-    except RobotError as error:
-        _print_checks(robot, console, is_verdict=config.dry_run)
-        raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
-    _print_checks(robot, console, is_verdict=config.dry_run)
-    if asks and isinstance(console, PlayConsole) and console.is_unread:
-        raise InputError("--yes: is needed where the question cannot be read (nobody reads standard output)")
-    if config.dry_run:
-        console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
-        return False
-    if asks and console.input(Text(f"{robot.question} [y/N] ")).strip().lower() not in ("y", "yes"):
-        console.print("nothing was enabled", markup=False)
-        return False
-    return True
-
-
-def _print_checks(robot: BringUp, console: Console, *, is_verdict: bool) -> None:
-    """Print what was checked, and for a dry run whether the robot could be enabled now."""
-    console.print("[bold]Checks, before anything is enabled[/bold]")
-    found: dict[str, list[str]] = {}
-    for verdict, subject, text in robot.checks():
-        found.setdefault(verdict, []).append(subject)
-        console.print(Text.assemble((f"{verdict:<7} ", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))
-    if not is_verdict:
-        return
-    about = {verdict: ", ".join(dict.fromkeys(subjects)) for verdict, subjects in found.items()}
-    if "problem" in found:
-        text = f"not ready: {about['problem']}"
-    elif "warning" in found:
-        text = f"ready to be enabled, once you have read the warnings about {about['warning']}"
-    else:
-        text = "ready to be enabled, if every joint is where the list says"
-    console.print(f"verdict: {text}", markup=False, style="bold")
-=======
 _Handler: TypeAlias = signal.Handlers | int | Callable[[int, FrameType | None], object] | None
->>>>>>> a09b03f5 (wip3)
 
 
 @contextmanager
