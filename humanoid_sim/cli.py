@@ -24,26 +24,26 @@ class FrontEnd(NamedTuple):
 
     help: str  # its line in the list of verbs
     purpose: str  # noun for messages
-    option: str = ""  # option of `play` that starts it
     packages: tuple[str, ...] = ()  # packages that it imports, other than those that this package always needs
     extra: str = ""  # extra of this package that installs them
 
 
 FRONT_ENDS: Mapping[str, FrontEnd] = {
-    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad"),
-    "midi": FrontEnd("send to a running session which keys of a MIDI keyboard are down",
-                     "a MIDI keyboard", "--midi", ("rtmidi",), "midi"),
-    "gravity": FrontEnd("compensate gravity in REMOTE, on a running session",
-                        "gravity compensation, for REMOTE", "--remote"),
-    "console": FrontEnd("serve a page for the operator, on a running session",
-                        "the browser console", "--console"),
-    "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders",
-                       "MuJoCo's window", "--viewer"),
-    "dds": FrontEnd("serve a running session to ROS 2 and DDS, and take commands for REMOTE",
-                    "the DDS bridge", "--dds", ("cyclonedds",), "dds"),
-    "rerun": FrontEnd("watch a running session in rerun's viewer",
-                      "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"),
-}  # fmt: skip
+    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad"),
+    "midi": FrontEnd(
+        "send to a running session which keys of a MIDI keyboard are down", "a MIDI keyboard", ("rtmidi",), "midi"
+    ),
+    "gravity": FrontEnd("compensate gravity in REMOTE, on a running session", "gravity compensation"),
+    "console": FrontEnd("serve a page for the operator, on a running session", "the browser console"),
+    "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders", "MuJoCo's window"),
+    "dds": FrontEnd(
+        "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
+        "the DDS bridge",
+        ("cyclonedds",),
+        "dds",
+    ),
+    "rerun": FrontEnd("watch a running session in rerun's viewer", "rerun's viewer", ("rerun", "rerun_cli"), "rerun"),
+}
 """Front ends by name, which is also that of the module `humanoid_sim/<name>.py` and of the verb."""
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
