@@ -41,12 +41,10 @@ Changes = Iterator[tuple[str, dict[str, Any]]]
 class Edit:
     """One change to a contract that may put it right."""
 
-    name: str
-    """What is so in the edited contract, to compare with the training configuration."""
+    name: str  # what is so in the edited contract, to compare with the training configuration
     family: str
     contract: PolicyContract
-    doubt: float = 0.0
-    """Share of its own errors by which it has to do better: few contracts are wrong in this way."""
+    doubt: float = 0.0  # share of its own errors by which it has to do better: few contracts are wrong in this way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +55,7 @@ class _Case:
     robot: RobotDescription
     motion: Motion | None
     all_pairs: bool
-    orders: Mapping[str, tuple[str, ...]]
-    """Orders that all joints of the policy may be in, by what they are called."""
+    orders: Mapping[str, tuple[str, ...]]  # that all joints of the policy may be in, by what they are called
 
 
 def single_edits(
@@ -69,22 +66,19 @@ def single_edits(
     all_pairs: bool = False,
     more: Iterable[Edit] = (),
 ) -> tuple[Edit, ...]:
-    """Return every edit that fits the contract and changes it, no edited contract twice.
+    """Return every edit that fits the contract and changes it, and `more` of them, no edited contract twice.
 
-    Args:
-        motion: that the policy follows.
-        all_pairs: swap any two joints, not only neighbours in the list or on the robot, and mirror images.
-        more: further edits of this contract.
+    With `all_pairs` any two joints are swapped, not only neighbours in the list or on the robot, and mirror images.
     """
-    names, unlike = contract.joint_names, asymmetry(contract)
     orders = {
         "the robot's": robot.joint_names,
         "breadth-first (Isaac)": isaac_order(robot),
-        "alphabetical": tuple(sorted(names)),
+        "alphabetical": tuple(sorted(contract.joint_names)),
     }
-    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(names)}
+    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(contract.joint_names)}
     case = _Case(contract, robot, motion, all_pairs, orders)
-    found: dict[str, Edit | None] = {str(wiring_values(contract)): None}
+    unlike = asymmetry(contract)
+    found: dict[str, Edit] = {}
     for family, doubt, changes in _FAMILIES:
         for name, changed in changes(case):
             try:
@@ -95,7 +89,8 @@ def single_edits(
                 found.setdefault(str(wiring_values(edited)), Edit(name, family, edited, doubt))
     for edit in more:
         found.setdefault(str(wiring_values(edit.contract)), edit)
-    return tuple(edit for edit in found.values() if edit is not None)
+    found.pop(str(wiring_values(contract)), None)
+    return tuple(found.values())
 
 
 def isaac_order(robot: RobotDescription) -> tuple[str, ...]:
@@ -133,7 +128,6 @@ def _joint_orders(case: _Case) -> Changes:
 
 
 def _joint_pairs(case: _Case) -> Changes:
-    """Swap two joints; unless all pairs are wanted, only such that are easily mistaken for each other."""
     names = case.contract.joint_names
     near = {*pairwise(names), *pairwise(case.robot.joint_names), *mirrored_pairs(names)}
     for one, other in combinations(names, 2):
@@ -172,28 +166,26 @@ def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
 def _joint_signs(case: _Case) -> Changes:
     """Turn each joint round in all that the policy sees of it and does with it."""
     contract = case.contract
-
-    def turned(name: str, joints: tuple[str, ...]) -> FloatArray:
-        return np.where(np.array(joints) == name, -1.0, 1.0)
-
     for name in contract.joint_names:
+
+        def turned(joints: tuple[str, ...], name: str = name) -> FloatArray:
+            return np.where(np.array(joints) == name, -1.0, 1.0)
+
         terms = [
             # The reference, and the network's own output, are in the policy's directions already.
-            replace(term, scale=term.scale * turned(name, value_names(term, contract)))
+            replace(term, scale=term.scale * turned(value_names(term, contract)))
             if contract.kind(term).reads.startswith("joint_") or term.form == "scaled"
             else term
             for term in contract.terms
         ]
-        of_joint, of_action = turned(name, contract.joint_names), turned(name, contract.action_joint_names)
-        yield (
-            f"{name} turns the other way in the policy than on the robot",
-            {
-                "observation": terms,
-                "action_scale": contract.action_scale * of_action,
-                "default_joint_pos": contract.default_joint_pos * of_joint + 0.0,  # -0 is 0
-                "action_offset": np.asarray(contract.action_offset) * of_action + 0.0,
-            },
-        )
+        of_action = turned(contract.action_joint_names)
+        fields = {
+            "observation": terms,
+            "action_scale": contract.action_scale * of_action,
+            "default_joint_pos": contract.default_joint_pos * turned(contract.joint_names) + 0.0,  # -0 is 0
+            "action_offset": np.asarray(contract.action_offset) * of_action + 0.0,
+        }
+        yield f"{name} turns the other way in the policy than on the robot", fields
 
 
 # --- observation ---
@@ -233,7 +225,7 @@ def _references(case: _Case) -> Changes:
     align = not contract.align_reference
     yield f"the reference is {'' if align else 'not '}turned to the robot's heading", {"align_reference": align}
     for order in ("xyzw", "wxyz"):
-        yield f"the motion's quaternions are ordered {' '.join(order)}", {"reference_quaternion": order}
+        yield f"the motion's quaternions are ordered {order}", {"reference_quaternion": order}
 
 
 def _phases(case: _Case) -> Changes:
@@ -256,13 +248,11 @@ def _scales(case: _Case) -> Changes:
 
 
 def _histories(case: _Case) -> Changes:
-    if all(term.history == 1 for term in case.contract.terms):
-        return
     for order in ("oldest_first", "newest_first"):
         terms = [replace(term, history_order=order) for term in case.contract.terms]
-        yield f"histories are {order.replace('_', ' ')}", {"observation": terms}
+        yield f"histories are {order}", {"observation": terms}
     for layout in ("per_term", "per_step"):
-        yield f"the history is ordered {layout.replace('_', ' ')}", {"history_layout": layout}
+        yield f"the history is ordered {layout}", {"history_layout": layout}
 
 
 # --- actions, pose, gains, rate ---
@@ -299,9 +289,8 @@ def _poses(case: _Case) -> Changes:
     }
     if not pose.any():
         bend = np.array([sum(share for part, share in _BENT.items() if re.search(part, name)) for name in names])
-        poses |= {
-            f"with bent knees, such as {2.0 * lean:g} rad": lean * bend + 0.0 for lean in (0.15, 0.3, -0.15, -0.3)
-        }
+        for lean in (0.15, 0.3, -0.15, -0.3):
+            poses[f"with bent knees, such as {2.0 * lean:g} rad"] = lean * bend + 0.0
     for title, other in poses.items():
         yield f"the default pose is {title}", with_pose(case.contract, other)
 

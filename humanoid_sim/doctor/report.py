@@ -60,10 +60,7 @@ def make_document(contract: PolicyContract, result: Result, file: Path) -> dict[
         "note": result.note,
         "file": str(file),
         "fix": fixed_fields(contract, right),
-        "ranking": [
-            {"edit": row.edit.name, "family": row.edit.family, "score": row.score, "note": row.note}
-            for row in result.rows
-        ],
+        "ranking": [{"edit": row.edit.name, "score": row.score, "note": row.note} for row in result.rows],
     }
 
 
@@ -77,24 +74,23 @@ def print_document(document: Mapping[str, Any], console: Console) -> None:
     console.print("\n".join(lines), soft_wrap=True, markup=False, highlight=False, emoji=False)
 
 
+def _differing(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
+    old = wiring_values(before)
+    return {name: value for name, value in wiring_values(after).items() if value != old.get(name)}
+
+
 def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
     """Return what differs in `after`, as a contract file has it."""
     found: dict[str, Any] = {}
     for name, value in _differing(before, after).items():
-        whole, _, part = name.partition(".")
-        if whole == "observation" and part:
-            term, _, option = part.rpartition(".")
-            found.setdefault("terms", {}).setdefault(term, {})[option] = value
-        elif part:
-            found.setdefault(whole, {})[part] = value
+        parts = name.split(".")
+        if len(parts) == 3:  # observation.TERM.OPTION
+            found.setdefault("terms", {}).setdefault(parts[1], {})[parts[2]] = value
+        elif len(parts) == 2:
+            found.setdefault(parts[0], {})[parts[1]] = value
         else:
             found[name] = value
     return found
-
-
-def _differing(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
-    old = wiring_values(before)
-    return {name: value for name, value in wiring_values(after).items() if value != old.get(name)}
 
 
 def changes(before: PolicyContract, after: PolicyContract) -> list[str]:
@@ -109,6 +105,5 @@ def changes(before: PolicyContract, after: PolicyContract) -> list[str]:
         if isinstance(new[0], str) or len(owners) != len(new):
             owners = tuple(f"[{i}]" for i in range(len(new)))
         lines = [f"{at} {shown(a)} -> {shown(b)}" for at, a, b in zip(owners, old, new, strict=True) if a != b]
-        more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
-        found.append(f"{name}: {', '.join(lines[:_SHOWN])}{more}")
+        found.append(f"{name}: {', '.join(lines[:_SHOWN])}{', …' if len(lines) > _SHOWN else ''}")
     return found

@@ -15,7 +15,7 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, act
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.doctor.edits import Edit, with_pose, with_term
-from humanoid_sim.doctor.trial import PREDICTION_TIMESTEPS, Simulations, Subject
+from humanoid_sim.doctor.trial import TIMESTEP, Simulations, Subject
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
@@ -32,6 +32,7 @@ _ACTION_TOLERANCE = 1e-3  # networks amplify the rounding of other hardware
 _ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _CONSTANT = 1e-3  # largest range over the samples of what is constant
 _TRANSITIONS = 40  # steps of the trace that are predicted
+_TIMESTEPS = (TIMESTEP, 0.001)  # s, of physics in predictions: no trace says which the trainer had
 _NO_LIMIT = 1e9  # a recorded action is what it is
 
 
@@ -43,19 +44,17 @@ class Samples:
         self._subject, self._path = subject, path
         self._traces: dict[tuple[object, ...], Trace] = {}
         self._file = read_arrays(path)
-        self._names = tuple(str(name) for name in self._file["joint_names"])
         trace = self.trace(subject.contract)
-        frames = _frames(trace, 10**9).tolist()
-        own = [subject.policy(row, frame) for row, frame in zip(trace.arrays["observation"], frames, strict=True)]
-        if _far(np.asarray(own), trace.arrays["action"], _ACTION_TOLERANCE).any():
+        steps = zip(trace.arrays["observation"], _frames(trace, 10**9).tolist(), strict=True)
+        own = np.array([subject.policy(row, frame) for row, frame in steps])
+        if _far(own, trace.arrays["action"], _ACTION_TOLERANCE).any():
             raise InputError(f"{path}: action differs from what the policy answers to observation: another network's")
 
     def trace(self, contract: PolicyContract) -> Trace:
         """Return the trace with what a contract observes of the robot."""
         key = contract.anchor_body, contract.velocity_points
         if key not in self._traces:
-            bodies = body_reader(self._subject.description, contract)
-            self._traces[key] = read_trace(self._path, contract, bodies)
+            self._traces[key] = read_trace(self._path, contract, body_reader(self._subject.description, contract))
         return self._traces[key]
 
     def wiring(self, contract: PolicyContract) -> PolicyWiring:
@@ -90,26 +89,22 @@ class Samples:
 
     def differing(self, contract: PolicyContract) -> BoolArray:
         """Return which of the N observed values, and of the joint targets, differ in any sample."""
-        trace = self.trace(contract)
-        actions, target = trace.arrays["action"], trace.arrays.get("target")
+        arrays = self.trace(contract).arrays
         try:
-            far = _far(self.observed(contract), trace.arrays["observation"], _TOLERANCE).any(axis=0)
-            position = action_command(self.wiring(contract).action_map, actions).position
+            far = _far(self.observed(contract), arrays["observation"], _TOLERANCE).any(axis=0)
+            position = action_command(self.wiring(contract).action_map, arrays["action"]).position
         except (FieldError, InputError, ValueError):  # the contract does not fit the trace
-            return np.ones(trace.arrays["observation"].shape[1], dtype=np.bool_)
-        if target is None:
-            return np.asarray(far)
-        off = np.abs(position - target).max(axis=0) > _ROUNDING * (1.0 + np.abs(actions).max())
+            return np.ones(arrays["observation"].shape[1], dtype=np.bool_)
+        target = arrays.get("target", position)
+        off = np.abs(position - target).max(axis=0) > _ROUNDING * (1.0 + np.abs(arrays["action"]).max())
         return np.concatenate([far, off])
 
     def names(self, contract: PolicyContract, differing: BoolArray) -> str:
         """Name the values that `differing` marks: of each term the first, with its joint."""
         wiring, found = self.wiring(contract), dict[str, str]()
-        layout = wiring.layout
-        for i in np.flatnonzero(differing[: layout.width]).tolist():
-            found.setdefault(layout.term_at(i).name, value_name(wiring, i))
-        targets = zip(self.trace(contract).joint_names, differing[layout.width :], strict=False)
-        return ", ".join([*found.values(), *(f"target of {name}" for name, far in targets if far)])
+        for i in np.flatnonzero(differing[: wiring.layout.width]).tolist():
+            found.setdefault(wiring.layout.term_at(i).name, value_name(wiring, i))
+        return ", ".join(found.values()) or "joint targets"
 
     def fitted(self, contract: PolicyContract) -> tuple[Edit, ...]:
         """Return edits whose values follow from the samples: the default pose, and the scale of each term."""
@@ -143,26 +138,22 @@ class Samples:
         return float(np.median(moved[fast] / mean[fast])) if mean.any() else 0.0
 
     def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
-        """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown.
-
-        Of physics steps as long as most trainers' and of short ones the better counts: which it was no trace says.
-        """
-        return min(self._prediction_error(contract, simulations, timestep) for timestep in PREDICTION_TIMESTEPS)
-
-    def _prediction_error(self, contract: PolicyContract, simulations: Simulations, timestep: float) -> float:
-        description, trace = self._subject.description, self.trace(contract)
-        steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
-        if "qpos" not in self._file:
-            return math.inf
+        """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown."""
         try:
-            wiring = self.wiring(contract)
-            robots = simulations.robots(contract, len(steps), timestep=timestep)
+            return min(self._prediction_error(contract, simulations, timestep) for timestep in _TIMESTEPS)
         except (FieldError, InputError):
             return math.inf
+
+    def _prediction_error(self, contract: PolicyContract, simulations: Simulations, timestep: float) -> float:
+        if "qpos" not in self._file:
+            return math.inf
+        description, trace = self._subject.description, self.trace(contract)
+        steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
+        robots = simulations.robots(contract, len(steps), timestep=timestep)
         qpos, qvel = self._file["qpos"][steps].astype(np.float64), self._file["qvel"][steps].astype(np.float64)
         model, free = robots.model(0), 7 if description.is_floating else 0
-        own = joint_addresses(model, self._names[len(self._names) - (qpos.shape[1] - free) :])
-        column = [trace.joint_names.index(name) for name in robots.joints]
+        names = self._file["joint_names"].astype(str).tolist()
+        own = joint_addresses(model, names[len(names) - (qpos.shape[1] - free) :])
         positions, velocities = robots.start_pose.arrays((len(steps),))
         if free:
             place, turn, linear, angular = base_addresses(model, description)
@@ -170,7 +161,8 @@ class Samples:
             velocities[:, linear], velocities[:, angular] = qvel[:, :3], qvel[:, 3:6]
         positions[:, own.qpos], velocities[:, own.dof] = qpos[:, free:], qvel[:, max(free - 1, 0) :]
         robots.reset(qpos=positions, qvel=velocities)
-        command = action_command(wiring.action_map, trace.arrays["action"][steps])
+        command = action_command(self.wiring(contract).action_map, trace.arrays["action"][steps])
+        column = [trace.joint_names.index(name) for name in robots.joints]
         robots.step(MITCommand(*(getattr(command, name)[:, column] for name in COMMAND_FIELDS)))
         speed = trace.arrays["joint_velocity"][:, column]
         off = ((robots.qvel[:, joint_addresses(model, robots.joints).dof] - speed[steps + 1]) ** 2).sum()
@@ -184,11 +176,11 @@ def _frames(trace: Trace, count: int) -> npt.NDArray[np.int64]:
 
 def _walked(contract: PolicyContract, command: npt.NDArray[Any] | None, steps: int) -> npt.NDArray[np.float64]:
     """Return the gait phase before each step, rad, shape (S,)."""
-    walked, rule = np.zeros(steps), contract.phase
-    for i in range(steps - 1) if rule is not None else ():
-        assert rule is not None
-        row = np.zeros(3) if command is None else command[i]
-        walked[i + 1] = advance_phase(rule, walked[i], row, contract.policy_dt)[0]
+    walked = np.zeros(steps)
+    commands = np.zeros((steps, 3)) if command is None else command
+    for i in range(steps - 1):
+        if contract.phase is not None:
+            walked[i + 1] = advance_phase(contract.phase, walked[i], commands[i], contract.policy_dt)[0]
     return walked
 
 

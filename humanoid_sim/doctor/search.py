@@ -35,8 +35,7 @@ class Row:
     """One edit in the ranking."""
 
     edit: Edit
-    score: float
-    """Smaller is better."""
+    score: float  # smaller is better
     note: str
 
 
@@ -45,8 +44,7 @@ class Result:
     """Outcome of a search."""
 
     verdict: str
-    rows: tuple[Row, ...] = ()
-    """Edits that may be right, best first."""
+    rows: tuple[Row, ...] = ()  # edits that may be right, best first
     note: str = ""
     finding: Edit | None = None
     is_healthy: bool = False
@@ -62,52 +60,42 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
     contract, simulations = subject.contract, Simulations(subject)
     more = samples.fitted(contract)
     edits = single_edits(contract, subject.description, subject.motion, all_pairs=True, more=more)
+
+    def predicted(tried: Sequence[Edit]) -> list[Row]:
+        errors = [samples.prediction_error(edit.contract, simulations) for edit in tried]
+        notes = [f"one simulated step misses the joint velocities' change by {error:.0%}" for error in errors]
+        return sorted(map(Row, tried, errors, notes), key=lambda row: row.score)
+
     far = samples.differing(contract)
-    if not far.any():
-        return _search_unseen(samples, contract, edits, simulations)
-    note = f"{far.sum()} of {len(far)} values differ from the trace's as it is: {samples.names(contract, far)}"
-    left = sorted(((int(samples.differing(edit.contract).sum()), edit) for edit in edits), key=lambda item: item[0])
-    answers = [edit for count, edit in left if not count]
-    if answers:  # of several, the one with which the robot moves as in the trace
-        return _found(_predicted(samples, answers, simulations, "agrees with all samples"), note)
-    nearest = tuple(Row(edit, n, f"leaves {n} values that differ") for n, edit in left[:3] if n < far.sum())
-    return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, note)
-
-
-def _search_unseen(
-    samples: Samples, contract: PolicyContract, edits: Sequence[Edit], simulations: Simulations
-) -> Result:
-    """Search for what no observation shows: the rate, the gains, and what actions do."""
-    agree, period = "every observation agrees with the trace's as it is", samples.period()
+    if far.any():
+        note = f"{far.sum()} of {len(far)} values differ from the trace's as it is: {samples.names(contract, far)}"
+        left = sorted(((int(samples.differing(edit.contract).sum()), edit) for edit in edits), key=lambda item: item[0])
+        answers = [edit for count, edit in left if not count]
+        if answers:  # of several, the one with which the robot moves as in the trace
+            return _found(predicted(answers), note)
+        nearest = tuple(Row(edit, n, f"leaves {n} values that differ") for n, edit in left[:3] if n < far.sum())
+        return Result("No single change agrees with the trace: several mistakes, or one of another kind", nearest, note)
+    note, period = "every observation agrees with the trace's as it is", samples.period()
     if period and not 1.0 / _OFF_RATE < period / contract.policy_dt < _OFF_RATE:
         rate = min(_RATES, key=lambda each: abs(math.log(each * period)))
         edit = Edit(f"the policy runs at {rate:g} Hz", "rate", replace(contract, policy_dt=1.0 / rate))
-        note = f"positions and velocities of the joints say {period:.3f} s from sample to sample"
-        return _found([Row(edit, period, note)], agree)
+        return _found([Row(edit, period, f"the joints moved for {period:.3f} s from sample to sample")], note)
     now = samples.prediction_error(contract, simulations)
-    if math.isfinite(now):
-        agree += f"; simulated from its states, one step misses the joint velocities' change by {now:.0%}"
-        unseen = [edit for edit in edits if edit.family in _UNSEEN]
-        rows = _predicted(samples, unseen, simulations, "misses it by {:.0%}")
-        if rows and now > _EXACT and rows[0].score < _PREDICTS * now:
-            return _found(rows, agree)
-    return Result("Nothing wrong found: the contract agrees with the trace", (), agree, is_healthy=True)
-
-
-def _predicted(samples: Samples, edits: Sequence[Edit], simulations: Simulations, note: str) -> list[Row]:
-    """Rank edits by how well single simulated steps predict the trace; `note` has a place for the error."""
-    errors = [samples.prediction_error(edit.contract, simulations) for edit in edits]
-    rows = [Row(edit, error, note.format(error)) for edit, error in zip(edits, errors, strict=True)]
-    return sorted(rows, key=lambda row: row.score)
+    if _EXACT < now < math.inf:
+        rows = predicted([edit for edit in edits if edit.family in _UNSEEN])
+        if rows and rows[0].score < _PREDICTS * now:
+            return _found(rows, f"{note}; one simulated step misses the joint velocities' change by {now:.0%}")
+    return Result("Nothing wrong found: the contract agrees with the trace", (), note, is_healthy=True)
 
 
 def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
     """Try every edit in one simulated episode, without support; `progress` gets the episodes done, and of how many."""
-    contract, walks = subject.contract, subject.contract.task_type == "locomotion"
+    contract, motion = subject.contract, subject.motion
+    walks = contract.task_type == "locomotion"
     commands = [_within(command, contract) for command in (_COMMANDS if walks else _COMMANDS[:1])]
-    whole = _PHASE * len(commands) if walks else subject.motion_seconds
+    whole = _PHASE * len(commands) if walks or motion is None else len(motion.frames) * contract.policy_dt
     long = Simulations(subject).run(contract, whole, commands)
-    edits = single_edits(contract, subject.description, subject.motion)
+    edits = single_edits(contract, subject.description, motion)
     local = threading.local()
 
     def run(edited: PolicyContract) -> Outcome:
@@ -137,12 +125,10 @@ def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence
     note = _describe(long)
     up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
     up.sort(key=lambda row: row.score)
-    if now.lost and not up:
-        longest = sorted(tried, key=lambda item: -item[1].time_up)[:3]
-        rows = tuple(Row(edit, -out.time_up, _describe(out)) for edit, out in longest)
-        return Result("No single change keeps the robot up: several mistakes, or the robot's model", rows, note)
     if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
         return _found(up, note)
+    if now.lost:
+        return Result("No single change keeps the robot up: several mistakes, or the robot's model", (), note)
     if long.lost:
         return Result("The robot is lost in the long run, and no change does clearly better", tuple(up[:3]), note)
     return Result("Nothing wrong found: no change does clearly better", (), note, is_healthy=True)

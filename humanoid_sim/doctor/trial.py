@@ -17,11 +17,20 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_run_away, has_strayed, rms
+from humanoid_sim.evaluation.failure import (
+    describe_fall,
+    describe_stray,
+    has_fallen,
+    has_run_away,
+    has_strayed,
+    length,
+    quaternion_angle,
+    rms,
+)
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
-from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step import StepContext
 from humanoid_sim.evaluation.step_metrics import METRICS
-from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, Extern, FloatArray, MITCommand
+from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray, MITCommand
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -34,21 +43,19 @@ Command = tuple[float, float, float]
 
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from a new command until the velocity counts
-_TIMESTEP = 0.005  # s, of physics in episodes, at most: damping is integrated implicitly, so any gains are stable
-PREDICTION_TIMESTEPS = (_TIMESTEP, 0.001)  # s, where single steps are compared with a trainer's, of any step of its own
+TIMESTEP = 0.005  # s, of physics, at most: damping is integrated implicitly, so any gains are stable
 _NOTICED: Mapping[str, float] = {
     "velocity": 0.2,  # m/s, of the mean
     "turning": 0.5,  # rad/s, of the mean
     "height": 0.02,  # m, standard deviation
     "shaking": 5.0,  # rad/s, root mean square of the commanded positions' change
-    # of the table of step metrics, root mean square
+    # root mean squares
+    **{"base_distance": 0.3, "base_angle": 0.2},  # of a base from where the motion has it
     **{"effort": 15.0, "tilt": 0.1, "joint_error": 0.1, "hand_position_error": 0.1, "hand_orientation_error": 0.3},
-    **{"anchor_position_error": 0.3, "anchor_orientation_error": 0.2},
 }
 """Errors at which an onlooker begins to notice."""
 _OF_WALKING = ("effort", "tilt")
 _OF_MOTIONS = ("effort", "joint_error", "hand_position_error", "hand_orientation_error")
-_OF_ANCHORS = ("anchor_position_error", "anchor_orientation_error")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,11 +68,6 @@ class Subject:
     motion: Motion | None = None
     in_policy_order: bool = False
     """The motion comes from the policy's graph: its joints are the policy's, place by place, a frame a policy step."""
-
-    @property
-    def motion_seconds(self) -> float:
-        """s, length of the motion; 0 without one."""
-        return 0.0 if self.motion is None else len(self.motion.frames) * self.contract.policy_dt
 
     def load(self, contract: PolicyContract) -> LoadedPolicy:
         """Return the policy and its motion under a contract. Raises `InputError` if they do not fit."""
@@ -105,8 +107,8 @@ def load_subject(
     """
     checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     contract = checkpoint.contract
-    for name, width in contract.live_inputs.items():
-        raise InputError(f"{path}: needs the live input '{name}' of width {width}, and doctor has none")
+    if contract.live_inputs:
+        raise InputError(f"{path}: needs the live input {', '.join(contract.live_inputs)}, and doctor has none")
     if motion is not None and contract.task_type == "locomotion":
         raise InputError(f"--motion: is '{motion}', but {path} follows no motion")
     followed = checkpoint.motion if motion is None else read_motion(motion_path(motion))
@@ -118,11 +120,9 @@ def load_subject(
 class Outcome:
     """Outcome of one episode."""
 
-    time_up: float
-    """s until the robot was lost."""
+    time_up: float  # s until the robot was lost
     seconds: float
-    parts: Mapping[str, float]
-    """Errors by name, each about 1 where an onlooker begins to notice."""
+    parts: Mapping[str, float]  # errors by name, each about 1 where an onlooker begins to notice
     lost: str = ""
 
     @property
@@ -136,33 +136,26 @@ class Simulations:
 
     def __init__(self, subject: Subject) -> None:
         self._subject = subject
-        self._robots: dict[tuple[object, ...], BatchSim] = {}
+        self._robots: dict[tuple[RobotDescription, SimConfig, int], BatchSim] = {}
 
     def robots(
-        self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = (), timestep: float = _TIMESTEP
+        self, contract: PolicyContract, count: int, bodies: tuple[str, ...] = (), timestep: float = TIMESTEP
     ) -> BatchSim:
         """Return robots in the contract's default pose, whose gains come with every command."""
-        order, limits = np.argsort(contract.joint_names), contract.effort_limit
-        key = (
-            *(count, bodies, timestep, contract.policy_dt, contract.anchor_body, contract.velocity_points),
-            contract.default_joint_pos[order].tobytes(),
-            None if limits is None else limits[order].tobytes(),
-        )
-        if key not in self._robots:
-            config = SimConfig(
-                control_period=contract.policy_dt,
-                physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / timestep - 1e-6),
-                anchor_body=contract.anchor_body,
-                velocity_at=contract.velocity_points,
-                height_scan=contract.height_scan,
-                bodies=bodies,
-            )
-            self._robots[key] = BatchSim(self._limp(contract), count, config, implicit=True, threads=1)
-        return self._robots[key]
-
-    def _limp(self, contract: PolicyContract) -> RobotDescription:
         zeros = np.zeros(len(contract.joint_names))
-        return with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
+        limp = with_contract(self._subject.description, replace(contract, joint_stiffness=zeros, joint_damping=zeros))
+        config = SimConfig(
+            control_period=contract.policy_dt,
+            physics_timestep=contract.policy_dt / math.ceil(contract.policy_dt / timestep - 1e-6),
+            anchor_body=contract.anchor_body,
+            velocity_at=contract.velocity_points,
+            height_scan=contract.height_scan,
+            bodies=bodies,
+        )
+        key = limp, config, count
+        if key not in self._robots:
+            self._robots[key] = BatchSim(limp, count, config, implicit=True, threads=1)
+        return self._robots[key]
 
     def run(self, contract: PolicyContract, seconds: float, commands: Sequence[Command]) -> Outcome:
         """Run a contract once, each command for an equal share of the time; one that cannot run is lost at 0 s."""
@@ -174,38 +167,33 @@ class Simulations:
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
             loop = ClosedLoop(robot, wiring, np.array(commands[:1]))
-            score = _Score(loaded, robot, self._subject.base_reference(contract))
+            score = _Score(loop, robot, loaded, self._subject.base_reference(contract))
         except (FieldError, InputError) as error:
             return Outcome(0.0, seconds, {}, str(error))
         steps = round(seconds / contract.policy_dt)
         for step in range(steps):
-            command, frame = commands[step * len(commands) // steps], int(np.asarray(loop.memory.frame)[0])
-            lost = score.loss(frame) or ("the joints run away" if has_run_away(loop.state.joint_velocity)[0] else "")
-            inferred = infer(wiring, loaded.policy, loop.observation[0], frame)
-            if isinstance(inferred, Fault):
-                lost = lost or inferred.message
-            if lost or isinstance(inferred, Fault):
-                return Outcome(step * contract.policy_dt, seconds, score.errors(), lost)
+            command = commands[step * len(commands) // steps]
+            lost = score.loss()
+            inferred = infer(wiring, loaded.policy, loop.observation[0], score.frame)
+            if isinstance(inferred, Fault) or lost:
+                message = inferred.message if isinstance(inferred, Fault) and not lost else lost
+                return Outcome(step * contract.policy_dt, seconds, score.errors(), message)
             is_settled = step * contract.policy_dt % (seconds / len(commands)) >= _SETTLED
             sent = loop.act(inferred.action[None], velocity=np.array([command]))
-            score.add(sample_step(loop, robot, step + 1), sent, command if is_settled else (np.nan,) * 3)
+            score.add(step + 1, sent, command if is_settled else (np.nan,) * 3)
         return Outcome(seconds, seconds, score.errors())
 
 
 class _Score:
     """Errors of one episode: the robot in the world, whatever the contract says."""
 
-    def __init__(self, loaded: LoadedPolicy, robot: BatchSim, base: MotionReference | None) -> None:
+    def __init__(self, loop: ClosedLoop, robot: BatchSim, loaded: LoadedPolicy, base: MotionReference | None) -> None:
         """Begin; `base` has the base's poses in the motion, if it does."""
-        self._loaded, self._robot, self._base = loaded, robot, base
+        self._loop, self._robot, self._motion, self._contract = loop, robot, base, loaded.contract
         self._alignment = None if base is None else base.align(self._pose())
-        contract, description = loaded.contract, robot.description
-        context = StepContext(description, contract, loaded.reference)
-        names = _OF_WALKING if contract.task_type == "locomotion" else _OF_MOTIONS
-        self._metrics = {name: context for name in names if context.has(METRICS[name].needs)}
-        if base is not None:
-            context = StepContext(description, replace(contract, anchor_body=description.base.body), base)
-            self._metrics |= dict.fromkeys(_OF_ANCHORS, context)
+        self._context = StepContext(robot.description, loaded.contract, loaded.reference)
+        names = _OF_WALKING if loaded.contract.task_type == "locomotion" else _OF_MOTIONS
+        self._metrics = [name for name in names if self._context.has(METRICS[name].needs)]
         self._rows: list[dict[str, Any]] = []
 
     def _pose(self) -> FloatArray:
@@ -214,43 +202,45 @@ class _Score:
         assert base is not None
         return np.hstack([base.position, base.quaternion])
 
-    def loss(self, frame: int) -> str:
-        """Return how the robot was lost by now, at a frame of the reference; or ''."""
+    @property
+    def frame(self) -> int:
+        return int(np.asarray(self._loop.memory.frame)[0])
+
+    def loss(self) -> str:
+        """Return how the robot was lost by now; or ''."""
         base = self._robot.base
-        if self._robot.fault[0]:
+        if self._robot.fault[0] or has_run_away(self._loop.state.joint_velocity)[0]:
             return "the simulation diverged"
-        if base is None:
-            return ""
-        if self._base is not None:
-            poses = self._pose(), *self._base.anchor(frame, self._alignment)
+        if self._motion is not None:
+            poses = self._pose(), *self._motion.anchor(self.frame, self._alignment)
             return describe_stray(*(part[0] for part in poses)) if has_strayed(*poses)[0] else ""
         standing = self._robot.start_pose.standing_height
-        return describe_fall(base, standing, 0) if has_fallen(base, standing)[0] else ""
+        return describe_fall(base, standing, 0) if base is not None and has_fallen(base, standing)[0] else ""
 
-    def add(self, sample: StepSample, sent: MITCommand, command: Sequence[float]) -> None:
-        """Take in a policy step, and the velocity command; NaN: not settled yet."""
+    def add(self, step: int, sent: MITCommand, command: Sequence[float]) -> None:
+        """Add a policy step, and the velocity command; NaN: not settled yet."""
+        sample = sample_step(self._loop, self._robot, step)
         row: dict[str, Any] = {"sent": sent.position[0], "command": command}
+        row |= {name: METRICS[name].values(self._context, sample)[0] for name in self._metrics}
         if sample.base is not None:
             row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0]}
-        if self._base is not None:
-            pose = {ANCHOR_POSE: Extern(self._pose(), 0.0)}
-            sample = replace(sample, state=replace(sample.state, extern=pose), alignment=self._alignment)
-        for name, context in self._metrics.items():
-            row[name] = METRICS[name].values(context, sample)[0]
+        if self._motion is not None:
+            pose, (position, quaternion) = self._pose(), self._motion.anchor(self.frame, self._alignment)
+            row["base_distance"] = length(position - pose[:, :3])[0]
+            row["base_angle"] = quaternion_angle(pose[:, 3:], quaternion)[0]
         self._rows.append(row)
 
     def errors(self) -> dict[str, float]:
         """Return the errors, each about 1 where an onlooker begins to notice."""
-        if not self._rows:
+        if len(self._rows) < 2:
             return {}
         rows = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-        contract = self._loaded.contract
-        found: dict[str, Any] = {name: rms(rows[name]) for name in self._metrics}
-        found["shaking"] = (
-            rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt if len(self._rows) > 1 else 0.0
-        )
+        found: dict[str, Any] = {
+            name: rms(rows[name]) for name in (*self._metrics, "base_distance", "base_angle") if name in rows
+        }
+        found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / self._contract.policy_dt
         settled = np.isfinite(rows["command"][:, 0])
-        if contract.task_type == "locomotion" and "velocity" in rows and settled.any():
+        if self._contract.task_type == "locomotion" and "velocity" in rows and settled.any():
             commands = np.unique(rows["command"][settled], axis=0)
             off = [rows["velocity"][(rows["command"] == each).all(axis=1)].mean(axis=0) - each for each in commands]
             found["height"] = rows["height"][settled].std()

@@ -162,7 +162,9 @@ def checked(name: str, value: Any, where: str) -> Any:
     if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
         return value
     with blaming(f"{where}: is {shown(value)}", (msgspec.ValidationError, TypeError, ValueError)):
-        if option in _NUMBERS and not (option == "position_clip" and isinstance(value, str)):
+        if option == "position_clip" and isinstance(value, str):
+            return value
+        if option in _NUMBERS:
             return _numbers(option, value)
         if option in _NAMES and whole != "tensors":
             return msgspec.convert([value] if isinstance(value, str) else value, tuple[str, ...])
