@@ -30,14 +30,10 @@ class PrepareOptions:
     robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file", "--registry-name"])] = None
-    """An .npz or .csv file, an .mcap file or rosbag2 folder with joint states, or a LeRobot dataset: its folder, or
-    user/name on the hub. Default: the dataset that the checkpoint names."""
+    """An .npz or .csv file, or a LeRobot dataset: its folder, or user/name on the hub. Default: the dataset that the
+    checkpoint names."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
     """Episode of the dataset, counted from 0; required if it has more than one."""
-    features: tuple[str, ...] = ()
-    """For features of the dataset with unusual names: ROLE=FEATURE, such as joint_pos=observation.qpos."""
-    topic: str | None = None
-    """Topic of the joint states, where a recording has several."""
     degrees: bool = False
     """The motion's joints are in degrees. Default: rad."""
     fps: float | None = None
@@ -50,8 +46,6 @@ class PrepareOptions:
     """Order of the motion's quaternions."""
     resample: bool = False
     """Interpolate a motion whose frames do not come at the policy's rate."""
-    tolerance: float = 0.01
-    """Largest distance, in m, between a body and where forward kinematics puts it."""
     song: str | None = None
     """MIDI file (.mid), or a sample song's name: what the robot can reach of it becomes a piano policy's goals."""
     output: Annotated[str, tyro.conf.arg(aliases=["--out-dir"])] = "prepared"

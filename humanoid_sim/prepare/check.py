@@ -14,19 +14,19 @@ from humanoid_sim.prepare.sources import SourceMotion, derivative
 from humanoid_sim.robots.guards import speed_limit
 from humanoid_sim.simulation.kinematics import InverseKinematics
 
-_ANGLE = math.radians(2.0)  # largest angle between a body and where kinematics puts it
+_DISTANCE, _ANGLE = 0.01, math.radians(2.0)  # m and rad, largest between a body and where kinematics puts it
 _BEYOND = 0.035  # rad beyond a limit, by which motions that nothing else confirms may be off
 _MOST_POSES = 120  # frames for which joint positions are sought
 
 
-def check(motion: SourceMotion, skeleton: Skeleton, tolerance: float) -> list[str]:
+def check(motion: SourceMotion, skeleton: Skeleton) -> list[str]:
     """Return what a user should know about a motion that fits; raises `InputError` for one that does not.
 
-    Its joints are in the robot's order, its bodies in the base frame; `tolerance` is m, of a body's place.
+    Its joints are in the robot's order, its bodies in the base frame.
     """
     lines: list[str] = []
     if motion.bodies is not None:
-        lines.append(_check_bodies(motion, motion.bodies, skeleton, tolerance))
+        lines.append(_check_bodies(motion, motion.bodies, skeleton))
     elif motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
         raise InputError(f"{motion.source}: its base is upside down most of the time; are --quaternions right?")
     if motion.joints is not None:
@@ -36,7 +36,7 @@ def check(motion: SourceMotion, skeleton: Skeleton, tolerance: float) -> list[st
     return lines
 
 
-def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton, tolerance: float) -> str:
+def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton) -> str:
     """Compare the bodies with forward kinematics, or with the nearest pose where the motion has no joints."""
     names, joints, method, step = motion.body_names or (), motion.joints, "forward kinematics", 1
     if joints is None:
@@ -49,7 +49,7 @@ def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton, 
     offset = bodies[..., :3] - expected[..., :3]
     distance = np.sqrt((offset * offset).sum(axis=-1))
     angle = rotation_angle(matrix(bodies[..., 3:]), matrix(expected[..., 3:]))
-    excess = np.maximum(distance / tolerance, angle / _ANGLE)
+    excess = np.maximum(distance / _DISTANCE, angle / _ANGLE)
     i, body = np.unravel_index(int(excess.argmax()), excess.shape)
     error = f"{1000.0 * distance[i, body]:.1f} mm and {math.degrees(angle[i, body]):.1f}°"
     text = f"body '{names[body]}' is {error} from where {method} puts it in frame {step * i}"

@@ -80,15 +80,14 @@ def interpret(
 
     def settle(option: str, own: str | None, given: str | None, usual: str) -> str:
         """Return what the source says, else the option, else the usual, which bodies must confirm."""
-        if own is not None and given not in (None, own):
-            raise InputError(f"{option}: is {given}, but {source.source} says {own}")
         if own is None and given is None:
             if source.bodies is None:
                 raise InputError(f"{option}: is missing; no body poses of {source.source} would show a mistake")
             assumed.append(f"{option} {usual}")
         return own or given or usual
 
-    motion = source
+    changed: dict[str, Any] = {}
+    bodies: tuple[str, ...] = ()
     if source.joints is not None:
         own = None if source.joint_names is None else ",".join(source.joint_names)
         order = settle("--joint-order", own, options.joint_order, "contract")
@@ -96,23 +95,22 @@ def interpret(
         require_known("joint", skeleton.joints, names, f"{source.source}: ")
         columns = [names.index(joint) for joint in skeleton.joints]
         unit = math.radians(1.0) if options.degrees else 1.0
-        velocity = None if source.joint_velocity is None else unit * source.joint_velocity[:, columns]
-        motion = replace(motion, joints=unit * source.joints[:, columns], joint_velocity=velocity)
-    bodies: tuple[str, ...] = ()
+        for name in {"joints", "joint_velocity"} & source.arrays().keys():
+            changed[name] = unit * source.arrays()[name][:, columns]
     if source.bodies is not None:
         count = source.bodies.shape[1]
         own = None if source.body_names is None else ",".join(source.body_names)
         usual = "contract" if count == len(skeleton.body_orders["contract"]) else "mjcf"
         order = settle("--body-order", own, options.body_order, usual)
         bodies = _named(source, "body", order, skeleton.body_orders, count, skeleton.bodies)
-    turned: dict[str, Any] = {}
-    for name, pose in source.arrays().items():
-        if name in ("base", "bodies"):
+    for name in ("base", "bodies"):
+        pose = source.arrays().get(name)
+        if pose is not None:
             order = settle("--quaternions", source.quaternion_order, options.quaternions, "wxyz")
             quaternion = np.roll(pose[..., 3:], 1, axis=-1) if order == "xyzw" else pose[..., 3:]
             quaternion = quaternion / np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
-            turned[name] = np.concatenate([pose[..., :3], quaternion], axis=-1)
-    motion = replace(motion, joint_names=skeleton.joints, body_names=bodies, quaternion_order="wxyz", **turned)
+            changed[name] = np.concatenate([pose[..., :3], quaternion], axis=-1)
+    motion = replace(source, joint_names=skeleton.joints, body_names=bodies, quaternion_order="wxyz", **changed)
     return _in_base_frame(motion, skeleton, bodies), tuple(dict.fromkeys(assumed))
 
 
@@ -126,9 +124,8 @@ def _named(
 ) -> tuple[str, ...]:
     names = orders.get(order) or tuple(name.strip() for name in order.split(","))
     if len(names) != count:
-        counts = ", ".join(f"{name} ({len(listed)})" for name, listed in orders.items())
         found = f"--{what}-order: {order} has {len(names)} names, and {source.source} {count} columns"
-        raise InputError(f"{found}; expected one of {counts}, or names with commas")
+        raise InputError(f"{found}; expected {', '.join(orders)}, or names with commas")
     require_known(what, names, known, f"{source.source}: ")
     return names
 
@@ -164,10 +161,8 @@ def at_rate(motion: SourceMotion, policy_dt: float, *, resample: bool) -> Source
     if np.abs(times - policy_dt * np.arange(len(times))).max() <= _OFF_RATE * policy_dt:
         return motion
     if not resample:
-        raise InputError(
-            f"{motion.source}: has {motion.rate:.4g} frames per second, the policy takes {1.0 / policy_dt:g} evenly "
-            "spaced steps; add --resample to interpolate"
-        )
+        rates = f"{motion.rate:.4g} frames per second, the policy takes {1.0 / policy_dt:g}"
+        raise InputError(f"{motion.source}: has {rates} evenly spaced steps; add --resample to interpolate")
     count = int(times[-1] / policy_dt + 1e-6) + 1  # the last frame stays where only rounding is in the way
     place = np.minimum(policy_dt * np.arange(count), times[-1])
     upper = np.clip(np.searchsorted(times, place, side="right"), 1, len(times) - 1)
@@ -189,20 +184,18 @@ def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) 
     """
     names = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
     own, bodies, joints = motion.body_names or (), motion.bodies, motion.joints
-    in_base_frame = contract.requires("body_names")
-    if joints is None and not (in_base_frame and set(names) <= set(own)):
-        raise InputError(f"{motion.source}: lacks joint positions, or bodies of {', '.join(names)}, which are needed")
     if bodies is not None and set(names) <= set(own):
         bodies = bodies[:, [own.index(name) for name in names]]
-    elif joints is not None:
-        bodies = skeleton.poses(joints, names)
-    assert bodies is not None
-    if in_base_frame:
-        frames = body_frames(bodies[..., :3], matrix(bodies[..., 3:]))
     else:
-        assert joints is not None
-        if motion.base is None:
-            raise InputError(f"{motion.source}: has no pose of the floating base '{skeleton.base}', which is needed")
+        bodies = None if joints is None else skeleton.poses(joints, names)
+    in_base_frame = contract.requires("body_names")
+    if bodies is None or (joints is None and not in_base_frame):
+        raise InputError(f"{motion.source}: lacks joint positions, or bodies of {', '.join(names)}, which are needed")
+    if joints is None or in_base_frame:
+        frames = body_frames(bodies[..., :3], matrix(bodies[..., 3:]))
+    elif motion.base is None:
+        raise InputError(f"{motion.source}: has no pose of the floating base '{skeleton.base}', which is needed")
+    else:
         turn = np.broadcast_to(motion.base[:, None, 3:], bodies[..., 3:].shape)
         position = rotate(turn, bodies[..., :3]) + motion.base[:, None, :3]
         quaternion = continuous(multiply(turn, bodies[..., 3:]))

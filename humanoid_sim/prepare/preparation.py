@@ -92,7 +92,7 @@ def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescrip
     source = _read(options, path, skeleton.joints)
     motion, assumed = interpret(source, skeleton, options)
     summary = f"{source.source}: {len(source.times)} frames at {source.rate:.4g} per second"
-    lines = [summary, *check(motion, skeleton, options.tolerance)]
+    lines = [summary, *check(motion, skeleton)]
     if assumed:
         lines.append(f"assumed, and confirmed by the bodies: {', '.join(assumed)}")
     name = path.stem if source.source == str(path) else f"{path.name}_{options.episode or 0}"
@@ -106,6 +106,4 @@ def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> sourc
         raise InputError(f"--fps: is given, but {path} has times of its own")
     if path.suffix == ".npz":
         return sources.read_npz(path)
-    if path.suffix == ".mcap" or (path / "metadata.yaml").is_file():
-        return sources.read_joint_states(path, options.topic, joints)
-    return sources.read_dataset(sources.dataset_folder(str(path)), options.episode, options.features, joints)
+    return sources.read_dataset(sources.dataset_folder(str(path)), options.episode, joints)

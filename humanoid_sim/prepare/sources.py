@@ -1,35 +1,31 @@
-"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, joint states, LeRobot (v3.0)."""
+"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, LeRobot (v3.0)."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 
 from humanoid_sim.controllers.contract import QuaternionOrder
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.errors import InputError, blaming, needing, one_line, reason_of, require_known
+from humanoid_sim.errors import InputError, blaming, needing, reason_of, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.ros2.cdr import CdrError, decode
-from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
 _LONGEST_GAP = 0.1  # s between two frames, if that is also more than three of the usual steps
 _JOINT_SUFFIXES = ("", ".pos", "_pos", "_dof")  # that exporters append to a joint's name
-_NPZ_SHAPES = {"joint_pos": (-1, -1), "joint_vel": (-1, -1), "body_pos_w": (-1, -1, 3), "body_quat_w": (-1, -1, 4)}
+_NPZ_KEYS = ("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 _BASE_COLUMNS = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
 _FORMAT = "v3.0"  # of LeRobot
 _WIDTHS = {"body_pos_w": 3, "body_quat_w": 4, "motion_body_pos_b": 3, "motion_body_ori_b": 6}
-ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
+_ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
 """Parts of a motion; a feature whose name ends in one of them is it, and one that ends in `state` joint positions."""
 
 
@@ -42,36 +38,29 @@ class SourceMotion:
     """
 
     source: str
-    times: FloatArray
-    """Shape (F,), s."""
-    joints: FloatArray | None = None
-    """Positions, shape (F, n), rad, or degrees as the user says."""
-    joint_velocity: FloatArray | None = None
-    """Shape (F, n), per second."""
+    times: FloatArray  # shape (F,), s
+    joints: FloatArray | None = None  # positions, shape (F, n), rad, or degrees as the user says
+    joint_velocity: FloatArray | None = None  # shape (F, n), per second
     joint_names: tuple[str, ...] | None = None
-    base: FloatArray | None = None
-    """Pose of the robot's base body in the world, shape (F, 7)."""
-    bodies: FloatArray | None = None
-    """Poses in `frame`, shape (F, B, 7)."""
+    base: FloatArray | None = None  # pose of the robot's base body in the world, shape (F, 7)
+    bodies: FloatArray | None = None  # poses in `frame`, shape (F, B, 7)
     body_names: tuple[str, ...] | None = None
     frame: Literal["world", "base"] = "world"
     quaternion_order: QuaternionOrder | None = None
 
     def __post_init__(self) -> None:
         for name, array in {"times": self.times, **self.arrays()}.items():
-            if len(array) != len(self.times) or not len(array):
-                raise InputError(f"{self.source}: {name} has {len(array)} frames, expected {len(self.times) or 'some'}")
-            bad = np.argwhere(~np.isfinite(array))
-            if len(bad):
-                raise InputError(f"{self.source}: {name} is {array[tuple(bad[0])]} in frame {bad[0][0]}, not finite")
+            if len(array) != len(self.times) or not np.isfinite(array).all() or not array.size:
+                raise InputError(f"{self.source}: {name} has shape {array.shape}, expected finite values in each frame")
             norm = np.sqrt((array[..., 3:] ** 2).sum(axis=-1)) if name in ("base", "bodies") else np.ones(1)
             if np.abs(norm - 1.0).max() > _UNIT:
                 raise InputError(f"{self.source}: {name} has quaternions of norm {norm.min():.3g} to {norm.max():.3g}")
         steps = np.diff(self.times, append=self.times[-1] + 1e-3)
-        if steps.min() <= 0.0:
-            raise InputError(f"{self.source}: time does not increase after frame {int(steps.argmin())}")
-        if steps.max() > max(_LONGEST_GAP, 3.0 * float(np.median(steps))):
-            raise InputError(f"{self.source}: has a gap of {steps.max():.3g} s after frame {int(steps.argmax())}")
+        if steps.min() <= 0.0 or steps.max() > max(_LONGEST_GAP, 3.0 * float(np.median(steps))):
+            span = f"{steps.min():.3g} to {steps.max():.3g} s"
+            raise InputError(
+                f"{self.source}: from frame to frame are {span}, expected times that increase without gaps"
+            )
 
     def arrays(self) -> dict[str, FloatArray]:
         """Return what the source holds, by field; each of F rows."""
@@ -104,33 +93,24 @@ def _joint_of(column: str, joints: tuple[str, ...]) -> str | None:
     return next((name for name in names if name in joints), None)
 
 
-def _poses(position: FloatArray, quaternion: FloatArray, source: str) -> FloatArray:
-    if position.shape[:-1] != quaternion.shape[:-1]:
-        raise InputError(f"{source}: has {position.shape[:-1]} body positions and {quaternion.shape[:-1]} orientations")
-    return np.concatenate([position, quaternion], axis=-1)
-
-
 def read_npz(path: Path) -> SourceMotion:
     """Read a motion of mjlab or whole_body_tracking, whose files do not name joints or bodies."""
-    arrays, read = read_arrays(path), {}
-    for key, shape in {**_NPZ_SHAPES, "fps": ()}.items():
-        if key not in arrays:
-            raise InputError(f"{path}: has no {key}; it holds {', '.join(sorted(arrays)) or 'nothing'}")
-        array = arrays[key].reshape(()) if key == "fps" and arrays[key].size == 1 else arrays[key]
-        is_right = array.ndim == len(shape) and all(own in (-1, n) for own, n in zip(shape, array.shape, strict=True))
-        if not is_right or array.dtype.kind not in "fiu":
-            raise InputError(f"{path}: {key} is {array.dtype} of shape {array.shape}, expected numbers, shape {shape}")
-        read[key] = array.astype(np.float64)
-    if read["joint_pos"].shape != read["joint_vel"].shape:
-        raise InputError(f"{path}: joint_vel has another shape than joint_pos")
+    arrays = read_arrays(path)
+    missing = [key for key in _NPZ_KEYS if key not in arrays]
+    if missing:
+        raise InputError(f"{path}: has no {', '.join(missing)}; it holds {', '.join(sorted(arrays)) or 'nothing'}")
+    with blaming(f"{path}: has arrays of other shapes than mjlab's", (ValueError, TypeError)):
+        fps, joints, velocity, position, quaternion = (arrays[key].astype(np.float64) for key in _NPZ_KEYS)
+        bodies = np.concatenate([position.reshape(len(joints), -1, 3), quaternion.reshape(len(joints), -1, 4)], axis=-1)
+        velocity = velocity.reshape(joints.shape)
     names = {key: tuple(map(str, arrays[key].ravel())) for key in ("joint_names", "body_names") if key in arrays}
     return SourceMotion(
         source=str(path),
-        times=_even_times(len(read["joint_pos"]), float(read["fps"]), str(path)),
-        joints=read["joint_pos"],
-        joint_velocity=read["joint_vel"],
+        times=_even_times(len(joints), float(fps.flat[0]), str(path)),
+        joints=joints,
+        joint_velocity=velocity,
         joint_names=names.get("joint_names"),
-        bodies=_poses(read["body_pos_w"], read["body_quat_w"], str(path)),
+        bodies=bodies,
         body_names=names.get("body_names"),
     )
 
@@ -169,36 +149,6 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
     )
 
 
-def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
-    """Read `sensor_msgs/msg/JointState` of one topic, from an MCAP file or a folder that rosbag2 wrote.
-
-    Times are those of the headers, or of the recorder where the headers have none. Messages without any of the robot's
-    joints are left out.
-    """
-    found: dict[str, list[tuple[float, list[float]]]] = {}
-    with blaming(f"{path}: cannot be read as a recording (.mcap)", (OSError, McapError, CdrError, EOFError)):
-        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            with regular_file(file, "an MCAP file", None).open("rb") as stream:
-                for schema, channel, message in make_reader(stream).iter_messages():
-                    if schema is None or schema.name != JOINT_STATE or topic not in (None, channel.topic):
-                        continue
-                    (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
-                    position = dict(zip(names, values.tolist(), strict=False))
-                    if not position.keys().isdisjoint(joints):
-                        require_known("joint", joints, position, f"{path}: {channel.topic}: ")
-                        time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time
-                        found.setdefault(channel.topic, []).append((time, [position[joint] for joint in joints]))
-    if len(found) != 1:
-        raise InputError(
-            f"{path}: has {len(found)} topics of {JOINT_STATE} with the robot's joints, expected one: "
-            f"{', '.join(found) or 'none'}; --topic chooses"
-        )
-    (rows,) = found.values()
-    rows.sort()  # the files of a bag may come in any order
-    times, positions = np.array([time for time, _ in rows]), np.array([position for _, position in rows])
-    return SourceMotion(source=str(path), times=times, joints=positions, joint_names=joints)
-
-
 # --- LeRobot ---
 
 
@@ -207,9 +157,7 @@ def dataset_folder(name: str) -> Path:
     if Path(name).is_dir():
         return Path(name)
     if name.count("/") != 1:
-        raise InputError(
-            f"--motion: is '{name}', expected an .npz, .csv or .mcap file, a folder, or a dataset, user/name"
-        )
+        raise InputError(f"--motion: is '{name}', expected an .npz or .csv file, a folder, or a dataset, user/name")
     cache = os.environ.get("HF_HOME", "~/.cache/huggingface")
     kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser() / name
     if (kept / "meta").is_dir():
@@ -222,17 +170,16 @@ def dataset_folder(name: str) -> Path:
         raise InputError(f"--motion: '{name}' cannot be fetched from the hub: {reason_of(error)[:200]}") from None
 
 
-def read_dataset(folder: Path, episode: int | None, options: Sequence[str], joints: tuple[str, ...]) -> SourceMotion:
-    """Read one episode of a dataset; `options` are ROLE=FEATURE where names do not tell. LeRobot is not needed."""
+def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> SourceMotion:
+    """Read one episode of a dataset. LeRobot is not needed."""
     with needing("pyarrow", "lerobot", "reading a LeRobot dataset"):
         from pyarrow import compute, parquet  # noqa: PLC0415 - optional
     with blaming(f"{folder}: cannot be read as a LeRobot dataset", (OSError, ValueError, KeyError, TypeError)):
         info = json.loads(regular_file(folder / "meta" / "info.json", "a dataset's info.json").read_bytes())
         if info["codebase_version"] != _FORMAT:
-            version = one_line(str(info["codebase_version"]))[:80]
             converter = "convert it with LeRobot's convert_dataset_v21_to_v30"
-            raise InputError(f"{folder}: has LeRobot's format {version}, expected {_FORMAT}; {converter}")
-        wanted = ["episode_index", "length", "data/chunk_index", "data/file_index"]
+            raise InputError(f"{folder}: has format {info['codebase_version']}, expected {_FORMAT}; {converter}")
+        wanted = ["episode_index", "data/chunk_index", "data/file_index"]
         listed = parquet.read_table(folder / "meta" / "episodes", columns=wanted).to_pylist()
         rows = {row["episode_index"]: row for row in listed}
         chosen = 0 if episode is None and len(rows) == 1 else episode
@@ -244,7 +191,7 @@ def read_dataset(folder: Path, episode: int | None, options: Sequence[str], join
         table = table.filter(compute.equal(table["episode_index"], chosen))
         columns = {key: np.array(table[key].to_pylist(), dtype=np.float64) for key in numeric}
         names = {key: _value_names(its.get("names")) for key, its in numeric.items()}
-        return _episode(f"{folder} episode {chosen}", columns, names, options, joints)
+        return _episode(f"{folder} episode {chosen}", columns, names, joints)
 
 
 def _value_names(names: Any) -> list[str]:
@@ -254,14 +201,18 @@ def _value_names(names: Any) -> list[str]:
 
 
 def _episode(
-    source: str,
-    columns: Mapping[str, FloatArray],
-    names: Mapping[str, list[str]],
-    options: Sequence[str],
-    joints: tuple[str, ...],
+    source: str, columns: Mapping[str, FloatArray], names: Mapping[str, list[str]], joints: tuple[str, ...]
 ) -> SourceMotion:
     """Return the motion in an episode's numeric features, each (F, …), whose values have names or none."""
-    found = _features(source, columns, options)
+    found: dict[str, str] = {}  # feature of each role; what `record dataset --reference` added comes first
+    for key in [key for key in columns if key.startswith("reference.")] or columns:
+        role = key.rpartition(".")[2].replace("state", "joint_pos")
+        if role in _ROLES and columns[key].ndim > 1:
+            if role in found:
+                raise InputError(f"{source}: '{found[role]}' and '{key}' may both be {role}, expected one")
+            found[role] = key
+    if not {"joint_pos", "body_pos_w", "motion_body_pos_b"} & found.keys():
+        raise InputError(f"{source}: holds no motion, but {', '.join(columns)}; expected one that ends in joint_pos")
     arrays = {role: columns[feature] for role, feature in found.items()}
     listed = names.get(found.get("joint_pos", ""), [])
     places = {joint: i for i, name in enumerate(listed) if (joint := _joint_of(name, joints))}
@@ -284,26 +235,8 @@ def _episode(
         joints=arrays.get("joint_pos"),
         joint_velocity=arrays.get("joint_vel"),
         joint_names=joints if places else None,
-        bodies=_poses(arrays[place], arrays[turn], source) if place in arrays else None,
+        bodies=np.concatenate([arrays[place], arrays[turn]], axis=-1) if place in arrays else None,
         body_names=heads if heads and all(heads) else None,
         frame=frame,
         quaternion_order="wxyz" if frame == "base" else None,
     )
-
-
-def _features(source: str, columns: Mapping[str, FloatArray], options: Sequence[str]) -> dict[str, str]:
-    """Return the feature of each role; what `record dataset --reference` added comes before what the robot did."""
-    roles = {role: feature for role, _, feature in (option.partition("=") for option in options)}
-    require_known("role", roles, ROLES, "--features: expected ROLE=FEATURE: ")
-    require_known("feature", roles.values(), columns, f"--features: {source}: ")
-    found = dict(roles)
-    references = [key for key in columns if key.startswith("reference.")]
-    for key in references or columns:
-        role = key.rpartition(".")[2].replace("state", "joint_pos")
-        if role in ROLES and role not in roles and columns[key].ndim > 1:
-            if role in found:
-                raise InputError(f"{source}: '{found[role]}' and '{key}' may be {role}; choose with --features")
-            found[role] = key
-    if not {"joint_pos", "body_pos_w", "motion_body_pos_b"} & found.keys():
-        raise InputError(f"{source}: holds no motion that its names tell, but {', '.join(columns)}; use --features")
-    return found

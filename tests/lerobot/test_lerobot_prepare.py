@@ -89,9 +89,8 @@ def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys):
 
 def test_joints_alone(tmp_path):
     q = joint_path()
-    root = write_dataset(tmp_path / "dances", [{"measured": q}], {})
-    options = ["--features", "joint_pos=measured", "--joint-order", "robot"]
-    assert prepare(tmp_path, "--motion", str(root), *options) == 0
+    root = write_dataset(tmp_path / "dances", [{"observation.state": q}], {})
+    assert prepare(tmp_path, "--motion", str(root), "--joint-order", "robot") == 0
     np.testing.assert_allclose(
         read_motion(tmp_path / "out" / "dances_0.mcap").frames, joint_frames(lite(), q), atol=2e-6
     )

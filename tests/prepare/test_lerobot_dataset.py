@@ -53,17 +53,16 @@ def write(root, *episodes, fps=50, version="v3.0"):
 
 
 @pytest.mark.parametrize(
-    ("columns", "options", "method"),
+    ("columns", "method"),
     [
-        (JOINTS | IN_WORLD, [], "forward kinematics"),
-        (IN_BASE, [], "inverse kinematics"),
-        (JOINTS, [], "note: without body poses"),
-        (JOINTS | {"measured": Q}, ["--joint-order", "robot", "--features", "joint_pos=measured"], "note"),
+        (JOINTS | IN_WORLD, "forward kinematics"),
+        (IN_BASE, "inverse kinematics"),
+        (JOINTS, "note: without body poses"),
     ],
 )
-def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, options, method):
+def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, method):
     root = write(tmp_path / "dances", {key: values[::-1] for key, values in columns.items()}, columns)
-    assert prepare(tmp_path, root, "--episode", "1", *options) == 0
+    assert prepare(tmp_path, root, "--episode", "1") == 0
     assert method in capsys.readouterr().out
     np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_1.mcap").frames, FRAMES, atol=2e-6)
 
@@ -74,7 +73,6 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, options, method)
         ({"qpos.state": Q[:, :13]}, [], f"unknown joint '{lite().joint_names[13]}'"),
         ({"measured": Q}, [], "holds no motion"),
         (JOINTS | {"body_pos_w": IN_WORLD["body_pos_w"]}, [], "expected both"),
-        (JOINTS, ["--features", "joint_pos=a"], "unknown feature 'a'"),
         (JOINTS, ["--episode", "1"], "--episode: is 1, expected one of the 1 episodes"),
     ],
 )

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 from motion_samples import BODIES, FRAMES, POLICY, joint_frames, joint_path, lite, prepare, refusal, state_of, write_npz
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.play import main as play
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
@@ -47,25 +44,7 @@ def csv(tmp_path, rows, *names):
     return path
 
 
-def bag(tmp_path, q, *topics, unstamped=False):
-    """A folder of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
-    state = store.types["sensor_msgs/msg/JointState"]
-    jitter = np.random.default_rng(3).integers(0, 1_000_000, len(q))
-    with Writer(tmp_path / "dance", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for topic in topics or ("/joint_states",):
-            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
-            for i, row in enumerate(q):
-                time = 10**18 + 5_000_000 * i + int(jitter[i])
-                sent = stamp(0, 0) if unstamped else stamp(*divmod(time, 10**9))
-                names = ["gripper", *lite().joint_names]
-                message = state(header(sent, ""), names, np.array([0.5, *row]), np.zeros(0), np.zeros(0))
-                writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
-    return tmp_path / "dance"
-
-
-def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
+def test_an_npz_becomes_a_motion_file(tmp_path, capsys):
     assert prepare(tmp_path, npz(tmp_path)) == 0
     motion = made(tmp_path)
     assert (motion.body_names, motion.policy_dt, motion.robot, motion.layout) == (BODIES, 0.02, "lite", "bodies_b")
@@ -73,8 +52,6 @@ def test_an_npz_becomes_a_file_that_plays(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "18 bodies fit" in printed
     assert "assumed, and confirmed by the bodies: --joint-order contract" in printed
-    options = ["--record", "none", "--html", "none", "--viewer", "none", "--duration", "7"]
-    assert play(["--policy", str(POLICY), "--motion", str(tmp_path / "out" / "dance.mcap"), *options]) == 0
 
 
 @pytest.mark.parametrize(
@@ -110,10 +87,9 @@ OFF = "bodies are off"
     ("changes", "reason"),
     [
         ({"joint_pos": ANGLES[:, LEAD]}, OFF),
-        ({"body_pos_w": ISAACS["body_pos_w"], "body_quat_w": ISAACS["body_quat_w"]}, OFF),
         ({"body_quat_w": np.roll(TURNS, -1, -1)}, OFF),
         ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
-        ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "bodies is nan in frame 0"),
+        ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "expected finite values in each frame"),
         ({"body_quat_w": 0.5 * TURNS}, "quaternions of norm 0.5"),
         ({"joint_vel": None}, "has no joint_vel"),
         ({"fps": np.array([0.0])}, "fps is 0"),
@@ -124,10 +100,6 @@ OFF = "bodies are off"
 def test_an_npz_that_is_not_this_robots_is_refused(tmp_path, capsys, changes, reason):
     assert reason in refusal(capsys, tmp_path, npz(tmp_path, **changes))
     assert not (tmp_path / "out").exists()
-
-
-def test_a_wider_tolerance_lets_a_small_error_through(tmp_path):
-    assert prepare(tmp_path, npz(tmp_path, body_pos_w=LIFTED), "--tolerance", "0.025") == 0
 
 
 def test_a_joint_that_is_faster_than_its_guard_allows_is_noted(tmp_path, capsys):
@@ -184,32 +156,16 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
         (ROWS, ("hip", *lite().joint_names[1:]), NAMED, "unknown column 'hip'"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
-        (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), [], "does not increase"),
+        (
+            np.concatenate([TIMES[::-1], ROWS], axis=1),
+            ("time", *lite().joint_names),
+            [],
+            "times that increase",
+        ),
     ],
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
-
-
-Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
-
-
-@pytest.mark.parametrize("unstamped", [False, True])
-def test_joint_states_of_another_robot_s_driver(tmp_path, capsys, unstamped):
-    path = bag(tmp_path, Q_200_HZ, unstamped=unstamped)
-    path = next(path.glob("*.mcap")) if unstamped else path
-    assert "add --resample" in refusal(capsys, tmp_path, path)
-    assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
-    motion = made(tmp_path)
-    assert motion.frames.shape == (50, 36)
-    assert motion.policy_dt == 0.02
-    np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
-
-
-def test_joint_states_that_are_not_enough(tmp_path, capsys):
-    several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
-    assert "expected one: /left, /right; --topic chooses" in refusal(capsys, tmp_path, several)
-    assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
 
 
 def test_nothing_is_replaced_unless_asked(tmp_path, capsys):

@@ -1,7 +1,6 @@
 """Checkpoints of W&B runs, by a stand-in for the part of the `wandb` package that is used."""
 
 import sys
-import threading
 import types
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from motion_samples import POLICY, joint_path, lite, state_of, write_npz
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare import main, wandb_run
+from humanoid_sim.prepare import main
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 
 RUN = "lab/arms/7xk2"
@@ -30,22 +29,14 @@ class File:
 
 @pytest.fixture
 def service(monkeypatch):
-    """The names of the run's files; an exception instead is raised, an event waited for."""
+    """The names of each run's files."""
     answer = {}
 
-    class Api:
-        def __init__(self, timeout):
-            assert timeout >= 1
-
-        def run(self, path):
-            if isinstance(answer[path], Exception):
-                raise answer[path]
-            if isinstance(answer[path], threading.Event):
-                answer[path].wait(20.0)
-            return types.SimpleNamespace(files=lambda: [File(name) for name in answer[path]])
+    def run(path):
+        return types.SimpleNamespace(files=lambda: [File(name) for name in answer[path]])
 
     module = types.ModuleType("wandb")
-    module.Api = Api
+    module.Api = lambda **_: types.SimpleNamespace(run=run)
     monkeypatch.setitem(sys.modules, "wandb", module)
     return answer
 
@@ -58,28 +49,20 @@ def test_the_newest_model_by_its_number_with_its_tensors(service, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("files", "name", "reason"),
+    ("files", "run", "name", "reason"),
     [
-        (["model_3.pt"], None, r"it has: model_3\.pt"),
-        (["a.onnx", "b.onnx"], None, "choose one with --wandb-file"),
-        (["../a.onnx"], None, "expected a name inside the run's folder"),
-        (["a.onnx"], "c.onnx", r"has no 'c\.onnx'; it has: a\.onnx"),
-        (ConnectionError("name resolution"), None, "run lab/arms/7xk2 cannot be read: name resolution"),
+        (["model_3.pt"], RUN, None, r"is missing, .*: model_3\.pt"),
+        (["a.onnx", "b.onnx"], RUN, None, "--wandb-file: is missing"),
+        (["../a.onnx"], RUN, None, r"is \.\./a\.onnx, expected a checkpoint of run"),
+        (["a.onnx"], RUN, "c.onnx", r"is c\.onnx, .*: a\.onnx"),
+        ([], "lab/arms/none", None, "run lab/arms/none cannot be read"),
     ],
 )
-def test_a_run_without_the_checkpoint(service, tmp_path, files, name, reason):
+def test_a_run_without_the_checkpoint(service, tmp_path, files, run, name, reason):
     service[RUN] = files
     with pytest.raises(InputError, match=reason):
-        fetch_checkpoint(RUN, name, tmp_path)
+        fetch_checkpoint(run, name, tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_no_answer_is_no_hang(service, tmp_path, monkeypatch):
-    monkeypatch.setattr(wandb_run, "WAIT", 0.6)
-    service[RUN] = event = threading.Event()
-    with pytest.raises(InputError, match=r"no answer within 0\.6 s"):
-        fetch_checkpoint(RUN, None, tmp_path)
-    event.set()
 
 
 def test_a_motion_for_a_run_s_checkpoint(service, tmp_path):
