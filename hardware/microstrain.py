@@ -13,7 +13,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from time import monotonic
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 import serial
@@ -23,6 +23,8 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.imu import LABEL_UP, OK, Imu, ImuReading, silent, upright_at_rest
 from humanoid_sim.mit import FloatArray
 
+Packet: TypeAlias = tuple[int, Mapping[int, bytes]]
+"""A packet's descriptor set, and its fields' data by descriptor."""
 _SYNC = b"\x75\x65"
 _BASE, _3DM = 0x01, 0x0C  # descriptor sets of commands
 SENSOR_DATA = 0x80  # descriptor set of a packet of measurements
@@ -36,13 +38,6 @@ _TIMEOUT = 0.1  # s without a sample after which the status is FAULT
 _ANSWER_TIME = 1.0  # s for a command's answer, and for a first sample
 _GRAVITY = 9.80665  # m/s² of one g, as the manual defines its unit
 _UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # the device's world has its z axis down
-
-
-class Packet(NamedTuple):
-    """A packet whose checksum was right."""
-
-    descriptor_set: int
-    fields: Mapping[int, bytes]  # data by descriptor
 
 
 def _checksum(data: bytes) -> bytes:
@@ -61,30 +56,22 @@ def encode_packet(descriptor_set: int, fields: Mapping[int, bytes]) -> bytes:
     return packet + _checksum(packet)
 
 
-class PacketReader:
-    """Finds packets in a stream that begins anywhere and loses bytes.
+def take_packets(buffer: bytearray) -> list[Packet]:
+    """Take the whole packets out of a stream that begins anywhere and loses bytes.
 
     After a wrong checksum it searches on right behind the sync bytes, so that a lost byte costs one packet.
     """
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    def feed(self, data: bytes) -> list[Packet]:
-        """Return the packets that these bytes complete."""
-        buffer = self._buffer
-        packets: list[Packet] = []
-        buffer += data
-        while True:
-            start = buffer.find(_SYNC)
-            del buffer[: start if start >= 0 else len(buffer) - buffer.endswith(_SYNC[:1])]
-            if start < 0 or len(buffer) < 4 or len(buffer) < 6 + buffer[3]:
-                return packets
-            whole = bytes(buffer[: 6 + buffer[3]])
-            is_sound = _checksum(whole[:-2]) == whole[-2:]
-            del buffer[: len(whole) if is_sound else 1]
-            if is_sound:
-                packets.append(Packet(whole[2], _fields(whole[4:-2])))
+    packets: list[Packet] = []
+    while True:
+        start = buffer.find(_SYNC)
+        del buffer[: start if start >= 0 else len(buffer) - buffer.endswith(_SYNC[:1])]
+        if start < 0 or len(buffer) < 4 or len(buffer) < 6 + buffer[3]:
+            return packets
+        whole = bytes(buffer[: 6 + buffer[3]])
+        is_sound = _checksum(whole[:-2]) == whole[-2:]
+        del buffer[: len(whole) if is_sound else 1]
+        if is_sound:
+            packets.append((whole[2], _fields(whole[4:-2])))
 
 
 def _fields(payload: bytes) -> dict[int, bytes]:
@@ -109,7 +96,7 @@ class MicrostrainImu(Imu):
         self._port, self._baudrate = port, baudrate
         self._mounting = np.array(mounting, dtype=np.float64)
         self._serial: serial.Serial | None = None
-        self._packets = PacketReader()
+        self._buffer = bytearray()
         self._received, self._latest = -math.inf, upright_at_rest(OK)
 
     def open(self) -> None:
@@ -117,7 +104,7 @@ class MicrostrainImu(Imu):
         self._received = -math.inf
         try:
             self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
-            _configure(self._serial, self._packets)
+            _configure(self._serial, self._buffer)
             deadline = monotonic() + _ANSWER_TIME
             while not self._receive(self._serial, 0.0):
                 if monotonic() > deadline:
@@ -140,9 +127,8 @@ class MicrostrainImu(Imu):
 
     def _receive(self, port: serial.Serial, time: float) -> bool:
         """Take what has come, or wait a little for it; True if there was a sample."""
-        readings = [
-            reading_of(packet, self._mounting) for packet in self._packets.feed(port.read(port.in_waiting or 1))
-        ]
+        self._buffer += port.read(port.in_waiting or 1)
+        readings = [reading_of(packet, self._mounting) for packet in take_packets(self._buffer)]
         found = [reading for reading in readings if reading is not None]
         if found:
             self._received, self._latest = time, found[-1]
@@ -154,37 +140,39 @@ class MicrostrainImu(Imu):
             self._serial = None
 
 
-def _configure(line: serial.Serial, reader: PacketReader) -> None:
+def _configure(line: serial.Serial, buffer: bytearray) -> None:
     """Let the device stream quaternion, angular rate and acceleration in one packet."""
-    _command(line, reader, _BASE, 0x02, b"", "Set To Idle")
-    rate = _command(line, reader, _3DM, 0x0E, bytes((SENSOR_DATA,)), "Get Data Base Rate").get(0x8E, b"")
+    _command(line, buffer, _BASE, 0x02, b"", "Set To Idle")
+    rate = _command(line, buffer, _3DM, 0x0E, bytes((SENSOR_DATA,)), "Get Data Base Rate").get(0x8E, b"")
     decimation = max(round(int.from_bytes(rate[1:], "big") / _RATE), 1)
     entries = b"".join(struct.pack(">BH", kind, decimation) for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
-    _command(line, reader, _3DM, 0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries, "Message Format")
-    _command(line, reader, _3DM, 0x11, bytes((_WRITE, SENSOR_DATA, 1)), "Data Stream Control")
-    _command(line, reader, _BASE, 0x06, b"", "Resume")
+    _command(line, buffer, _3DM, 0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries, "Message Format")
+    _command(line, buffer, _3DM, 0x11, bytes((_WRITE, SENSOR_DATA, 1)), "Data Stream Control")
+    _command(line, buffer, _BASE, 0x06, b"", "Resume")
 
 
 def _command(
-    line: serial.Serial, reader: PacketReader, descriptor_set: int, descriptor: int, data: bytes, name: str
+    line: serial.Serial, buffer: bytearray, descriptor_set: int, descriptor: int, data: bytes, name: str
 ) -> Mapping[int, bytes]:
     """Send a command; return the fields of the packet that acknowledges it."""
     line.write(encode_packet(descriptor_set, {descriptor: data}))
     deadline = monotonic() + _ANSWER_TIME
     while monotonic() < deadline:
-        for packet in reader.feed(line.read(256)):
-            answer = packet.fields.get(_ACK, b"")
-            if packet.descriptor_set == descriptor_set and answer[:1] == bytes((descriptor,)):
+        buffer += line.read(256)
+        for answered, fields in take_packets(buffer):
+            answer = fields.get(_ACK, b"")
+            if answered == descriptor_set and answer[:1] == bytes((descriptor,)):
                 if answer[1:] != b"\0":
                     raise RobotError(f"refuses {name}: error {answer[1:].hex()}")
-                return packet.fields
+                return fields
     raise RobotError(f"does not answer {name} within {_ANSWER_TIME:g} s: check its power, the port and the baud rate")
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
     """Return the reading in a packet; None unless it holds all three measurements, finite. `mounting` as above."""
-    data = b"".join(packet.fields.get(kind, b"") for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
-    if packet.descriptor_set != SENSOR_DATA or len(data) != 40:
+    descriptor_set, fields = packet
+    data = b"".join(fields.get(kind, b"") for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
+    if descriptor_set != SENSOR_DATA or len(data) != 40:
         return None
     values = np.array(struct.unpack(">10f", data))
     attitude, rate, force = values[:4], values[4:7], values[7:]

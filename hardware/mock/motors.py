@@ -167,22 +167,14 @@ class MockMotors:
                 self._switch_motor(fault, i, begins)
 
     def _switch_motor(self, fault: Fault, i: int, begins: bool) -> None:
-        motor, amount = self.motors[i], fault.amount
+        self._measure(i)
         match fault.kind:
-            case "over_temperature":
-                motor.sensed.temperature = amount if begins else ROOM_TEMPERATURE
-            case "motor_fault":
-                motor.sensed.overcurrent = begins
-            case "brown_out":
-                motor.sensed.voltage = amount if begins else SUPPLY_VOLTAGE
-                if amount < _OFF_VOLTAGE:
-                    self.set_power(i, not begins)
             case "stuck":
                 self.plant.jam(i, begins)
-            case "encoder_jump":
-                self._jump[i] += amount if begins else -amount
             case "wrong_id":
-                motor.can_id = int(amount) if begins else self._true_ids[i]
+                self.motors[i].can_id = int(fault.amount) if begins else self._true_ids[i]
+            case "brown_out" if fault.amount < _OFF_VOLTAGE:
+                self.set_power(i, not begins)
         self._changed(i)
 
     def _interfere(self, fault: Fault, bus: int) -> None:
@@ -196,10 +188,12 @@ class MockMotors:
                     self._reach_motors(bus, frame)
         self._at(self.time + 1.0 / fault.amount, partial(self._interfere, fault, bus))
 
-    def _amount(self, kind: str, i: int) -> float | None:
-        """Return the value of a fault in force on a motor; None without one."""
-        found = [fault.amount for fault in self._faults if fault.kind == kind and fault.affects(self.names[i])]
-        return found[-1] if found else None
+    def _amount(self, kind: str, i: int, otherwise: float) -> float:
+        """Return the value of the latest fault in force on a motor."""
+        for fault in reversed(self._faults):
+            if fault.kind == kind and fault.affects(self.names[i]):
+                return fault.amount
+        return otherwise
 
     # --- physics and motors
 
@@ -222,8 +216,12 @@ class MockMotors:
 
     def _measure(self, i: int) -> None:
         plant, sensed = self.plant, self.motors[i].sensed
+        self._jump[i] = self._amount("encoder_jump", i, 0.0)
         sensed.shaft = float(plant.shaft[i] + self._jump[i])
         sensed.velocity, sensed.torque = float(plant.velocity[i]), float(plant.torque[i])
+        sensed.temperature = self._amount("over_temperature", i, ROOM_TEMPERATURE)
+        sensed.voltage = self._amount("brown_out", i, SUPPLY_VOLTAGE)
+        sensed.overcurrent = bool(self._amount("motor_fault", i, 0.0))
 
     def _changed(self, i: int) -> None:
         """Put a motor's command in force, and report changes of its mode and faults."""
@@ -253,11 +251,12 @@ class MockMotors:
 
     def _send(self, i: int, frames: Iterable[Frame], time: float) -> None:
         """Send a motor's frames, unless a fault loses, delays or damages them."""
+        late, lost = self._amount("late", i, 0.0), self._amount("silent", i, 0.0)
+        length = int(self._amount("garbage", i, 8))
         for frame in frames:
-            lost, late, length = (self._amount(kind, i) for kind in ("silent", "late", "garbage"))
-            if lost is None or self._random.random() >= lost:
-                sent = frame if length is None else replace(frame, data=frame.data[: int(length)])
-                self._at(time + (late or 0.0), partial(self._arrive, self.bus_of[i], sent))
+            if self._random.random() >= lost:
+                sent = replace(frame, data=frame.data[:length])
+                self._at(time + late, partial(self._arrive, self.bus_of[i], sent))
 
     def _arrive(self, bus: int, frame: Frame) -> None:
         if not self._is_off(bus):

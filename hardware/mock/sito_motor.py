@@ -78,8 +78,9 @@ class SitoMotor:
         if not self.is_running:
             return Drive(limit=limit, origin=self.origin)
         command, gains = self.command, self.gains
-        target = command.position, command.velocity, command.effort
-        return Drive(*target, gains.stiffness, gains.damping, limit, self.origin)
+        return Drive(
+            command.position, command.velocity, command.effort, gains.stiffness, gains.damping, limit, self.origin
+        )
 
     def faults(self) -> str:
         """Return its faults in words; empty without any."""

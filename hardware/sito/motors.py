@@ -27,27 +27,21 @@ _FIRST_FEEDBACK = 0.5  # s at most from enabling to enough feedback
 _ENOUGH = 6  # frames of feedback, three of each kind, that are checked before anything is commanded
 _STRAY_EFFORT = 0.5  # N·m that a motor without gains or current may report: noise of the current's measurement
 _ROUND = 0.02  # s between two rounds of frames while feedback is awaited
-_RESETS = 3  # rounds of resets: none is acknowledged
 _SILENCE = 1.0  # s at most in which feedback must end after a reset
 _LIFETIME = 2.0  # control periods after which a command that has not left never leaves
 
 
 @dataclass(slots=True)
 class _Slot:
-    """Data received from one motor; written by one receiver thread, whole objects at a time."""
+    """Data received from one motor, NaN before the first; written by one receiver thread."""
 
-    feedback: tuple[float, protocol.Feedback] | None = None  # with its time, s, robot's clock
-    position: tuple[float, protocol.PositionFeedback] | None = None
+    velocity_time: float = np.nan  # s, robot's clock
+    position_time: float = np.nan
+    position: float = np.nan
+    velocity: float = np.nan
+    effort: float = np.nan
     invalid: Note = NEVER
     reports: int = 0  # frames of feedback 1 and 2
-
-    @property
-    def row(self) -> tuple[float, ...] | None:
-        """A row of `Readings`, its time that of the older frame; None: not both have come."""
-        if self.feedback is None or self.position is None:
-            return None
-        when = min(self.feedback[0], self.position[0])
-        return when, self.position[1].position, self.feedback[1].velocity, self.feedback[1].effort, np.nan
 
 
 class SitoMotors(MotorLink):
@@ -79,10 +73,10 @@ class SitoMotors(MotorLink):
         slot = self.slots[index]
         match protocol.decode(frame, self.motors.model[index]):
             case protocol.Feedback() as feedback:
-                slot.feedback = time, feedback
+                slot.velocity_time, slot.velocity, slot.effort = time, feedback.velocity, feedback.effort
                 slot.reports += 1
-            case protocol.PositionFeedback() as position:
-                slot.position = time, position
+            case protocol.PositionFeedback(position=position):
+                slot.position_time, slot.position = time, position
                 slot.reports += 1
             case None if kind in (MessageType.FEEDBACK_1, MessageType.FEEDBACK_2):
                 slot.invalid = Note(time, f"feedback with data '{frame.data.hex(' ')}'")
@@ -138,7 +132,7 @@ class SitoMotors(MotorLink):
         if self._watchdog is not None:
             self._watchdog.enabled()
         for i, slot in enumerate(self.slots):
-            slot.feedback = slot.position = None
+            slot.velocity_time = slot.velocity = slot.position_time = slot.position = np.nan
             slot.reports = 0
             (device_id, model), limp = self._targets[i], damping_frames(*self._targets[i], 0.0)
             self._enabled.add(i)
@@ -148,15 +142,14 @@ class SitoMotors(MotorLink):
         while self._line.clock() < end and any(slot.reports < _ENOUGH for slot in self.slots):
             self._wait(_ROUND)
             for i, slot in enumerate(self.slots):  # again and again: none is acknowledged
-                position = 0.0 if slot.position is None else slot.position[1].position
-                self._send(i, damping_frames(*self._targets[i], 0.0, position))
+                self._send(i, damping_frames(*self._targets[i], 0.0, _here(slot, 0.0)))
         for i, slot in enumerate(self.slots):
-            name, row = self.motors.names[i], slot.row
-            if row is None:
-                missing = "velocity" if slot.feedback is None else "position"
+            name = self.motors.names[i]
+            if np.isnan(slot.velocity + slot.position):
+                missing = "velocity" if np.isnan(slot.velocity) else "position"
                 checks.problem(name, f"sends no {missing} after it was enabled: is it there, with supply and this id?")
-            elif abs(row[3]) > _STRAY_EFFORT:
-                text = f"reports {row[3]:.2f} N·m with zero gains and zero current"
+            elif abs(slot.effort) > _STRAY_EFFORT:
+                text = f"reports {slot.effort:.2f} N·m with zero gains and zero current"
                 checks.problem(name, f"{text}: it ignores them while it is disabled, or another host commands it")
             else:
                 checks.passed(name, f"enabled, limp, feedback every {self._interval} ms")
@@ -175,8 +168,11 @@ class SitoMotors(MotorLink):
     # --- control
 
     def readings(self) -> Readings:
-        rows = [slot.row or (np.nan,) * 5 for slot in self.slots]
-        return Readings(*np.array(rows).reshape(-1, 5).T)
+        rows = np.full((5, self.motors.count), np.nan)
+        for i, slot in enumerate(self.slots):
+            older = np.minimum(slot.position_time, slot.velocity_time)  # NaN: not both have come
+            rows[:, i] = older, slot.position, slot.velocity, slot.effort, np.nan
+        return Readings(*rows)
 
     def findings(self, since: float) -> Iterator[Finding]:
         """See `MotorLink`: no frame that reports a fault is known."""
@@ -198,9 +194,9 @@ class SitoMotors(MotorLink):
             return
         batches: dict[int, list[tuple[Hashable, Frame]]] = {}
         for i, (position, velocity, effort, stiffness, damping) in enumerate(values.T.tolist()):
-            slot, (device_id, model) = self.slots[i], self._targets[i]
-            here = slot.position[1].position if stiffness == 0.0 and slot.position is not None else position
-            command = ((i, "command"), encode(Command(device_id, here, velocity, effort), model))
+            device_id, model = self._targets[i]
+            goal = _here(self.slots[i], position) if stiffness == 0.0 else position
+            command = ((i, "command"), encode(Command(device_id, goal, velocity, effort), model))
             gains = ((i, "gains"), encode(Gains(device_id, stiffness, damping), model))
             pair = [command, gains] if stiffness > self._stiffness[i] else [gains, command]
             self._stiffness[i] = stiffness
@@ -236,17 +232,16 @@ class SitoMotors(MotorLink):
             self._watchdog = None
 
     def _reset(self, motors: Iterable[int]) -> list[int]:
-        """Make motors limp and disable them; returns those whose feedback goes on."""
-        left = list(motors)
-        for _ in range(_RESETS if left else 0):
-            for i in left:
-                self._send(i, protocol.reset_frames(*self._targets[i]))
-            self._wait(0.001 * self._interval)
-        for channel in {self._channel(i) for i in left}:
-            channel.flush(_SILENCE)
-        end = self._line.clock() + _SILENCE
+        """Make motors limp and disable them, until their feedback ends; returns those whose feedback goes on."""
+        left, end = list(motors), self._line.clock() + _SILENCE
         while left and self._line.clock() < end:
             before = {i: self.slots[i].reports for i in left}
+            for i in left:
+                self._send(i, protocol.reset_frames(*self._targets[i]))
             self._wait(0.003 * self._interval)
             left = [i for i in left if self.slots[i].reports > before[i]]
         return left
+
+
+def _here(slot: _Slot, otherwise: float) -> float:
+    return otherwise if np.isnan(slot.position) else slot.position

@@ -68,6 +68,7 @@ class Watchdog:
                 start_new_session=True,  # a terminal's signals and its end are not for the child
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             )
+        self.pid = self._process.pid
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as plan:
             plan.write(msgspec.json.encode((motors, DAMPING_TIME)))
@@ -80,11 +81,6 @@ class Watchdog:
         if answer != BEAT:
             self._reap(0.0)
             raise RobotError(f"the watchdog does not start: {answer.decode() or 'it has ended'}")
-
-    @property
-    def pid(self) -> int:
-        """The id of the child's process."""
-        return self._process.pid
 
     def enabled(self) -> None:
         """Arm without a deadline: motors may be enabled without torque, and only the end of this process counts."""

@@ -63,13 +63,12 @@ def calibrate(config: Calibrate) -> int:
         sweeps = _sweep(wiring, link, chosen, judge)
     failed, swept = False, 0
     for i, sweep in sweeps.items():
-        name, number, direction = wiring.names[i], wiring.motor_id[i], int(wiring.direction[i])
-        (verdict, offset), old = judge(i, sweep), entries.get(name)
-        if offset is not None:
+        name, motor, (verdict, offset) = wiring.names[i], description.joints[i].motor, judge(i, sweep)
+        if offset is not None and motor is not None:
             swept += 1
-            is_same = old is not None and (old.id, old.direction) == (number, direction)
-            is_confirmed = is_same and old is not None and old.direction_confirmed
-            entries[name] = CalibrationEntry(number, direction, offset, is_confirmed)
+            old = entries.get(name, CalibrationEntry(motor.can_id, motor.direction))
+            is_confirmed = old.direction_confirmed and (old.id, old.direction) == (motor.can_id, motor.direction)
+            entries[name] = CalibrationEntry(motor.can_id, motor.direction, offset, is_confirmed)
         elif verdict in _WHY_NOT:
             failed = True
             bounds = f"{wiring.lower[i]:g} to {wiring.upper[i]:g} rad"

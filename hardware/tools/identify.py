@@ -22,6 +22,7 @@ from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import MotorDescription
 from humanoid_sim.session.realtime import real_time
 
 _PERIOD = 0.01  # s between commands
@@ -41,7 +42,8 @@ def identify(config: Identify) -> int:
     wiring = make_wiring(description, len(addresses))
     require_known("joint", (config.joint,), wiring.names)
     joint = wiring.names.index(config.joint)
-    motor_id, direction, limit = wiring.motor_id[joint], int(wiring.direction[joint]), wiring.effort_limit[joint]
+    wired, limit = description.joints[joint].motor, wiring.effort_limit[joint]
+    assert wired is not None
     if not 0.02 <= config.angle <= 0.5:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
     if not 0.0 < config.torque <= limit:
@@ -57,7 +59,7 @@ def identify(config: Identify) -> int:
         if joint not in wiring.unasked:
             bench.answer_of(link, joint, link.read_uids([joint]))
         print(
-            f"{config.joint}: motor {motor_id} on {addresses[wiring.channel[joint]]} will move it by "
+            f"{config.joint}: motor {wired.can_id} on {addresses[wiring.channel[joint]]} will move it by "
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
         bench.confirm("Is the arm supported and clear?", config.yes, "not moved")
@@ -66,16 +68,16 @@ def identify(config: Identify) -> int:
         with bench.limp_motors(link, alone, terms) as motor:
             moved, shifts = _move(config, wiring, joint, link, motor, before)
     print(
-        f"motor {motor_id} moved by {moved:+.3f} rad; with direction {direction:+d} "
-        f"that is {direction * moved:+.3f} rad of {config.joint}"
+        f"motor {wired.can_id} moved by {moved:+.3f} rad; with direction {wired.direction:+d} "
+        f"that is {wired.direction * moved:+.3f} rad of {config.joint}"
     )
     others = [i for i, shift in shifts.items() if abs(shift) >= _MOVED * config.angle]
     for i in others:  # a limp one may swing along
         complain(f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved too, by {shifts[i]:+.3f} rad")
-    if direction * moved < _MOVED * config.angle:
+    if wired.direction * moved < _MOVED * config.angle:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
         return ExitStatus.FAILED
-    is_stored = _store(config, entries, motor_id, direction, wiring.names)
+    is_stored = _store(config, entries, wired, wiring.names)
     return ExitStatus.of(is_stored and not others)
 
 
@@ -137,17 +139,18 @@ def _shares() -> Iterator[float]:
 
 
 def _store(
-    config: Identify, entries: dict[str, CalibrationEntry], motor_id: int, direction: int, names: tuple[str, ...]
+    config: Identify, entries: dict[str, CalibrationEntry], motor: MotorDescription, names: tuple[str, ...]
 ) -> bool:
     """Ask which way it went, and store the answer; False if a person denies the direction."""
-    name, old = config.joint, entries.get(config.joint)
+    name = config.joint
     if not sys.stdin.isatty():
         print(f"{name}: its direction is not stored: no person confirms it where standard input is not a terminal")
         return True
     is_confirmed = bench.answers_yes(f"Did {name} go the way of a rising angle in the robot's model?")
-    offset = old.homing_offset if old is not None and (old.id, old.direction) == (motor_id, direction) else None
+    old = entries.get(name, CalibrationEntry(motor.can_id, motor.direction))
+    offset = old.homing_offset if (old.id, old.direction) == (motor.can_id, motor.direction) else None
     if is_confirmed or offset is not None:
-        entries[name] = CalibrationEntry(motor_id, direction, offset, is_confirmed)
+        entries[name] = CalibrationEntry(motor.can_id, motor.direction, offset, is_confirmed)
         save_calibration(config.output, entries, names)
         print(f"wrote {config.output}: direction of {name} {'confirmed' if is_confirmed else 'not confirmed'}")
     if not is_confirmed:

@@ -7,9 +7,9 @@ import struct
 import threading
 import time
 import tty
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from humanoid_sim.hardware.microstrain import Packet, PacketReader, encode_packet
+from humanoid_sim.hardware.microstrain import encode_packet, take_packets
 
 BASE_RATE = 1000
 
@@ -55,19 +55,20 @@ class MockImu:
         return encode_packet(0x80, {k: struct.pack(f">{len(quantities[k])}f", *quantities[k]) for k in self.format})
 
     def _run(self) -> None:
-        reader = PacketReader()
+        buffer = bytearray()
         due = 0.0
         while not self._stop.is_set():
             if select.select([self._master], [], [], 0.001)[0]:
-                for packet in reader.feed(os.read(self._master, 256)):
-                    self._obey(packet)
+                buffer += os.read(self._master, 256)
+                for packet in take_packets(buffer):
+                    self._obey(*packet)
             if self._streaming and not self.mute and time.monotonic() >= due:
                 due = time.monotonic() + self.decimation / BASE_RATE
                 self.send(self.sample())
 
-    def _obey(self, packet: Packet) -> None:
-        for descriptor, data in packet.fields.items():
-            name = (packet.descriptor_set, descriptor)
+    def _obey(self, descriptor_set: int, commands: Mapping[int, bytes]) -> None:
+        for descriptor, data in commands.items():
+            name = (descriptor_set, descriptor)
             self.commands.append(name)
             if self.mute:
                 continue
@@ -85,4 +86,4 @@ class MockImu:
                 self.decimation = entries[0][1]
             elif name == (0x01, 0x06):
                 self._streaming = True
-            self.send(encode_packet(packet.descriptor_set, fields))
+            self.send(encode_packet(descriptor_set, fields))

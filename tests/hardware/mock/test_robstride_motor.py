@@ -49,7 +49,7 @@ def test_commands_act_only_while_it_is_enabled():
     assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(2):  # the old command does not come back
         assert lone.status(FrameType.ENABLE).mode is MotorMode.RUN
-        assert lone.motor.command is None, "enabling brings no torque by itself"
+        assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0), "enabling brings no torque by itself"
         lone.mit(1.0, 20.0)
         assert lone.motor.drive()[:5] == pytest.approx((1.0, 0.0, 0.0, 20.0, 0.0), abs=8e-3)
         assert lone.status(FrameType.STOP).mode is MotorMode.RESET
