@@ -25,8 +25,8 @@ else:
 _WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
 """Names, and the words that they send to the session."""
-_CALLS_AT_ONCE = 8
-_TURN = 0.05  # s that the executor waits for at most: what it finds came after the turn before
+_TURN = 0.05  # s that the executor waits for at most
+_SUSPENDED, _SETTLE = 0.2, 0.2  # s of a turn beyond which the process was suspended, and for which calls are old then
 
 _FAST_DDS = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -123,8 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _serve(session: int | None, profiles: Path) -> None:
     """Run a node on this machine until a signal, or the end of the session that is named."""
     import rclpy  # noqa: PLC0415 - a user's own
-    from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: PLC0415
-    from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # noqa: PLC0415
     from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
     from std_srvs.srv import Trigger  # noqa: PLC0415
 
@@ -135,29 +134,34 @@ def _serve(session: int | None, profiles: Path) -> None:
     domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (domain.isascii() and domain.isdigit() and int(domain) <= 232):  # Fast DDS would exit
         raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
-    begun = [monotonic_ns()]  # of the executor's turn: what a service is called for is as old as that
+    begun = turn = monotonic_ns()  # a call came after `begun`
+    settled = 0
 
     def respond(word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, session, begun[0])
+        response.success, response.message = answer(word, session, begun)
         return response
 
     try:
         rclpy.init(args=[])
         with network_on("lo"):
-            node, group = rclpy.create_node("mode_services", start_parameter_services=False), ReentrantCallbackGroup()
+            node = rclpy.create_node("mode_services", start_parameter_services=False)
             for name, word in SERVICES.items():
                 callback = lambda _, response, word=word: respond(word, response)  # noqa: E731
-                node.create_service(Trigger, name, callback, callback_group=group)
+                node.create_service(Trigger, name, callback)
     except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     except OSError as error:
         raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device lo: {error}") from None
-    executor = MultiThreadedExecutor(num_threads=_CALLS_AT_ONCE)
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
     print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)
     try:
         while rclpy.ok() and (session is None or find_session(session)):
-            begun[0] = monotonic_ns()
+            turn, before = monotonic_ns(), turn
+            if turn - before > 1e9 * _SUSPENDED:
+                settled = turn + round(1e9 * _SETTLE)
+            if turn >= settled:
+                begun = turn
             executor.spin_once(timeout_sec=_TURN)
     except (KeyboardInterrupt, ExternalShutdownException, SessionError):
         pass

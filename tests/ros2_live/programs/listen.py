@@ -4,8 +4,8 @@
 
 For so many seconds, and then, at most half a minute more, until the topics of UNTIL (separated by commas) were heard.
 
-Prints JSON: the topics that are there, with their types, and of each that was asked for the number of messages, those
-whose stamp was before the one before, and the last of each source.
+Prints JSON: the topics that are there, with their types, and of each that was asked for the number of messages, and the
+last of each source.
 """
 
 import importlib
@@ -38,7 +38,7 @@ def main():
     wanted = [sys.argv[start : start + 3] for start in range(3, len(sys.argv), 3)]
     rclpy.init()
     node = rclpy.create_node("stranger")
-    counts, backwards, stamps, last, kept = {}, {}, {}, {}, []
+    counts, last, kept = {}, {}, []
     for topic, kind, durability in wanted:
         package, _, name = kind.split("/")
         message_type = getattr(importlib.import_module(f"{package}.msg"), name)
@@ -48,14 +48,10 @@ def main():
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        counts[topic], backwards[topic], last[topic] = 0, 0, {}
+        counts[topic], last[topic] = 0, {}
 
         def heard(message, topic=topic):
             counts[topic] += 1
-            if hasattr(message, "header"):
-                stamp = message.header.stamp.sec, message.header.stamp.nanosec
-                backwards[topic] += stamp <= stamps.get(topic, (0, 0))
-                stamps[topic] = stamp
             last[topic][getattr(message, "source", "")] = message
 
         kept.append(node.create_subscription(message_type, topic, heard, qos))
@@ -70,7 +66,6 @@ def main():
                 "there": dict(node.get_topic_names_and_types()),
                 "writers": {topic: node.count_publishers(topic) for topic in counts},
                 "counts": counts,
-                "backwards": backwards,
                 "last": heard_last,
             }
         )
