@@ -119,15 +119,17 @@ class JointTracker:
         wiring, last, position = self._wiring, self._last, readings.position
         if last is not None:
             period = 2.0 * wiring.position_range
-            position = position + period * np.nan_to_num(np.round((last.position - position) / period))
+            periods = np.round((last.position - position) / period)
+            position = position + period * np.where(np.isfinite(periods), periods, 0.0)
             self.jumped = self.jumped | _has_jumped(last, readings._replace(position=position), wiring.fastest)
             self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = readings._replace(position=position)
+        is_known = np.isfinite(readings.time)
         return JointReadings(
-            time=np.nan_to_num(readings.time, nan=-np.inf),
+            time=np.where(is_known, readings.time, -np.inf),
             position=wiring.direction * (position + self._shift - wiring.offset),
-            velocity=wiring.direction * np.nan_to_num(readings.velocity),
-            effort=wiring.direction * np.nan_to_num(readings.effort),
+            velocity=np.where(is_known, wiring.direction * readings.velocity, 0.0),
+            effort=np.where(is_known, wiring.direction * readings.effort, 0.0),
         )
 
     def to_motor(self, position: FloatArray) -> FloatArray:

@@ -93,6 +93,8 @@ class WarningBit(IntFlag):
 
 def flag_names(flags: IntFlag) -> tuple[str, ...]:
     """Return names of the set bits in rising order, such as `stall_overload`; a bit without a name is `bit13`."""
+    if not flags:  # as in almost every tick, and naming is slow
+        return ()
     names = {int(member): str(member.name).lower() for member in type(flags)}
     bits = [shift for shift in range(int(flags).bit_length()) if int(flags) >> shift & 1]
     return tuple(names.get(1 << shift, f"bit{shift}") for shift in bits)
