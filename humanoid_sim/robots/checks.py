@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.robots.schema import MotorDescription, RobotDescription
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
@@ -20,44 +20,44 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
             yield f"joints[{i}]: has the same name '{joint.name}' as joints[{first}]"
         if joint.lower >= joint.upper:
             yield f"joints[{i}].upper: is {joint.upper:g}, expected more than lower, which is {joint.lower:g}"
-    yield from _motor_problems(robot)
     try:
         steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
     except InputError as error:
         yield f"simulation.{error}"
-    yield from _list_problems(robot)
-
-
-def _list_problems(robot: RobotDescription) -> Iterator[str]:
-    """Yield lists that are not as long as the joints, and poses beyond limits."""
-    lists: dict[str, tuple[float | None, ...]] = {
-        "damping_controller.damping": robot.damping_controller.damping,
-        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
-        "guards.following_effort": robot.guards.following_effort,
-        "guards.speed": robot.guards.speed or (),
-    }
-    lists = {place: values for place, values in lists.items() if values}  # these may be left out
-    poses = {"initial_position": robot.initial_position}
+    yield from _motor_problems({i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None})
     for name in ("standby_controller_a", "standby_controller_b"):
         standby = getattr(robot, name)
-        lists[f"{name}.target_stiffness"] = standby.target_stiffness
-        lists[f"{name}.target_damping"] = standby.target_damping
-        poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
+        yield from _length_problem(robot, f"{name}.target_stiffness", standby.target_stiffness)
+        yield from _length_problem(robot, f"{name}.target_damping", standby.target_damping)
         count, expected = len(standby.pose_segments), len(standby.segment_durations)
         if count != expected:
             yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
-    for place, values in (lists | poses).items():
-        if len(values) != robot.joint_count:
-            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
-    for place, pose in poses.items():
-        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
-            if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
-                limits = f"{joint.lower:g} to {joint.upper:g}"
-                yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {limits}"
+        for i, pose in enumerate(standby.pose_segments):
+            yield from _pose_problems(robot, f"{name}.pose_segments[{i}]", pose)
+    yield from _pose_problems(robot, "initial_position", robot.initial_position)
+    for name, values in {  # these may be left out
+        "damping_controller.damping": robot.damping_controller.damping,
+        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
+        "guards.following_effort": robot.guards.following_effort,
+        "guards.speed": robot.guards.speed,
+    }.items():
+        if values:
+            yield from _length_problem(robot, name, values)
 
 
-def _motor_problems(robot: RobotDescription) -> Iterator[str]:
-    motors = {i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None}
+def _length_problem(robot: RobotDescription, place: str, values: Sequence[float | None]) -> Iterator[str]:
+    if len(values) != robot.joint_count:
+        yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
+
+
+def _pose_problems(robot: RobotDescription, place: str, pose: Sequence[float]) -> Iterator[str]:
+    yield from _length_problem(robot, place, pose)
+    for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
+        if joint.lower < joint.upper and not joint.lower <= value <= joint.upper:
+            yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {joint.lower:g} to {joint.upper:g}"
+
+
+def _motor_problems(motors: dict[int, MotorDescription]) -> Iterator[str]:
     families = {MOTORS[motor.model].family for motor in motors.values() if motor.model in MOTORS}
     owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
     for i, motor in motors.items():
@@ -69,12 +69,8 @@ def _motor_problems(robot: RobotDescription) -> Iterator[str]:
             yield f"joints[{i}].motor.family: is {motor.family}, but a {motor.model} is of {family.name}"
         if problem := id_problem(family, motor.can_id, families):
             yield f"joints[{i}].motor.can_id: {problem}"
-        for name, value in (("torque_limit", motor.torque_limit), ("current_limit", motor.current_limit)):
-            if family.has_torque_limit and value is None:
-                yield f"joints[{i}].motor: misses '{name}'"
-            elif not family.has_torque_limit and value:
-                yield f"joints[{i}].motor.{name}: is {value:g}, but no such limit of {family.name} motors is known"
+        if family.has_torque_limit and (motor.torque_limit is None or motor.current_limit is None):
+            yield f"joints[{i}].motor: misses 'torque_limit' or 'current_limit'"
         first = owner.setdefault(motor.can_id, i)
         if first != i:
-            name = robot.joints[first].name
-            yield f"joints[{i}].motor.can_id: is {motor.can_id}, which is the id of joints[{first}] ({name})"
+            yield f"joints[{i}].motor.can_id: is {motor.can_id}, which is the id of joints[{first}]"

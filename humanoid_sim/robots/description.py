@@ -47,7 +47,15 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     `joints: {left_knee: {effort_limit: 60}}`. Raises `InputError` with file and fields, such as
     `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
-    path, label = _robot_file(str(name_or_path))
+    name, known = str(name_or_path), shipped_robots()
+    if name in known:
+        path, label = asset_path("robots", f"{name}.yaml"), f"{name}.yaml"
+    elif name.startswith(PREFIX):
+        path, label = public_mjcf(name), name
+    elif not os.path.exists(name):
+        raise InputError(f"{known_names('robot', name, known)}, {PREFIX}NAME; or a file that exists")
+    else:
+        path, label = regular_file(name, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name
     if path.suffix == ".urdf":
         raise InputError(
             f"{label}: is a URDF, which says neither whether the base floats nor where the IMU is; "
@@ -62,32 +70,15 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         return _described(document, path.resolve().parent)
 
 
-def _robot_file(name_or_path: str) -> tuple[Path, str]:
-    """Return a robot's file, and what to call it in messages."""
-    known = shipped_robots()
-    if name_or_path in known:
-        return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
-    if name_or_path.startswith(PREFIX):
-        return public_mjcf(name_or_path), name_or_path
-    if not os.path.exists(name_or_path):
-        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
-    return regular_file(name_or_path, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name_or_path
-
-
 def _described(document: Any, folder: Path) -> RobotDescription:
     """Return the robot of a YAML file in a folder, its fields checked."""
-    if not isinstance(document, dict):
-        raise InputError("is no robot description, expected a mapping with name, mjcf, joints, …")
-    if "folder" in document:
-        raise InputError("folder: is not a field of the file; give 'mjcf' relative to the file instead")
     with blaming("holds a number that is not finite", ValueError):
         json.dumps(document, allow_nan=False, default=str)
-    mjcf = document.get("mjcf")
-    if isinstance(mjcf, str):
-        if not is_file(folder / mjcf):
-            raise InputError(f"mjcf: '{mjcf}' is not a file beside the description")
-        if isinstance(document.get("joints", {}), dict):
-            document = _completed(document, folder / mjcf)
+    mjcf = document.get("mjcf") if isinstance(document, dict) else None
+    if not isinstance(mjcf, str) or not is_file(folder / mjcf):
+        raise InputError(f"mjcf: is {mjcf!r}, expected the name of an MJCF beside the description")
+    if isinstance(document.get("joints", {}), dict):
+        document = _completed(document, folder / mjcf)
     try:
         robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
     except msgspec.ValidationError as error:
@@ -106,7 +97,7 @@ def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
     changes = dict(document)
     for name, fields in changes.pop("joints", {}).items():
         require_known("joint", [name], described.joint_names, "joints: ")
-        if not isinstance(fields, dict) or "name" in fields:
+        if not isinstance(fields, dict):
             raise InputError(f"joints.{name}: is {fields!r}, expected fields to change, such as {{effort_limit: 60}}")
         whole["joints"][described.joint_names.index(name)].update(fields)
     pose = changes.get("initial_position")

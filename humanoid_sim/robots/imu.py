@@ -26,19 +26,16 @@ def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
     """
     sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
     gyros, frames = _with_sensor(model, sites, (_SENSOR.mjSENS_GYRO,)), _with_sensor(model, sites, _FRAME)
-    named = [i for i in sites if "imu" in model.site(i).name.lower()]
-    choices = (
+    named = [i for i in sites if "imu" in model.site(i).name.lower() and model.site_bodyid[i] == base]
+    for found, why in (
         ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
         (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
-        ([i for i in named if model.site_bodyid[i] == base], "a site of the base named like an IMU"),
+        (named, "a site of the base named like an IMU"),
         (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
-    )
-    for found, why in choices:
+    ):
         if found:
             return model.site(found[0]).name, why
-    others = ", ".join(model.site(i).name for i in dict.fromkeys((*gyros, *frames, *named)))
-    elsewhere = f"; other sites could be it: {others}" if others else ""
-    return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
+    return model.body(base).name, "no site of the model is clearly the IMU"
 
 
 def _with_sensor(model: mujoco.MjModel, sites: list[int], kinds: tuple[mujoco.mjtSensor, ...]) -> list[int]:
@@ -53,7 +50,6 @@ def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
     name, (found, why) = description.imu, find_imu(model, base)
     site = mujoco.mj_name2id(model, _SITE, name)
     body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
-    root = model.body(base).name
-    owner = f"the base '{root}'" if body.id == base else f"'{body.name}', not the base '{root}'"
-    frame = f"site '{name}' on {owner}" if site >= 0 else f"{owner} itself" if body.id == base else f"body {owner}"
-    return f"{frame} ({why if name == found else 'as it was given'})"
+    owner = "the base" if body.id == base else f"not the base '{model.body(base).name}'"
+    frame = f"site '{name}' on '{body.name}'" if site >= 0 else f"body '{name}'"
+    return f"{frame}, {owner} ({why if name == found else 'as it was given'})"

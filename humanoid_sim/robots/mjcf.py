@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -37,8 +37,8 @@ _PACKAGE = re.compile(r"package:/+([^/]+)/(.*)")
 def read_spec(path: Path) -> mujoco.MjSpec:
     """Read the editable model of an MJCF or a URDF, without a prefix that all names have in common.
 
-    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Raises `InputError`
-    with what is wrong, or which file is missing.
+    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Meshes of ROS
+    packages are found in the folders above the file. Raises `InputError` with what is wrong.
     """
     if mujoco.get_mju_user_warning() is None:  # else on stderr and in MUJOCO_LOG.TXT; `MjData.warning` still counts
         mujoco.set_mju_user_warning(lambda _: None)
@@ -52,47 +52,21 @@ def read_spec(path: Path) -> mujoco.MjSpec:
             word, folder = re.compile(rf"(?<!\S){re.escape(prefixes.pop())}"), spec.modelfiledir
             spec = mujoco.MjSpec.from_string(_ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), text))
             spec.modelfiledir = folder
-    _find_files(spec, path)
+    for asset in (*spec.meshes, *spec.textures):
+        if package := _PACKAGE.match(asset.file):
+            asset.file = str(_package_file(*package.groups(), path.resolve()))
     return spec
 
 
-def _find_files(spec: mujoco.MjSpec, path: Path) -> None:
-    """Point the meshes and textures of a model to files that exist. Raises `InputError` if some are missing.
-
-    `package://NAME/…` is in the folder above the file that is the package NAME, or has it; what is not in the model's
-    folder of meshes is looked up beside the file.
-    """
-    here, missing = path.resolve().parent, []
-    assets = [(spec.meshdir, mesh) for mesh in spec.meshes] + [(spec.texturedir, texture) for texture in spec.textures]
-    for folder, asset in assets:
-        if not asset.file:
-            continue
-        package = _PACKAGE.match(asset.file)
-        name = package[2] if package else asset.file
-        places = [here / folder / name, here / name, here / folder / Path(name).name]
-        if package:
-            places = [root / name for root in _package_folders(package[1], here)] + places
-        found = next((place for place in places if place.is_file()), None)
-        if found is None:
-            missing.append(f"{asset.file} (looked in {here / folder})")
-        elif package or found != here / folder / asset.file:
-            asset.file = str(found)
-    if missing:
-        more = f", nor {len(missing) - 1} more" if len(missing) > 1 else ""
-        raise InputError(f"{path}: does not find {missing[0]}{more}")
-
-
-def _package_folders(name: str, here: Path) -> list[Path]:
-    """Return the folders that may be the ROS package of this name: above `here`, or in one above."""
-    above = (here, *here.parents)
-    return [folder for folder in above if name in (folder.name, _package_name(folder))] + [f / name for f in above]
-
-
-def _package_name(folder: Path) -> str:
-    try:
-        return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
-    except (OSError, ElementTree.ParseError):
-        return ""
+def _package_file(package: str, name: str, model: Path) -> Path:
+    """Return the file of a ROS package: a folder above the model that is the package, or that has it."""
+    for above in model.parents:
+        manifest = above / "package.xml"
+        says_so = manifest.is_file() and f"<name>{package}</name>" in manifest.read_text(errors="replace")
+        place = (above if says_so or above.name == package else above / package) / name
+        if place.is_file():
+            return place
+    raise InputError(f"{model}: does not find package://{package}/{name}, expected the package above the model")
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -127,12 +101,10 @@ def describe_mjcf(path: Path) -> RobotDescription:
     if not joints:
         raise InputError(f"{path}: has no hinge joint, expected a robot")
     base = root_of(model, joints[0])
-    for i in joints:
-        if not model.joint(i).name:
-            body = model.body(model.jnt_bodyid[i]).name
-            raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
-    if not model.body(base).name:
-        raise InputError(f"{path}: the base, which carries '{model.joint(joints[0]).name}', has no name")
+    if not all(model.joint(i).name for i in joints) or not model.body(base).name:
+        raise InputError(
+            f"{path}: a hinge joint or its base has no name, expected names, as policies find joints by name"
+        )
     own, zeros = own_actuators(model), (0.0,) * len(joints)
     described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
     starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
@@ -179,10 +151,8 @@ def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
 
 def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
     """Return the MJCF's own step, s, unless it is too long or does not divide the control period."""
-    longest = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
-    own = float(model.opt.timestep)
-    try:
+    longest, own = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"], float(model.opt.timestep)
+    with suppress(InputError):
         steps_per_period(1.0 / SimulationSettings().control_frequency, own)
-    except InputError:
-        return longest
-    return min(own, longest)
+        return min(own, longest)
+    return longest

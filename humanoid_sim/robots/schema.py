@@ -1,7 +1,7 @@
 """Schema of a robot: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
 
 A description is one YAML file beside its MJCF model; `assets/robots/lite.yaml` is the example. The types say which
-values a field accepts, `humanoid_sim.robots.checks` what has to hold between fields.
+values a field accepts, `description_problems` what has to hold between fields.
 """
 
 from __future__ import annotations
@@ -140,7 +140,6 @@ class PianoSettings(_Part, frozen=True):
 
     @property
     def keys(self) -> frozenset[int]:
-        """The keys of any finger."""
         return frozenset(key for low, high in self.reach for key in range(low, high + 1))
 
 
@@ -191,23 +190,19 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
 
     @property
     def mjcf_path(self) -> Path:
-        """The MJCF model's absolute path."""
         folder = Path(self.folder) if self.folder else asset_path("robots")
         return (folder / self.mjcf).resolve()
 
     @property
     def joint_count(self) -> int:
-        """n, the number of joints."""
         return len(self.joints)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints' names in order."""
         return tuple(joint.name for joint in self.joints)
 
     @property
     def is_floating(self) -> bool:
-        """True if the base moves freely."""
         return self.base.type == "floating"
 
     @property
@@ -225,9 +220,9 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     def passive_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
         settings = self.remote_policy_controller
-        if not settings.damping and settings.damping_scalar is None:
-            return self.mode_damping
-        return _array(settings.damping or (settings.damping_scalar or 0.0,) * self.joint_count)
+        if settings.damping_scalar is None:
+            return _array(settings.damping) if settings.damping else self.mode_damping
+        return _array(settings.damping or (settings.damping_scalar,) * self.joint_count)
 
     def to_json(self) -> str:
         """Return the description as JSON on one line, without folder: what a recording keeps."""

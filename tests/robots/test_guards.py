@@ -50,7 +50,7 @@ def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy():
     assert RobotDescription.from_json(limited.to_json(), limited.folder) == limited
 
 
-def test_guards_that_do_not_watch_a_joint_are_named_with_the_reason():
+def test_guards_that_do_not_watch_a_joint_are_named():
     assert describe_unwatched(LITE) == describe_unwatched(BIPED) == ""
     bare = replace(BIPED.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf)
     robot = replace(BIPED, joints=(bare, *BIPED.joints[1:]), guards=GuardSettings(speed=None))

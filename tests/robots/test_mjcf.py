@@ -101,9 +101,9 @@ ARM = '<mujoco><worldbody><body{}><joint{}/><geom size="1"/></body></worldbody><
     [
         ("<mujoco><worldbody/></mujoco>", "has no hinge joint"),
         ("joints: []", "not a valid MJCF model"),
-        (ARM.format(' name="arm"', ""), "the joint of body 'arm' has no name"),
-        (ARM.format("", ' name="j"'), "the base, which carries 'j', has no name"),
-        (MESHES.format(LEG.format("leg.stl") + '<mesh file="1.stl"/>'), "does not find leg.stl"),
+        (ARM.format(' name="arm"', ""), "a hinge joint or its base has no name"),
+        (ARM.format("", ' name="j"'), "a hinge joint or its base has no name"),
+        (MESHES.format(LEG.format("leg.stl") + '<mesh file="1.stl"/>'), "does not compile: "),
         (MESHES.format(""), "does not compile: "),
     ],
 )
@@ -186,13 +186,13 @@ GYROS = '<gyro site="{}"/><gyro site="{}"/>'
 QUAT = '<framequat objtype="site" objname="b"/>'
 FOOT = '<framepos objtype="site" objname="foot"/>'
 IMUS = [
-    ({"pelvis": "a imu", "sensors": '<gyro site="a"/>'}, "site 'a' on the base 'pelvis'"),
-    ({"pelvis": "a", "torso": "b", "sensors": GYROS.format("b", "a")}, "site 'a' on the base 'pelvis'"),
+    ({"pelvis": "a imu", "sensors": '<gyro site="a"/>'}, "site 'a' on 'pelvis', the base"),
+    ({"pelvis": "a", "torso": "b", "sensors": GYROS.format("b", "a")}, "site 'a' on 'pelvis', the base"),
     ({"pelvis": "imu", "torso": "b", "sensors": GYROS.format("b", "camera")}, "site 'b' on 'torso', not the base"),
-    ({"pelvis": "imu", "torso": "b", "sensors": QUAT}, "site 'imu' on the base 'pelvis'"),
+    ({"pelvis": "imu", "torso": "b", "sensors": QUAT}, "site 'imu' on 'pelvis', the base"),
     ({"mount": "b", "torso": "foot", "sensors": QUAT + FOOT}, "site 'b' on 'mount', not the base 'pelvis'"),
-    ({"mount": "b", "torso": "c the_imu", "sensors": GYROS.format("b", "c")}, "the base 'pelvis' itself"),
-    ({}, "the base 'pelvis' itself"),
+    ({"mount": "b", "torso": "c the_imu", "sensors": GYROS.format("b", "c")}, "body 'pelvis', the base"),
+    ({}, "body 'pelvis', the base"),
 ]
 
 

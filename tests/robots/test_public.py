@@ -12,10 +12,9 @@ pytestmark = pytest.mark.peers
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("robot_descriptions:unitree_g1", "robot_descriptions:unitree_g1: unknown public robot; near: g1"),
-        ("robot_descriptions:talso", "unknown public robot; near: talos"),
-        ("robot_descriptions:zzzz", "unknown public robot; known: a1, "),
-        ("robot_descriptions:atlas_drc", "is there as a URDF only"),
+        ("robot_descriptions:unitree_g1", "near or known: g1"),
+        ("robot_descriptions:talso", "near or known: talos"),
+        ("robot_descriptions:zzzz", "near or known: a1, "),
         ("mine", "or a file that exists"),
     ],
 )
