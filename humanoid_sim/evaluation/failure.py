@@ -30,18 +30,18 @@ def total(values: npt.NDArray[Any]) -> FloatArray:
 
 def length(vectors: FloatArray) -> FloatArray:
     """Return the length of vectors along the last axis."""
-    return np.asarray(np.sqrt(total(vectors * vectors)))
+    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
 def rms(values: FloatArray) -> FloatArray:
     """Return the root mean square over the last axis."""
-    return np.asarray(np.sqrt(total(values * values) / values.shape[-1]))
+    return np.asarray(np.sqrt(np.vecdot(values, values) / values.shape[-1]))
 
 
 def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the angle between unit quaternions (..., 4) of either sign: shape (...), rad, in [0, π]."""
     # by the chord 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product
-    chord = a - np.copysign(1.0, total(a * b))[..., None] * b
+    chord = a - np.copysign(1.0, np.vecdot(a, b))[..., None] * b
     return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0)))
 
 

@@ -60,7 +60,7 @@ def metric(
 
 
 def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
-    return total(values * values)
+    return np.asarray(np.vecdot(values, values, dtype=np.float64))
 
 
 # ---- motions

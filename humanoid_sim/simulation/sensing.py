@@ -175,9 +175,10 @@ class Sensors:
             live[mit.HEIGHT_SCAN] = self._scanner.scan(sensordata[..., self._scan])
         sampled = time if isinstance(time, float) else 0.0
         position = qpos[..., self._qpos]
-        acceleration = np.broadcast_to(self._gravity, (*effort.shape[:-1], 3))
         if self._acceleration is not None:
             acceleration = sensordata[..., self._acceleration]
+        else:
+            acceleration = self._gravity if effort.ndim == 1 else np.broadcast_to(self._gravity, (len(effort), 3))
         return MITState(
             time=time,
             joint_position=position if encoder_offset is None else position + encoder_offset,
