@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from humanoid_sim import mit
 from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
-from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
-from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.starts import EpisodeStarts
 from humanoid_sim.envs.tasks import Task
 from humanoid_sim.errors import InputError, blaming, require_known
@@ -22,7 +20,6 @@ from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, required_contract, zero_policy
 from humanoid_sim.policy.layers import join
-from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.own import read_contract_file
 from humanoid_sim.policy.song import load_song, song_motion
@@ -34,9 +31,9 @@ from humanoid_sim.simulation.sensing import live_inputs
 
 Named = str | Path
 """Name of a file that ships with the package, or a path."""
-Motions = Named | Motion | Sequence[Named | Motion]
 RewardTerm = tuple[float, Callable[[StepSample], FloatArray | float]]
 """A weight, 1/s, and the term's value of a policy step: shape (...), or one number for all robots."""
+Config = TypeVar("Config", bound=Any)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +44,8 @@ class PolicyEnvConfig:
     """A checkpoint (.onnx), a contract file (.yaml) or a `PolicyContract`."""
     robot: Named | RobotDescription
     """A shipped robot, a description (.yaml) or an MJCF."""
-    motion: Motions | None = None
-    """A sample motion, a file, of a piano policy a song or MIDI file; several, of which each episode has one; None: the
-    one in the checkpoint, or none."""
+    motion: Named | Motion | None = None
+    """A sample motion, a file, of a piano policy a song or MIDI file; None: the one in the checkpoint, or none."""
     task: str = "auto"
     """A key of `humanoid_sim.envs.tasks.TASKS`; `auto`: the one that policy and motion are made for."""
     rewards: Mapping[str, float | RewardTerm] = field(default_factory=dict)
@@ -70,20 +66,13 @@ class PolicyEnvConfig:
     """How the robots of different episodes differ."""
     guards: bool = True
     """The guards of the control stack end an episode as they end LOCOMOTION."""
-    action_limit: float | None = None
-    """Largest magnitude of a raw action, beyond which the policy has failed; None: the contract's, or 100."""
-    live: Mapping[str, LiveInput] = field(default_factory=dict)
-    """By name, makers of the live inputs that the contract declares: of an `MITState` a value (..., width)."""
 
     def __post_init__(self) -> None:
-        """Check the numbers. Raises `InputError`."""
         for name in ("joint_noise", "velocity_noise"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name}: is {getattr(self, name)!r}, expected a finite number >= 0")
         if self.max_episode_steps is not None and self.max_episode_steps < 1:
             raise InputError(f"max_episode_steps: is {self.max_episode_steps!r}, expected a whole number >= 1")
-        if self.action_limit is not None and not 0.0 < self.action_limit < 1e38:
-            raise InputError(f"action_limit: is {self.action_limit!r}, expected a finite number > 0")
 
 
 CONFIGS: Mapping[str, PolicyEnvConfig] = {
@@ -92,8 +81,6 @@ CONFIGS: Mapping[str, PolicyEnvConfig] = {
     "lite_piano": PolicyEnvConfig(policy="lite_piano_task", robot="lite_piano", motion="ode_to_joy"),
 }
 """Those of the registered environments."""
-
-Config = TypeVar("Config", bound=Any)
 
 
 def changed(config: Config, options: Mapping[str, Any]) -> Config:
@@ -115,19 +102,13 @@ class Scenario:
     """Parts of an environment that do not depend on how many robots there are."""
 
     config: PolicyEnvConfig
-    description: RobotDescription
-    """The robot, with the contract's gains, in the contract's default pose."""
-    wiring: PolicyWiring
-    """Observations and commands of the policy, by the functions of the deployed controller."""
+    description: RobotDescription  # with the contract's gains, in the contract's default pose
+    wiring: PolicyWiring  # observations and commands of the policy, by the functions of the deployed controller
     task: Task
     starts: EpisodeStarts
-    policy: Policy
-    """The checkpoint's; one that answers zeros where there is only a contract."""
-    contract_as_read: PolicyContract
-    """Contract of the policy, before the robot's own limits went into it."""
-    motion: Motions | None
-    """What the policy was given to follow, songs as the goals that they came to."""
-    live: LiveInputs
+    policy: Policy  # the checkpoint's; one that answers zeros where there is only a contract
+    contract_as_read: PolicyContract  # before the robot's own limits went into it
+    motion: Motion | None  # a song as the goals that it came to
     guards: Guards | None
 
     @property
@@ -147,28 +128,21 @@ class Scenario:
         )
 
 
-def build_scenario(config: PolicyEnvConfig, *, motion_source: str = "motion") -> Scenario:
-    """Read what is named, and check that it fits together. Raises `InputError`.
-
-    `motion_source` names a motion that is given itself.
-    """
+def build_scenario(config: PolicyEnvConfig) -> Scenario:
+    """Read what is named, and check that it fits together. Raises `InputError`."""
     described = config.robot if isinstance(config.robot, RobotDescription) else load_robot(config.robot)
     checkpoint = checkpoint_of(config.policy, described.joint_names)
-    motion = _with_songs(config.motion, checkpoint.contract, described)
-    loaded = read_policy(checkpoint, motion, motion_source)
+    motion = motion_of(config.motion, checkpoint, described)
+    loaded = checkpoint.with_motion(motion)
     contract = with_joint_limits(loaded.contract, described)
     description = with_contract(described, contract)
     with blaming(f"policy on robot '{description.name}'"):
-        live = LiveInputs(contract, config.live)
-        reported = live_inputs(description, observed_by(contract))
-        provided = {mit.VELOCITY_COMMAND: 3, **reported, **live.widths}
+        provided = {mit.VELOCITY_COMMAND: 3, **live_inputs(description, observed_by(contract))}
         extern = {name: width for name, width in loaded.extern.items() if name in provided}
-        wiring = PolicyWiring(description.joint_names, contract, loaded.reference, extern, config.action_limit)
+        wiring = PolicyWiring(description.joint_names, contract, loaded.reference, extern)
     context = StepContext(description, contract, loaded.reference)
     task = Task(config, context)
-    noise = config.joint_noise, config.velocity_noise
-    model = build_model(description, scene="floor")
-    starts = EpisodeStarts(context, model, noise, task.commands, task.command_draws)
+    starts = EpisodeStarts(config, context, build_model(description, scene="floor"), task)
     context.standing_height = starts.standing_height
     return Scenario(
         config=config,
@@ -179,7 +153,6 @@ def build_scenario(config: PolicyEnvConfig, *, motion_source: str = "motion") ->
         policy=loaded.policy,
         contract_as_read=loaded.contract,
         motion=motion,
-        live=live,
         guards=guards_of(description) if config.guards else None,
     )
 
@@ -206,29 +179,13 @@ def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 
-def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
-    """Return the motions with goals in the place of songs and MIDI files, as far as the robot plays them."""
-    if contract.task_type != "piano" or motion is None or isinstance(motion, Motion):
+def motion_of(motion: Named | Motion | None, checkpoint: Checkpoint, robot: RobotDescription) -> Motion | None:
+    """Return what a policy follows: a motion, or a song as far as the robot plays it; None for the checkpoint's own."""
+    task_type = checkpoint.contract.task_type
+    if task_type == "locomotion" and motion is not None:
+        raise InputError(f"motion: is '{motion}', but {checkpoint.source} follows no motion")
+    if motion is None or isinstance(motion, Motion):
         return motion
-    if not isinstance(motion, str | Path):
-        return [cast("Named | Motion", _with_songs(one, contract, robot)) for one in motion]
-    if str(motion) not in sample_songs() and not str(motion).endswith((".mid", ".midi")):
-        return motion
-    return song_motion(load_song(str(motion), robot, what="motion"), contract.policy_dt, robot)
-
-
-def read_policy(checkpoint: Checkpoint, motion: Motions | None, motion_source: str = "motion") -> LoadedPolicy:
-    """Return a policy with what it follows: one motion, or several, one after the other. Raises `InputError`."""
-    if motion is not None and not isinstance(motion, str | Path | Motion):
-        if not motion or checkpoint.motion is not None:
-            raise InputError(f"motion: is {len(motion)} of them, and {checkpoint.source} expects one, or its own")
-        loaded = [read_policy(checkpoint, one, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
-        with blaming("motion"):
-            return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
-    followed = motion if isinstance(motion, Motion) else checkpoint.motion
-    source = motion_source if isinstance(motion, Motion | None) else str(motion)
-    if isinstance(motion, str | Path):
-        followed = read_motion(motion_path(str(motion)))
-    if checkpoint.contract.task_type == "locomotion" and motion is not None:
-        raise InputError(f"motion: is '{source}', but {checkpoint.source} follows no motion")
-    return checkpoint.with_motion(followed, source)
+    if task_type == "piano" and (str(motion) in sample_songs() or str(motion).endswith((".mid", ".midi"))):
+        return song_motion(load_song(str(motion), robot, what="motion"), checkpoint.contract.policy_dt, robot)
+    return read_motion(motion_path(str(motion)))

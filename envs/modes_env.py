@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium.spaces import Discrete
 
 from humanoid_sim.controllers.supervisor import SupervisorMemory
-from humanoid_sim.envs.config import Named, changed, checkpoint_of, observed_by, read_policy
+from humanoid_sim.envs.config import Named, changed, checkpoint_of, motion_of, observed_by
 from humanoid_sim.envs.display import RENDER_MODES, Display
 from humanoid_sim.envs.spaces import (
     INTENTS,
@@ -41,19 +41,17 @@ class ModesEnvConfig:
     """The stack of an environment."""
 
     robot: Named | RobotDescription
-    policy: Named | None = None
-    """Of LOCOMOTION, a checkpoint (.onnx); None for a stack without LOCOMOTION."""
-    motion: Named | Motion | None = None
-    """What it follows."""
-    max_episode_steps: int = 12_000
-    """Control ticks after which an episode is truncated."""
+    policy: Named | None = None  # of LOCOMOTION, a checkpoint (.onnx); None for a stack without LOCOMOTION
+    motion: Named | Motion | None = None  # that it follows
+    max_episode_steps: int = 12_000  # control ticks after which an episode is truncated
 
     def read(self) -> tuple[RobotDescription, LoadedPolicy | None, SimConfig]:
         """Return the robot, its policy, and a simulation that reports what this observes."""
         description = self.robot if isinstance(self.robot, RobotDescription) else load_robot(self.robot)
         if self.policy is None:
             return description, None, SimConfig()
-        loaded = read_policy(checkpoint_of(self.policy, description.joint_names), self.motion)
+        checkpoint = checkpoint_of(self.policy, description.joint_names)
+        loaded = checkpoint.with_motion(motion_of(self.motion, checkpoint, description))
         return with_contract_physics(description, loaded.contract), loaded, observed_by(loaded.contract)
 
 
@@ -86,7 +84,6 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self.observation_space = modes_observation_space(description)
         self._memory: SupervisorMemory | None = None
         self._velocity: FloatArray = np.zeros(3)
-        self._sound = self.robot.state()
         self._steps = 0
 
     def reset(
@@ -123,11 +120,8 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         return self._observe(output), reward, output.quit, is_late, step_info(output, self.robot.time)
 
     def _observe(self, output: TickOutput | None) -> dict[str, Any]:
-        """Return the observation; of a simulation that is no longer sound the last state in which it was."""
         state, safety = self.robot.read()
-        if not self.robot.fault:
-            self._sound = state
-        return modes_observation(self._sound, output, safety)
+        return modes_observation(state, output, safety)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window shows itself."""

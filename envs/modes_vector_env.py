@@ -25,7 +25,7 @@ from humanoid_sim.envs.spaces import (
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import state_rows
 from humanoid_sim.messages import SafetyLevel, SafetyStatus, TickOutput
-from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, FloatArray, MITCommand
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.stack import build_supervisor
 
@@ -60,7 +60,6 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
         self._memories: list[SupervisorMemory] = []
         self._velocity: FloatArray = np.zeros((num_envs, 3))
         self._steps, self._is_over = np.zeros(num_envs, dtype=np.int64), np.zeros(num_envs, dtype=np.bool_)
-        self._sound: list[MITState] = []
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -71,7 +70,6 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
         self._velocity = velocity_option(given.get("command", np.zeros(3)), self.num_envs)
         self._memories = [self.supervisor.initial()] * self.num_envs
         self._begin(np.ones(self.num_envs, dtype=np.bool_))
-        self._sound = [self.simulation.state()] * self.num_envs
         return self._report([None] * self.num_envs)
 
     def _begin(self, over: BoolArray) -> None:
@@ -112,9 +110,7 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
         state, fault = self.simulation.state(), self.simulation.fault
         rows, infos = [], dict[str, Any]()
         for i, output in enumerate(outputs):
-            if not fault[i]:
-                self._sound[i] = state_rows(state, i)
-            rows.append(modes_observation(self._sound[i], output, _BROKEN if fault[i] else _OK))
+            rows.append(modes_observation(state_rows(state, i), output, _BROKEN if fault[i] else _OK))
             time = float(self._steps[i]) * self.simulation.control_period
             info = first_info(self._memories[i]) if output is None else step_info(output, time)
             infos = self._add_info(infos, info, i)

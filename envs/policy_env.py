@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_config
 from humanoid_sim.envs.display import RENDER_MODES, Display
 from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
@@ -37,16 +36,13 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     `reset` takes these options:
 
     - `command`: vx, vy in m/s and yaw rate in rad/s, held for the whole episode; or several such rows, each for 5 s.
-    - `qpos`, `qvel`, `warmstart`, `memory`: the simulation's and the policy's state, to begin where a run is.
+    - `qpos`, `qvel`, `warmstart`: the simulation's state, to begin where a run is.
     """
 
     metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, config: PolicyEnvConfig | str, *, render_mode: str | None = None, **options: Any) -> None:
-        """Build the robot of a configuration, or of a name in `CONFIGS`; `options` change some of its fields.
-
-        Raises `InputError` for what cannot be read, or does not fit.
-        """
+        """Build the robot of a configuration, or of a name in `CONFIGS`; `options` change some of its fields."""
         self.config = config = policy_config(config, options)
         if config.implicit:
             raise InputError("implicit: is for many robots at once, expected a vector environment (make_vec)")
@@ -69,7 +65,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; the same seed gives the same start. Raises `InputError` for an option that is not known."""
         super().reset(seed=seed)
-        scenario, given = self.scenario, reset_options(options, ("command", "qpos", "qvel", "warmstart", "memory"))
+        scenario, given = self.scenario, reset_options(options, ("command", "qpos", "qvel", "warmstart"))
         if self._randomisation.differs:
             self.robot.vary(self._randomisation, self.np_random)
         start = scenario.starts(self.np_random.random(scenario.starts.draws))
@@ -77,12 +73,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self.robot.reset(given.get("qpos", start.qpos), given.get("qvel", start.qvel), given.get("warmstart"))
         self._steps = 0
         velocity = scenario.task.command(self._commands, 0)
-        self._loop = loop = ClosedLoop(
-            self.robot, scenario.wiring, velocity, scenario.live, scenario.guards, int(start.frame)
-        )
-        memory: PolicyMemory | None = given.get("memory")
-        if memory is not None:
-            loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
+        self._loop = loop = ClosedLoop(self.robot, scenario.wiring, velocity, scenario.guards)
         self._observation = loop.observation
         self._display.show(self.robot.data.qpos)
         return self._observation.copy(), {"frame": int(loop.memory.frame)}

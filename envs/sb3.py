@@ -48,7 +48,7 @@ class Sb3VecEnv(VecEnv):
         self.envs.close()
 
     def get_images(self) -> Sequence[Any]:
-        return list(self.envs.render() or [None] * self.num_envs)
+        return [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [getattr(self._whole, attr_name)] * len(list(self._get_indices(indices)))

@@ -26,21 +26,17 @@ _STATE = tuple(field.name for field in fields(MITState) if field.name not in ("t
 def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
     """Return the space of raw actions, shape (m,).
 
-    Targets from `lower - effort_limit / K_p` to `upper + effort_limit / K_p`: beyond, an action changes nothing. Up to
-    the limit of the raw action where a joint has no limits or no stiffness.
+    Targets from `lower - effort_limit / K_p` to `upper + effort_limit / K_p`: beyond, an action changes nothing. Where
+    a joint has no limits or no stiffness, up to the limit of the raw action.
     """
     actions, driven = wiring.action_map, wiring.action_map.indices
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = description.effort_limit[driven] / actions.stiffness[driven]
         ends = np.stack([description.lower[driven] - reach, description.upper[driven] + reach])
         raw = np.sort((ends - actions.offset) / actions.scale, axis=0)
-    exact = min(wiring.limit, actions.clip)
-    limit = np.float32(exact)
-    if limit > np.float64(exact):  # rounded up: the bound itself would be refused
-        limit = np.nextafter(limit, np.float32(0.0))
+    limit = np.float32(min(wiring.limit, actions.clip))
     low, high = np.where(np.isfinite(raw), np.clip(raw, -limit, limit), [[-limit], [limit]]).astype(np.float32)
-    is_useless = low >= high  # the whole range lies beyond the limit
-    return Box(np.where(is_useless, -limit, low), np.where(is_useless, limit, high), dtype=np.float32)
+    return Box(low, high, dtype=np.float32)
 
 
 def observation_space(wiring: PolicyWiring) -> Box:
@@ -94,18 +90,14 @@ def modes_observation_space(description: RobotDescription) -> Dict:
 
 
 def modes_observation(state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
-    """Return an operator's view.
+    """Return an operator's view: fields of the report, of the latest tick's output (None before the first), of safety.
 
-    Args:
-        state: the robot's report: its fields but time and live inputs.
-        output: of the latest tick, None before the first: the mode's number, the standby's segment (from 1, 0 outside
-            of STANDBY), its progress in [0, 1] and whether it has finished.
-        safety: of all sources: the level's number, and 0 or 1 for each flag in the order of their bits.
+    A value that is not a number, of a simulation that is no longer sound, is 0. The standby's segment counts from 1.
     """
     merged = merge_safety(safety)
     standby = None if output is None else output.standby
     return {
-        **{name: np.array(getattr(state, name)) for name in _STATE},
+        **{name: np.nan_to_num(getattr(state, name)) for name in _STATE},
         "mode": np.int64(Mode.ZERO_TORQUE if output is None else output.control_mode.mode),
         "standby_segment": np.int64(0 if standby is None else standby.current_segment + 1),
         "standby_progress": np.array([0.0 if standby is None else standby.progress]),

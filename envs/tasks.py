@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,12 +32,9 @@ _ANCHORED = ("anchor_position", "anchor_orientation")
 class TaskKind:
     """A task, for any robot that it fits."""
 
-    rewards: Mapping[str, float]
-    """Weights, 1/s, of rows of `METRICS`, beside those of `_EVERY`."""
-    reference: str = ""
-    """Term of the reference that it follows, to the motion's end; empty: none, for a time."""
-    is_commanded: bool = False
-    """Velocity commands are drawn."""
+    rewards: Mapping[str, float]  # weights, 1/s, of rows of `METRICS`, beside those of `_EVERY`
+    reference: str = ""  # term of the reference that it follows, to the motion's end; empty: none, for a time
+    is_commanded: bool = False  # velocity commands are drawn
 
 
 _EVERY = {"action_change": -0.02, "effort_share": -0.05, "joint_stops": -2.0}
@@ -47,39 +43,29 @@ _MOTION = {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 
 _PIANO = {"recall": 0.5, "no_wrong_key": 0.5, "power": -0.0005}
 _VELOCITY = {"linear_velocity": 1.0, "yaw_rate": 0.5}
 _UPRIGHT = {"vertical_velocity": -1.0, "rocking": -0.05, "lean": -1.0, "alive": 0.5}
-TASKS: Mapping[str, TaskKind] = MappingProxyType(
-    {
-        "tracking": TaskKind(_TRACKING, "motion_body_pos_b"),
-        "motion": TaskKind(_MOTION, "reference_joint_pos"),
-        "piano": TaskKind(_PIANO, "target_keys"),
-        "velocity": TaskKind({**_VELOCITY, **_UPRIGHT}, is_commanded=True),
-        "balance": TaskKind({"alive": 1.0, "joint_speed": -0.001}),
-    }
-)
+TASKS: Mapping[str, TaskKind] = {
+    "tracking": TaskKind(_TRACKING, "motion_body_pos_b"),
+    "motion": TaskKind(_MOTION, "reference_joint_pos"),
+    "piano": TaskKind(_PIANO, "target_keys"),
+    "velocity": TaskKind({**_VELOCITY, **_UPRIGHT}, is_commanded=True),
+    "balance": TaskKind({"alive": 1.0, "joint_speed": -0.001}),
+}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+class Judgement(NamedTuple):
     """Judgement of a policy step by a task; every array is shape (...)."""
 
-    reward: FloatArray
-    """The sum of the terms."""
-    terms: Mapping[str, FloatArray]
-    """By reward term: weight times value times `policy_dt`."""
-    terminated: BoolArray
-    """The robot has failed."""
-    truncated: BoolArray
-    """The motion has ended, or the time is up."""
+    reward: FloatArray  # the sum of the terms
+    terms: Mapping[str, FloatArray]  # by reward term: weight times value times `policy_dt`
+    terminated: BoolArray  # the robot has failed
+    truncated: BoolArray  # the motion has ended, or the time is up
 
 
 class Task:
     """One task for one robot and contract. Its methods are functions of their arguments."""
 
     def __init__(self, config: PolicyEnvConfig, context: StepContext) -> None:
-        """Choose rewards and terminations.
-
-        Raises `InputError` if there is no such task or metric, or it needs what robot and motion do not have.
-        """
+        """Choose rewards and terminations. Raises `InputError` for what robot and motion do not have."""
         self.context = context
         contract, reference, robot = context.contract, context.reference, context.description
         kind = _kind(config.task, context)
@@ -101,10 +87,10 @@ class Task:
         self._follows_motion = bool(kind.reference)
         steps = config.max_episode_steps or round(_EPISODE_SECONDS / contract.policy_dt)
         if kind.reference:
-            longest = max(reference.lengths or (reference.frame_count,)) - 1
+            longest = reference.frame_count - 1
             steps = min(config.max_episode_steps or longest, longest)
         self.episode_steps = steps
-        """Policy steps after which an episode is truncated; of several motions, those of the longest."""
+        """Policy steps after which an episode is truncated."""
         ranges = _RANGES if contract.command_ranges is None else contract.command_ranges
         self._low, self._width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
         self._hold = max(round(_COMMAND_SECONDS / contract.policy_dt), 1)
@@ -135,12 +121,10 @@ class Task:
     def judge(self, sample: StepSample) -> Judgement:
         """Return the reward, and whether the episode is over."""
         terms = {name: rate * values(self.context, sample) for name, rate, values in self._terms}
-        reward = np.zeros(sample.torque.shape[:-1])
-        for term in terms.values():
-            reward = reward + term
+        reward = sum(terms.values(), start=np.zeros(sample.torque.shape[:-1]))
         is_last = np.asarray(sample.step) >= self.episode_steps
         if self._follows_motion:
-            is_last = is_last | (np.asarray(sample.frame) >= self.context.reference.last(sample.frame))
+            is_last = is_last | (np.asarray(sample.frame) >= self.context.reference.frame_count - 1)
         return Judgement(reward, terms, self.failed(sample), is_last)
 
     def failed(self, sample: StepSample) -> BoolArray:

@@ -44,7 +44,7 @@ def record_trace(
     rows: list[dict[str, Any]] = []
     with closing(simulation):
         simulation.reset(qpos=start.qpos, qvel=start.qvel)
-        loop = ClosedLoop(simulation, scenario.wiring, start.commands[:, fastest], scenario.live)
+        loop = ClosedLoop(simulation, scenario.wiring, start.commands[:, fastest])
         while len(rows) < min(steps, scenario.task.episode_steps) and not simulation.fault.any():
             observation, state = loop.observation.copy(), loop.state
             action = policy(observation)

@@ -12,18 +12,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_config
-from humanoid_sim.envs.display import PICTURE
 from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
-from humanoid_sim.rendering.pictures import PoseRenderer
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.randomisation import Randomisation
 
 Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+_MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 
 
 class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
@@ -33,10 +31,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
     starts, states equal to 1e-9 per step, the same faults. A fault ends the episode of its environment and touches no
     other. `info` is that of `PolicyEnv`, each key with a mask `_key`.
 
-    `reset` takes a seed (environment i gets `seed + i`), or one per environment, and these options:
-
-    - `command`: vx, vy in m/s and yaw rate in rad/s, or one such row per environment, held for the whole episode.
-    - `reset_mask`: shape (N,), the environments to reset.
+    `reset` takes a seed (environment i gets `seed + i`), or one per environment, and the option `command`: vx, vy in
+    m/s and yaw rate in rad/s, or one such row per environment, held for the whole episode.
     """
 
     def __init__(
@@ -46,22 +42,17 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         *,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        render_mode: str | None = None,
         **options: Any,
     ) -> None:
         """Build N robots of a configuration, or of a name in `CONFIGS`; `options` change some of its fields.
 
-        `threads` step physics, None for one per processor that this process may use. Raises `InputError` for what
-        cannot be read, or does not fit.
+        `threads` step physics, None for one per processor. Raises `InputError` for what cannot be read, or does not
+        fit.
         """
-        if render_mode not in (None, "rgb_array"):
-            raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
-        for name, value in (("num_envs", num_envs), ("threads", threads)):
-            if value is not None and value < 1:
-                raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
-        modes = [mode.value for mode in AutoresetMode]
-        if autoreset_mode not in (*AutoresetMode, *modes):
-            raise InputError(f"autoreset_mode: is {autoreset_mode!r}, expected {', '.join(modes)}")
+        if num_envs < 1:
+            raise InputError(f"num_envs: is {num_envs!r}, expected a whole number >= 1")
+        if autoreset_mode not in (*_MODES, *(mode.value for mode in _MODES)):
+            raise InputError(f"autoreset_mode: is {autoreset_mode!r}, expected NextStep or SameStep")
         self.config = config = policy_config(config, options)
         self.scenario = scenario = build_scenario(config)
         self.simulation = BatchSim(
@@ -72,56 +63,40 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             threads=threads,
             randomisation=Randomisation.of(config.randomisation),
         )
-        self.num_envs, self.render_mode, self.autoreset_mode = num_envs, render_mode, AutoresetMode(autoreset_mode)
+        self.num_envs, self.autoreset_mode = num_envs, AutoresetMode(autoreset_mode)
         self.single_observation_space = observation_space(scenario.wiring)
         self.single_action_space = action_space(scenario.wiring, scenario.description)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        rate = round(1.0 / scenario.contract.policy_dt)
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {"autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = scenario.task.episode_steps
         """Steps after which every episode is truncated, if it is not over before."""
-        self.wrench: FloatArray | None = None
-        """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSim.step` takes it."""
         self.episode_steps: IntArray = np.zeros(num_envs, dtype=np.int64)
         """Shape (N,), policy steps since each episode began. Greater ones let episodes of a set length end earlier."""
-        self._pictures = PoseRenderer(lambda: build_model(scenario.description), *PICTURE)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
         self._commands: FloatArray = np.zeros((num_envs, max(scenario.task.command_draws // 4, 1), 3))
         self._is_over = np.zeros(num_envs, dtype=np.bool_)
         self._loop: ClosedLoop | None = None
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+        self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Float32Array, dict[str, Any]]:
         """Start episodes; the same seeds give the same starts. Raises `InputError` for a seed or option that is not."""
-        given = reset_options(options, ("command", "reset_mask"))
-        mask = np.asarray(given.get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-            raise InputError(f"reset: reset_mask is {mask!r}, expected {self.num_envs} booleans, one of them true")
+        given = reset_options(options, ("command",))
         command = velocity_option(given["command"], self.num_envs) if "command" in given else None
-        if self._loop is None and not mask.all():
-            raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
-        seeds = self._seeds(seed)
-        super().reset(seed=seeds[0])
-        if self._loop is None:  # environments without a seed of their own get any
-            seeds = [int(self.np_random.integers(2**32)) if one is None else one for one in seeds]
-        chosen = np.flatnonzero(mask)
-        fresh = {i: one for i, one in enumerate(seeds) if mask[i] and one is not None}
-        if fresh:
-            self.simulation.reseed(list(fresh.values()), list(fresh))
-        self.simulation.redraw([i for i in chosen.tolist() if i not in fresh])
-        loop = self._begin(chosen, command)
-        return self._observation.copy(), {"frame": np.asarray(loop.memory.frame), "_frame": mask}
-
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        """Return one seed per environment; None leaves its random numbers as they are."""
+        if seed is None and self._loop is None:
+            seed = int(self.np_random.integers(2**32))
         if seed is None:
-            return [None] * self.num_envs
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
-        if len(seeds) != self.num_envs or any(one is not None and one < 0 for one in seeds):
-            raise InputError(f"reset: seed is {seed!r}, expected a whole number >= 0, or {self.num_envs} of them")
-        return [None if one is None else int(one) for one in seeds]
+            self.simulation.redraw()
+        else:
+            seeds = seed + np.arange(self.num_envs) if isinstance(seed, int | np.integer) else np.asarray(seed)
+            if seeds.shape != (self.num_envs,) or seeds.dtype.kind != "i" or (seeds < 0).any():
+                raise InputError(f"reset: seed is {seed!r}, expected a whole number >= 0, or {self.num_envs} of them")
+            super().reset(seed=int(seeds[0]))
+            self.simulation.reseed(seeds)
+        everyone = np.ones(self.num_envs, dtype=np.bool_)
+        loop = self._begin(np.arange(self.num_envs), command)
+        return self._observation.copy(), {"frame": np.asarray(loop.memory.frame), "_frame": everyone}
 
     def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> ClosedLoop:
         """Put environments with indices (k,), whose robots are drawn, at the start of an episode, and observe it.
@@ -136,11 +111,9 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         self._is_over[chosen] = False
         velocity = scenario.task.command(self._commands, self.episode_steps)
         if self._loop is None or len(chosen) == self.num_envs:
-            self._loop = ClosedLoop(
-                self.simulation, scenario.wiring, velocity, scenario.live, scenario.guards, start.frame
-            )
+            self._loop = ClosedLoop(self.simulation, scenario.wiring, velocity, scenario.guards)
         else:
-            self._loop.restart(chosen, velocity, start.frame)
+            self._loop.restart(chosen, velocity)
         self._observation[chosen] = self._loop.observation[chosen]
         return self._loop
 
@@ -154,15 +127,13 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         loop, task = self._loop, self.scenario.task
         if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        if self.autoreset_mode == AutoresetMode.DISABLED and self._is_over.any():
-            raise gymnasium.error.ResetNeeded("an episode has ended: call reset with a reset_mask before step")
         raw = raw_action(actions, self.action_space)
         starting, before = self._is_over.copy(), loop.memory.frame
         moving = loop.wiring.accepts(raw) & ~starting
         action = raw if moving.all() else np.where(moving[:, None], raw, np.float32(0.0))
         self.episode_steps = self.episode_steps + moving
         velocity = task.command(self._commands, self.episode_steps)
-        loop.act(action, velocity=velocity, wrench=self.wrench, where=None if moving.all() else moving)
+        loop.act(action, velocity=velocity, where=None if moving.all() else moving)
         faults = self._faults(loop, raw, starting, moving)
         sound = moving.copy()
         sound[list(faults)] = False
@@ -177,7 +148,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         self._observation = np.where(sound[:, None], loop.observation, self._observation)
         self._is_over = terminated | truncated
         over = starting if self.autoreset_mode == AutoresetMode.NEXT_STEP else self._is_over.copy()
-        if over.any() and self.autoreset_mode != AutoresetMode.DISABLED:
+        if over.any():
             if self.autoreset_mode == AutoresetMode.SAME_STEP:
                 info = _with_final(info, over, self._observation)
             chosen = np.flatnonzero(over)
@@ -201,15 +172,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
                 found[i] = wiring.observation_problem(loop.observation[i])
         return found
 
-    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Return a picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""
-        if self.render_mode is None:
-            return None
-        return tuple(self._pictures.draw(qpos) for qpos in self.simulation.qpos)
-
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the threads, close the rendering context."""
-        self._pictures.close()
+        """Stop the threads."""
         self.simulation.close()
 
 

@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.guards import GuardMemory, Guards
-from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyWiring
-from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.mit import (
     VELOCITY_COMMAND,
@@ -39,21 +37,18 @@ class ClosedLoop:
         robots: Robots,
         wiring: PolicyWiring,
         velocity: FloatArray,
-        live: LiveInputs | None = None,
         guards: Guards | None = None,
-        frame: Frame | None = None,
     ) -> None:
-        """Begin where the robots now are, at the start of an episode and at a reference's `frame`, shape (...).
+        """Begin where the robots now are, at the start of an episode.
 
         `velocity` has the commands, shape (..., 3): vx and vy in m/s and yaw rate in rad/s, heading frame.
         """
         self.robots, self.wiring, self.guards = robots, wiring, guards
-        self._live = LiveInputs(wiring.contract) if live is None else live
         self.velocity = self.command = velocity
         """Shape (..., 3): the commands that are observed, and those in the latest step."""
         self.state = self._read()
         """State that is observed, with the velocity command where the policy depends on one."""
-        self.observation, self.memory = wiring.observe(wiring.activate(self.state, frame), self.state)
+        self.observation, self.memory = wiring.observe(wiring.activate(self.state), self.state)
         self.action = self.previous = self.memory.last_action
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
         self.tripped: BoolArray = np.zeros((), dtype=np.bool_)
@@ -62,15 +57,15 @@ class ClosedLoop:
         """What those guards saw, by robot; 0 for the only one."""
         self._watched: GuardMemory | None = None
 
-    def restart(self, chosen: IndexArray, velocity: FloatArray, frame: Frame | None = None) -> None:
+    def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
         """Restart the robots of a batch with indices `chosen`, (k,), which are at the start of an episode.
 
-        `velocity`, (N, 3), has the commands of all, `frame`, (k,), the reference's frames to begin with; None: 0.
+        `velocity`, (N, 3), has the commands of all.
         """
         self.velocity = velocity
         self.state = self._read()
         rows = state_rows(self.state, chosen)
-        observation, memory = self.wiring.observe(self.wiring.activate(rows, frame), rows)
+        observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
         if self.guards is not None:
             self._watched = self.guards.restarted(self._watched, chosen)
         self.command = _with_rows(self.command, chosen, velocity[chosen])
@@ -84,13 +79,12 @@ class ClosedLoop:
         action: Float32Array,
         *,
         velocity: FloatArray | None = None,
-        wrench: FloatArray | None = None,
         where: BoolArray | None = None,
     ) -> MITCommand:
         """One policy step, and the observation after it. Returns the command, shape (..., n).
 
         The action is raw, shape (..., m); `velocity`, shape (..., 3), has the commands from then on, None: as before.
-        `wrench` and `where` are as of `BatchSim.step`, for a batch only.
+        `where` is as of `BatchSim.step`, for a batch only.
         """
         self.previous, self.command, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
@@ -107,7 +101,7 @@ class ClosedLoop:
         if isinstance(self.robots, SimRobot):
             self.robots.write(command)
         else:
-            self.robots.step(command, wrench=wrench, where=where)
+            self.robots.step(command, where=where)
         self.velocity = self.velocity if velocity is None else velocity
         self.state = self._read()
         self.observation, self.memory = self.wiring.observe(memory, self.state)
@@ -117,7 +111,7 @@ class ClosedLoop:
         state = self.robots.state()
         if self.wiring.takes_velocity_command:
             state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
-        return self._live.extend(state)
+        return state
 
 
 def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.integer]) -> StepSample:

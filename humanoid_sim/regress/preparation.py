@@ -132,8 +132,8 @@ def _prepare_case(prepared: PreparedSuite, case: Case, checkpoint: Checkpoint) -
         joint_noise=suite.start.joint_position,
         velocity_noise=suite.start.joint_velocity,
     )
-    followed = case.motion or case.song or "the motion in the policy"
-    scenario = build_scenario(config, motion_source=f"case '{case.name}': {followed}")
+    with blaming(f"case '{case.name}'", InputError):
+        scenario = build_scenario(config)
     steps = scenario.wiring.reference.frame_count - 1
     if case.duration is not None:
         steps = round(case.duration / scenario.contract.policy_dt)

@@ -179,14 +179,11 @@ class BatchSim:
         self._step[where], self.fault[where] = 0, False
         self._state = None
 
-    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
-        """Advance by one control period.
+    def step(self, command: MITCommand, *, where: BoolArray | None = None) -> None:
+        """Advance by one control period under a command, shape (N, n); a row that is not finite is a robot's fault.
 
-        Args:
-            command: shape (N, n). A row that is not finite is a fault of its robot.
-            wrench: shape (N, 6), N and N·m, force and torque on the base body at its centre of mass, world frame, for
-                the whole period; None for none.
-            where: shape (N,), the robots that advance; None for all. The others stand still, as do those with a fault.
+        `where`, shape (N,), are the robots that advance; None for all. The others stand still, as do those with a
+        fault.
         """
         batch = self._batch
         moving = ~self.fault if where is None else where & ~self.fault
@@ -195,7 +192,9 @@ class BatchSim:
         ids = None if moving.all() else np.flatnonzero(moving)
         rows: slice | IndexArray = slice(None) if ids is None else ids
         self._state = None
-        self._push(wrench)
+        if self._random_pushes is not None:
+            seeds = [variation.push_seed for variation in self.variations]
+            batch.xfrc_applied[:, self._base_body] = self._random_pushes.wrench(self._step, seeds)
         before = batch.state[rows].copy()
         self._send(command, rows)
         self._advance(ids, rows)
@@ -228,14 +227,6 @@ class BatchSim:
 
     def _where(self, indices: npt.ArrayLike | None) -> IndexArray:
         return np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-
-    def _push(self, wrench: FloatArray | None) -> None:
-        """Put the forces of the coming control period in force."""
-        forces = self._batch.xfrc_applied
-        forces[:, self._base_body] = 0.0 if wrench is None else wrench
-        if self._random_pushes is not None:
-            seeds = [variation.push_seed for variation in self.variations]
-            forces[:, self._base_body] += self._random_pushes.wrench(self._step, seeds)
 
     def _send(self, command: MITCommand, rows: slice | IndexArray) -> None:
         """Put a command's gains in force, and its targets under way."""

@@ -5,11 +5,10 @@ import pytest
 from rig import JOINTS, contract, state
 
 from humanoid_sim.controllers.contract import HeightScan, PhaseRule, Term
-from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import Extern
 
 
 @pytest.mark.parametrize(
@@ -121,18 +120,6 @@ def test_a_live_input_that_is_missing_or_stale_stops_the_policy_and_is_never_zer
         assert np.isnan(seen).all()
         assert problem.startswith(f"observation {name}[0] is nan")
         assert "has come, or the last one is too old" in problem
-
-
-def test_python_feeds_declared_inputs_one_value_for_all_robots_or_one_each():
-    made = wired(FOOT, extern={"foot_contact": 2}).contract
-    zeros = np.zeros((3, 3))
-    batch = MITState(0.0, zeros, zeros, zeros, zeros, np.zeros((3, 4)), zeros, zeros)
-    fed = LiveInputs(made, {"foot_contact": lambda _: [1.0, 0.0]}).extend(batch)
-    assert fed.extern["foot_contact"].value.tolist() == [[1.0, 0.0]] * 3
-    fed = LiveInputs(made, {"foot_contact": lambda given: given.joint_position[..., :2]}).extend(state(time=3.0))
-    assert fed.extern["foot_contact"].arrival_time == 3.0
-    with pytest.raises(FieldError, match="unknown live input 'foot'"):
-        LiveInputs(made, {"foot": lambda _: [1.0, 0.0]})
 
 
 def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise():

@@ -1,6 +1,5 @@
 """One robot: configuration, seeds, what ends an episode, and the same trajectory as in `play`."""
 
-import json
 from dataclasses import replace
 
 import gymnasium
@@ -9,7 +8,7 @@ import pytest
 from alike import BIPED, LITE, STILL, hasty
 
 from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY, motion_path
-from humanoid_sim.envs.config import CONFIGS, PolicyEnvConfig
+from humanoid_sim.envs.config import CONFIGS
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
@@ -18,7 +17,6 @@ from humanoid_sim.mit import VELOCITY_COMMAND, Extern
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -59,9 +57,7 @@ def test_a_configuration_and_keywords_make_the_same_environment():
         ({"terminations": ("fallen",)}, "fallen: needs a floating base"),
         ({"max_episode_steps": 0, "config": TRACKING}, "max_episode_steps: is 0, expected a whole number >= 1"),
         ({"joint_noise": -1.0}, "joint_noise: is -1.0"),
-        ({"action_limit": 0.0}, "action_limit: is 0.0"),
         ({"motion": "polka"}, "polka"),
-        ({"motion": []}, "motion: is 0 of them"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
         ({"randomisation": {"colour": (0, 1)}}, "randomisation: .*unknown field `colour`"),
         ({"implicit": True}, "implicit: .*expected a vector environment"),
@@ -146,36 +142,6 @@ def test_what_is_no_step_is_refused(env):
     env.reset(seed=0)
     with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
         env.step(np.zeros(3))
-
-
-def tilt(state):
-    """Of the first two joints, in a unit of nobody's."""
-    return np.sin(3.0 * state.joint_position[..., :2])
-
-
-@pytest.fixture
-def declared(tmp_path):
-    """A contract that declares a live input, as somebody would write it by hand; JSON is YAML."""
-    robot = load_robot("lite")
-    fields = {
-        **{"joint_names": list(robot.joint_names), "joint_stiffness": 20.0, "joint_damping": 1.0},
-        **{"default_joint_pos": [0.0] * 14, "action_scale": 0.25, "policy_dt": 0.02},
-        "observation": ["joint_pos", {"name": "tilt", "width": 2}, "actions"],
-    }
-    path = tmp_path / "contract.yaml"
-    path.write_text(json.dumps(fields), encoding="utf-8")
-    return PolicyEnvConfig(policy=path, robot=robot)
-
-
-def test_a_callable_feeds_a_live_input_of_one_robot_and_of_many(declared):
-    one, many = (make(replace(declared, live={"tilt": tilt})) for make in (PolicyEnv, lambda c: PolicyVectorEnv(2, c)))
-    alone, together = one.reset(seed=8)[0], many.reset(seed=7)[0]
-    np.testing.assert_array_equal(together[1], alone)
-    assert np.abs(alone[14:16]).min() > 0.0
-    with pytest.raises(InputError, match="observation term 'tilt' needs the live input 'tilt'"):
-        PolicyEnv(declared)
-    with pytest.raises(InputError, match="did you mean 'tilt'"):
-        PolicyEnv(declared, live={"tlit": tilt})
 
 
 def played(robot, policy, motion, command, steps):

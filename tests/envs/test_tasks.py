@@ -1,24 +1,16 @@
 """What tasks reward, what ends an episode, what is commanded, and where episodes begin."""
 
-import re
-
-import gymnasium
 import numpy as np
 import pytest
-from alike import BIPED, LITE, both, walk_along
+from alike import BIPED, both, walk_along
 
-from humanoid_sim.assets import motion_path
 from humanoid_sim.envs.config import CONFIGS, PolicyEnvConfig, build_scenario
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.step_metrics import METRICS
-from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import load_robot
 
 LEGS = load_robot("lite_biped")
-WAVE = read_motion(motion_path("wave"))
-SHORT = Motion(WAVE.frames[:4], WAVE.body_names, WAVE.policy_dt)
-LONGER = Motion(WAVE.frames[10:17], WAVE.body_names, WAVE.policy_dt)
 
 
 def zeros(env):
@@ -85,19 +77,3 @@ def test_commands_are_within_the_contract_s_ranges_and_some_stand():
     steps = np.array([0, 249, 250, 999, 5000])
     chosen = made.command(commands[:5], steps)
     np.testing.assert_array_equal(chosen, commands[np.arange(5), [0, 0, 1, 3, 3]])
-
-
-def test_each_episode_has_one_of_several_motions_to_its_own_end():
-    native, sync = both(LITE, 4, motion=[SHORT, LONGER], joint_noise=0.01)
-    assert native.max_episode_steps == 6
-    frames = np.array(walk_along(native, sync, 20))
-    shown = ["".join(f"{frame:x}" for frame in column) for column in frames.T]
-    for text in shown:
-        assert re.fullmatch("(0123|456789a)+(0|01|012|4|45|456|4567|45678|456789)?", text), text
-    assert "0123" in "".join(shown)
-    assert "456789a" in "".join(shown)
-
-
-def test_songs_are_goals_and_several_motions_may_be_named():
-    env = gymnasium.make("humanoid_sim/LitePiano-v0", motion=["ode_to_joy", "twinkle"]).unwrapped
-    assert len(env.scenario.wiring.reference.lengths) == 2

@@ -48,18 +48,12 @@ def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum):
     assert np.abs(frames[0][1] - frames[25][1]).max() > 60, "the pendulum has moved"
 
 
-def test_environments_render_the_robot_as_it_is():
+def test_an_environment_renders_the_robot_as_it_is():
     env = gymnasium.make("humanoid_sim/LiteTracking-v0", render_mode="rgb_array")
-    envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=2, render_mode="rgb_array")
     env.reset(seed=1)
-    envs.reset(seed=0)
-    before, pictures = env.render(), envs.render()
+    before = env.render()
     assert (before.shape, before.dtype) == ((480, 480, 3), np.uint8)
-    # Poses of the single and the batched robot agree to 1e-9: a pixel at an edge may differ.
-    assert (np.abs(pictures[1].astype(int) - before) > 8).sum() < 500
-    assert (np.abs(pictures[0].astype(int) - pictures[1]) > 8).sum() > 2000
     for _ in range(20):
         env.step(np.full(14, 1.5, dtype=np.float32))
     assert (before != env.render()).any(axis=-1).mean() > 0.005
     env.close()
-    envs.close()
