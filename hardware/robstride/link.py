@@ -176,7 +176,7 @@ class RobstrideLink:
     def _ask(
         self,
         frames: Mapping[int, Sequence[Frame]],
-        answer: Callable[[int], Answer | None],  # None: there is none yet
+        take: Callable[[], Mapping[int, Answer]],  # returns the answers that have come
         patience: Sequence[float] = (),  # s to wait for answers, each time that it asks; empty: the usual
     ) -> dict[int, Answer]:
         """Send each motor's frames, again while its answer is missing, and return the answers."""
@@ -186,9 +186,7 @@ class RobstrideLink:
             self.send({motor: frames[motor] for motor in missing})
             deadline = time.monotonic() + wait
             while len(found) < len(frames):
-                for motor in missing:
-                    if motor not in found and (one := answer(motor)) is not None:
-                        found[motor] = one
+                found |= {motor: one for motor, one in take().items() if motor in frames}
                 if time.monotonic() >= deadline:
                     break
                 time.sleep(_POLL)
@@ -200,12 +198,12 @@ class RobstrideLink:
         """Send each motor's frames until a status that came afterwards is as wanted."""
         before = [slot.sample for slot in self.slots]
 
-        def answer(motor: int) -> Status | None:
-            sample = self.slots[motor].sample
-            is_new = sample is not None and sample is not before[motor]
-            return sample.status if sample is not None and is_new and wanted(sample.status) else None
+        def take() -> dict[int, Status]:
+            samples = [slot.sample for slot in self.slots]
+            new = [(i, one.status) for i, one in enumerate(samples) if one is not None and one is not before[i]]
+            return {i: status for i, status in new if wanted(status)}
 
-        return self._ask(frames, answer)
+        return self._ask(frames, take)
 
     def stop_motors(self, motors: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
         """Stop motors, and clear their faults on request; returns those that did not confirm it."""
@@ -216,16 +214,18 @@ class RobstrideLink:
     def read_versions(self, motors: Iterable[int]) -> dict[int, FirmwareVersion]:
         """Return motors' firmware; one that does not know the question takes it for a stop, and is left out."""
         frames = {i: [self.frame(i, FrameType.STOP, READ_VERSION)] for i in motors}
-        for i in frames:
-            self.slots[i].version = None
-        return self._ask(frames, lambda i: self.slots[i].version)
+        for slot in self.slots:
+            slot.version = None
+        return self._ask(
+            frames, lambda: {i: one.version for i, one in enumerate(self.slots) if one.version is not None}
+        )
 
     def read_uids(self, motors: Iterable[int]) -> dict[int, bytes]:
         """Return motors' unique ids."""
         frames = {i: [self.frame(i, FrameType.GET_DEVICE_ID)] for i in motors}
-        for i in frames:
-            self.slots[i].uid = None
-        return self._ask(frames, lambda i: self.slots[i].uid)
+        for slot in self.slots:
+            slot.uid = None
+        return self._ask(frames, lambda: {i: one.uid for i, one in enumerate(self.slots) if one.uid is not None})
 
     def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
@@ -272,12 +272,14 @@ class RobstrideLink:
             wrong = [i for i, one in found.items() if math.isfinite(one) and not parameter.is_same(one, values[i])]
         return found
 
-    def take_value(self, motor: int, parameter: Parameter) -> float | None:
-        """Return the value that a motor has answered, once; None: none has come."""
-        reply = self.slots[motor].parameters.pop(parameter.index, None)
-        if reply is None or not reply.is_success:
-            return None if reply is None else math.nan
-        return unpack_value(parameter.type, reply.payload)
+    def take_values(self, parameter: Parameter) -> dict[int, float]:
+        """Return the values that motors have answered since, each once; waits for none."""
+        found = {}
+        for i, slot in enumerate(self.slots):
+            reply = slot.parameters.pop(parameter.index, None)
+            if reply is not None:
+                found[i] = unpack_value(parameter.type, reply.payload) if reply.is_success else math.nan
+        return found
 
     def _read_frame(self, motor: int, parameter: Parameter) -> Frame:
         return self.frame(motor, FrameType.READ_PARAMETER, parameter_data(parameter.index))
@@ -290,6 +292,6 @@ class RobstrideLink:
         *,
         takes_late: bool = False,
     ) -> dict[int, float]:
-        for i in () if takes_late else frames:
-            self.take_value(i, parameter)
-        return self._ask(frames, lambda i: self.take_value(i, parameter), patience)
+        if not takes_late:
+            self.take_values(parameter)
+        return self._ask(frames, lambda: self.take_values(parameter), patience)

@@ -7,8 +7,6 @@ import time
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
-import numpy as np
-
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
@@ -159,10 +157,11 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             words |= self.read(fault_word(name), [i for i in self._all if self.motors.model[i].name == name])
         faults = []
         for i, slot in enumerate(self.slots):
-            names = [] if slot.sample is None else [*flag_names(slot.sample.status.faults)]
-            faults.append(
-                ", ".join(dict.fromkeys([*names, *flag_names(FaultBit(int(np.nan_to_num(words.get(i, 0.0)))))]))
-            )
+            word = words.get(i, math.nan)
+            names = [] if math.isnan(word) else [*flag_names(FaultBit(int(word)))]
+            if slot.sample is not None:
+                names += flag_names(slot.sample.status.faults)
+            faults.append(", ".join(dict.fromkeys(names)))
         return faults
 
     def _configure(
@@ -196,6 +195,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             return
         before = [slot.sample for slot in self.slots]
         confirmed: dict[int, float] = {}
+        self.take_values(_TIMEOUT)  # answers to earlier questions
         deadline = time.monotonic() + _LONGEST
         while True:
             running = [i for i, slot in enumerate(self.slots) if slot.sample is not before[i] and slot.runs]
@@ -207,10 +207,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
                 self.send({i: self._enabling_frames(i, i in running, i in confirmed)})
             end = time.monotonic() + _PERIOD
             while time.monotonic() < end and len(confirmed) < len(self._all):
-                for i in running:
-                    value = self.take_value(i, _TIMEOUT)
-                    if value is not None:
-                        confirmed[i] = value
+                confirmed |= self.take_values(_TIMEOUT)
                 time.sleep(_POLL)
         for i, name in enumerate(self.motors.names):
             if i not in running:

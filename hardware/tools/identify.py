@@ -117,8 +117,7 @@ def _move(
     for share in _shares():
         drive(share)
     moved, shifts, begin = 0.0, dict[int, float](), time.monotonic()
-    for i in before:
-        link.take_value(i, _POSITION)  # a late answer to an earlier question
+    link.take_values(_POSITION)  # late answers to earlier questions
     missing = set(before)
     while time.monotonic() - begin < (_HOLD + _PATIENCE if missing else _HOLD):
         moved = drive(1.0)
