@@ -26,15 +26,6 @@ from humanoid_sim.ros2.dds.endpoints import Subscription, Writer
 from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.ros2.messages import encode_mit_command
 
-_READ = (
-    ros.IMU_TOPIC,
-    ros.CONTROL_MODE_TOPIC,
-    ros.SAFETY_TOPIC,
-    ros.STANDBY_TOPIC,
-    ros.DESCRIPTION_TOPIC,
-    ros.TF_TOPIC,
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointStates:
@@ -78,7 +69,9 @@ class RobotClient:
         """
         self._participant = Participant(domain, interface)
         self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
-        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in _READ}
+        names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC)
+        names = (*names, ros.DESCRIPTION_TOPIC)
+        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
         self._safety: dict[str, SafetyStatus] = {}
         self.joint_names: tuple[str, ...] = ()
         """The robot's joints in its order; empty before the first state."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.frontends.attach import attached, run_steps
-from humanoid_sim.frontends.joy import chosen_bindings, policy_speeds, stick_velocity
+from humanoid_sim.frontends.joy import policy_speeds, read_bindings, stick_velocity
 from humanoid_sim.frontends.pads import Pad, Pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import FloatArray
@@ -40,8 +40,8 @@ class GamepadConfig:
     list: bool = False
     """Show the gamepads that are plugged in, and end; 1 if none can be used."""
     mapping: Path | None = None
-    """Buttons (.yaml): joy: with the names below, or a ROS 2 parameter file with joy.* of mode_manager."""
-    joy: JoyBindings = field(default_factory=JoyBindings)
+    """Buttons (.yaml): joy: {damp_button: 2, load_combo_a: [4, 0], ...}, or a ROS 2 parameter file with joy.* of
+    mode_manager."""
 
 
 class Driver:
@@ -121,7 +121,7 @@ class Driver:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GamepadConfig, "gamepad", arguments)
-    joy = chosen_bindings(config.mapping, config.joy, "--mapping")
+    joy = JoyBindings() if config.mapping is None else read_bindings(config.mapping)
     with closing(Pads()) as pads:
         if config.list:
             return _list(pads)

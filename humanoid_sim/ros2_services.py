@@ -46,8 +46,7 @@ _FAST_DDS = """\
 """
 """Settings of the discovery range (`ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY`) let discovery out; this does
 not, and clients with default settings find it."""
-_PROFILES_VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
-_FAST_DDS_2 = ("foxy", "galactic", "humble", "iron", "jazzy")  # distributions that know the second variable
+_PROFILES_VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # since Fast DDS 3, before
 _CYCLONE_DDS = (
     '<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
     "<AllowMulticast>spdp</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
@@ -78,9 +77,7 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     variables: dict[str, str | None] = {**dict.fromkeys(_ELSEWHERE), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     if middleware.startswith("rmw_fastrtps"):
         profiles.write_text(_FAST_DDS, encoding="utf-8")
-        is_old = os.environ.get("ROS_DISTRO", "") in _FAST_DDS_2
-        current, other = _PROFILES_VARIABLES[::-1] if is_old else _PROFILES_VARIABLES
-        variables.update({current: str(profiles), other: None})
+        variables.update(dict.fromkeys(_PROFILES_VARIABLES, str(profiles)))
         return {**variables, "SKIP_DEFAULT_XML_FILE": "1"}  # one of the working folder
     if middleware.startswith("rmw_cyclonedds"):
         return {**variables, "CYCLONEDDS_URI": _CYCLONE_DDS}

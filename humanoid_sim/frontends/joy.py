@@ -12,7 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.errors import FieldError, InputError, blaming, require_known
+from humanoid_sim.errors import FieldError, blaming, require_known
 from humanoid_sim.frontends.pads import BUTTON_COUNT
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.strict_yaml import read_yaml
@@ -41,43 +41,22 @@ def stick_velocity(axes: Sequence[float], speeds: FloatArray) -> FloatArray:
     return velocity
 
 
-def joy_options(joy: JoyBindings) -> tuple[str, ...]:
-    """Return the options of `python -m humanoid_sim.gamepad` that make these bindings of the default ones."""
-    words: list[str] = []
-    for name, value in dataclasses.asdict(joy).items():
-        if value != getattr(JoyBindings(), name):
-            values = value if isinstance(value, tuple) else (value,)
-            words += [f"--joy.{name.replace('_', '-')}", *map(str, values)]
-    return tuple(words)
+def read_bindings(file: Path) -> JoyBindings:
+    """Return the bindings below `joy:` of a file, or `joy.*` of `mode_manager` in a ROS 2 parameter file.
 
-
-def chosen_bindings(file: Path | None, given: JoyBindings, option: str) -> JoyBindings:
-    """Return the bindings of a file, or those given by options; `option` names the file.
-
-    Raises `InputError` if both are given, if the file holds none, or for a button that no gamepad has.
+    Raises `InputError` if the file holds none, or binds a button that no gamepad has.
     """
-    if file is None:
-        with blaming("--joy", FieldError):
-            given.check(BUTTON_COUNT)
-        return given
-    if given != JoyBindings():
-        raise InputError(f"{option} and {joy_options(given)[0]}: both bind the buttons, expected one of them")
     with blaming(file, (msgspec.ValidationError, FieldError)):
-        fields = _joy_fields(file)
-        require_known("field of joy", fields, [item.name for item in dataclasses.fields(JoyBindings)], f"{file}: ")
+        document = msgspec.convert(read_yaml(file), dict[str, dict[str, Any]])
+        fields = document.get("joy", {})
+        for node in ("/**", "mode_manager"):  # a node's own parameters override those of every node
+            parameters = msgspec.convert(document.get(node, {}).get("ros__parameters", {}), dict[str, Any])
+            fields |= msgspec.convert(parameters.get("joy", {}), dict[str, Any])
+            fields |= {key.removeprefix("joy."): value for key, value in parameters.items() if key.startswith("joy.")}
+        if not fields:
+            raise FieldError("binds no buttons, expected a mapping joy: with damp_button: N and its like")
+        known = [item.name for item in dataclasses.fields(JoyBindings)]
+        require_known("field of joy", fields, known, f"{file}: ")
         joy = msgspec.convert(fields, JoyBindings)
         joy.check(BUTTON_COUNT)
     return joy
-
-
-def _joy_fields(file: Path) -> dict[str, Any]:
-    """Return what is below `joy:`, or `joy.*` of `mode_manager` in a ROS 2 parameter file."""
-    document = msgspec.convert(read_yaml(file), dict[str, dict[str, Any]])
-    fields = document.get("joy", {})
-    for node in ("/**", "mode_manager"):  # a node's own parameters override those of every node
-        parameters = msgspec.convert(document.get(node, {}).get("ros__parameters", {}), dict[str, Any])
-        fields |= msgspec.convert(parameters.get("joy", {}), dict[str, Any])
-        fields |= {name.removeprefix("joy."): value for name, value in parameters.items() if name.startswith("joy.")}
-    if not fields:
-        raise InputError(f"{file}: binds no buttons, expected a mapping joy: with damp_button: N and its like")
-    return fields

@@ -6,7 +6,7 @@ from fake_pads import BLUETOOTH, DUALSENSE, JOYSTICK, XBOX, FakePads
 
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.joy import chosen_bindings, joy_options, stick_velocity
+from humanoid_sim.frontends.joy import read_bindings, stick_velocity
 from humanoid_sim.gamepad import Driver
 from humanoid_sim.messages import Mode
 
@@ -162,12 +162,7 @@ def test_a_stick_s_way_is_the_policy_s_range(axes, velocity):
 def test_a_file_binds_the_buttons(text, tmp_path):
     file = tmp_path / "pad.yaml"
     file.write_text(text)
-    joy = chosen_bindings(file, JoyBindings(), "--mapping")
-    assert joy == JoyBindings(damp_button=3, load_combo_a=(4, 1), load_combo_b=(4, 0))
-    options = ("--joy.damp-button", "3", "--joy.load-combo-a", "4", "1", "--joy.load-combo-b", "4", "0")
-    assert joy_options(joy) == options
-    with pytest.raises(InputError, match=r"--mapping and --joy\.damp-button"):
-        chosen_bindings(file, joy, "--mapping")
+    assert read_bindings(file) == JoyBindings(damp_button=3, load_combo_a=(4, 1), load_combo_b=(4, 0))
 
 
 @pytest.mark.parametrize(
@@ -184,4 +179,4 @@ def test_a_file_that_is_no_layout_is_refused(text, named, tmp_path):
     file = tmp_path / "pad.yaml"
     file.write_text(text)
     with pytest.raises(InputError, match=rf"pad\.yaml: .*{named}"):
-        chosen_bindings(file, JoyBindings(), "--mapping")
+        read_bindings(file)
