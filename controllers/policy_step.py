@@ -78,17 +78,16 @@ class PolicyWiring:
         put("layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
         put("takes_velocity_command", self.contract.takes_velocity_command)
 
-    def activate(self, state: MITState, frame: Frame | None = None) -> PolicyMemory:
-        """Start with no last action, the reference aligned with the robot, at frame `frame`, shape (...), or 0."""
+    def activate(self, state: MITState) -> PolicyMemory:
+        """Start with no last action, and with the first frame of the reference aligned with the robot."""
         batch = state.joint_position.shape[:-1]
-        begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
         pose = _anchor_pose(state) if aligns else None
         return PolicyMemory(
-            frame=begin,
+            frame=np.zeros(batch, dtype=np.int64) if batch else 0,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
             walked=np.zeros(batch) if batch else 0.0,
-            alignment=None if pose is None else self.reference.align(pose, begin),
+            alignment=None if pose is None else self.reference.align(pose),
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:

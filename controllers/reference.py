@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +12,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import Float32Array, FloatArray, IntArray
+from humanoid_sim.mit import Float32Array, FloatArray
 
 Frame = int | npt.NDArray[np.integer]
-
-
-def _least(frame: Frame, last: Frame) -> Frame:
-    return min(frame, last) if isinstance(frame, int) and isinstance(last, int) else np.minimum(frame, last)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,59 +34,30 @@ class MotionReference:
     """Each of shape (frame_count, width), in the term's own unit. Beside terms that observations name:
     `reference_joint_pos`, `reference_joint_vel` (n, policy order, rad and rad/s) and `anchor_pos` (3), `anchor_quat`
     (4, w x y z) of the anchor body in the motion's world."""
-    lengths: tuple[int, ...] = ()  # frames of each of several motions, one after the other; empty for one motion
-    _bounds: IntArray = field(init=False, repr=False)  # (2, frame_count), first and last frame of each frame's motion
 
     def __post_init__(self) -> None:
-        lengths = np.array(self.lengths or (self.frame_count,))
-        ends = np.cumsum(lengths)
-        bounds = np.repeat(np.stack([ends - lengths, ends - 1]), lengths, axis=1)
         terms = {name: np.array(table, dtype=np.float32) for name, table in self.terms.items()}
-        for array in (bounds, *terms.values()):
-            array.setflags(write=False)
-        object.__setattr__(self, "_bounds", bounds)
+        for table in terms.values():
+            table.setflags(write=False)
         object.__setattr__(self, "terms", terms)
 
-    @classmethod
-    def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
-        """Join motions with the same terms one after the other; raises `FieldError` if their terms differ."""
-        widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in motions]
-        if any(other != widths[0] for other in widths):
-            raise FieldError(f"motions: their terms differ: {widths}")
-        terms = {name: np.concatenate([motion.terms[name] for motion in motions]) for name in widths[0]}
-        lengths = tuple(motion.frame_count for motion in motions)
-        return cls(sum(lengths), terms, lengths)
-
-    def first(self, frame: Frame) -> Frame:
-        """Return the first frame of the same motion."""
-        return self._bound(0, frame)
-
-    def last(self, frame: Frame) -> Frame:
-        """Return the last frame of the same motion."""
-        return self._bound(1, frame)
-
-    def _bound(self, side: int, frame: Frame) -> Frame:
-        bound = self._bounds[side, self.clamp(frame)]
-        return int(bound) if isinstance(frame, int) else bound
-
     def following(self, frame: Frame) -> Frame:
-        """Return the next frame of the same motion, or its last one again."""
-        return _least(frame + 1, self.last(frame))
+        """Return the next frame, or the last one again."""
+        return self.clamp(frame + 1)
 
     def clamp(self, frame: Frame) -> Frame:
         """Return the frame itself, or the last one from the end of the motion on: there it is held."""
-        return _least(frame, self.frame_count - 1)
+        last = self.frame_count - 1
+        return min(frame, last) if isinstance(frame, int) else np.minimum(frame, last)
 
     def term(self, name: str, frame: Frame) -> Float32Array:
         """Return the row of a term, shape (..., width) for frames of shape (...)."""
-        row: Float32Array = self.terms[name][self.clamp(frame)]
-        return row
+        return np.asarray(self.terms[name][self.clamp(frame)])
 
     def progress(self, frame: Frame) -> FloatArray:
         """Return frame over last frame, [0, 1]; 1 for a motion of one frame."""
-        clamped = self.clamp(frame)
-        done, length = np.subtract(clamped, self.first(clamped)), np.subtract(self.last(clamped), self.first(clamped))
-        return np.where(length > 0, done / np.maximum(length, 1), 1.0)
+        last = self.frame_count - 1
+        return np.asarray(np.divide(self.clamp(frame), last) if last else np.ones(np.shape(frame)))
 
     def anchor(self, frame: Frame, alignment: Alignment | None) -> tuple[FloatArray, FloatArray]:
         """Return where the anchor body should be: position (..., 3), m, and quaternion (..., 4), world frame."""
@@ -100,9 +67,9 @@ class MotionReference:
             return position, quaternion
         return rotate(alignment.yaw, position) + alignment.offset, multiply(alignment.yaw, quaternion)
 
-    def align(self, pose: FloatArray, frame: Frame = 0) -> Alignment:
-        """Align a frame with an anchor body's pose, shape (..., 7), in heading and place but not in height."""
-        position, quaternion = self.anchor(frame, None)
+    def align(self, pose: FloatArray) -> Alignment:
+        """Align the first frame with an anchor body's pose, shape (..., 7), in heading and place but not in height."""
+        position, quaternion = self.anchor(0, None)
         yaw = yaw_quaternion(multiply(pose[..., 3:], conjugate(quaternion)))
         offset = pose[..., :3] - rotate(yaw, position)
         return Alignment(yaw, offset * np.array([1.0, 1.0, 0.0]))

@@ -1,12 +1,10 @@
 """Motion references: tables, their end, and the layouts of motion files."""
 
-import pickle
-
 import numpy as np
 import pytest
 from rig import contract, reference
 
-from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
+from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.errors import FieldError
 
 PIANO = {"task_type": "piano", "observation": ("target_keys",), "lookahead_steps": (1, 2)}
@@ -44,15 +42,3 @@ def test_a_song_looks_ahead_and_holds_its_end():
 def test_a_motion_that_does_not_fit_is_refused(changes, frames, message):
     with pytest.raises(FieldError, match=f"^{message}"):
         build_reference(contract(**changes), frames)
-
-
-def test_motions_one_after_the_other_are_each_held_at_their_end():
-    joined = MotionReference.joined([reference(3), reference(1), reference(4)])
-    for motions in (joined, pickle.loads(pickle.dumps(joined))):
-        assert (motions.frame_count, motions.lengths) == (8, (3, 1, 4))
-        assert [motions.following(frame) for frame in range(8)] == [1, 2, 2, 3, 5, 6, 7, 7]
-        assert motions.following(np.arange(8)).tolist() == [1, 2, 2, 3, 5, 6, 7, 7]
-        assert motions.following(99) == 7
-        assert motions.first(np.arange(8)).tolist() == [0, 0, 0, 3, 4, 4, 4, 4]
-        assert motions.progress(np.arange(8)).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 1 / 3, 2 / 3, 1.0]
-        assert motions.term("motion_body_pos_b", 5).tolist() == [1.0, 1.25, 1.5]
