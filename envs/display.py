@@ -32,7 +32,8 @@ class Display:
             check_window()
         self._mode, self._period, self._description = render_mode, period, description
         self._pictures = PoseRenderer(lambda: build_model(description), *PICTURE)
-        self._open, self._window, self._shown = ExitStack(), None, 0.0
+        self._open, self._shown = ExitStack(), 0.0
+        self._window: Any = None
         self.metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": round(1.0 / period)}
         """An environment's."""
 
