@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.contract import HeightScan
-from humanoid_sim.errors import InputError
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.robots.description import load_robot, shipped_robots
 from humanoid_sim.simulation.batch_sim import BatchSim
@@ -144,21 +143,6 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_starts():
-    robot = load_robot("lite_biped")
-    batch = BatchSim(robot, 3)
-    joints = np.linspace(0.0, 0.2, robot.joint_count)
-    batch.reset([2], joint_position=joints[None], joint_velocity=np.ones((1, 14)), base_yaw=np.array([0.7]))
-    np.testing.assert_allclose(batch.qpos[2, :7], [0.0, 0.0, batch.qpos[0, 2], np.cos(0.35), 0.0, 0.0, np.sin(0.35)])
-    np.testing.assert_array_equal(batch.state().joint_position[2], joints)
-    np.testing.assert_array_equal(batch.qvel[2], [0.0] * 6 + [1.0] * 14)
-    np.testing.assert_array_equal(batch.state().joint_position[1], robot.initial_position)
-    qpos, qvel = batch.qpos[2:].copy(), np.arange(20.0)[None]
-    batch.reset([0], qpos=qpos, qvel=qvel)
-    np.testing.assert_array_equal(batch.qpos[0], qpos[0])
-    np.testing.assert_array_equal(batch.state().extern["base_linear_velocity"].value[0], qvel[0, :3])
-
-
 def test_implicit_damping_takes_longer_steps_and_stays_within_half_a_millimetre_at_the_hands():
     robot = load_robot("lite")
     batch, exact = BatchSim(robot, 1, implicit=True), BatchSim(robot, 1)
@@ -171,16 +155,3 @@ def test_implicit_damping_takes_longer_steps_and_stays_within_half_a_millimetre_
         ours, theirs = (forward(simulation.state().joint_position[0])[0] for simulation in (batch, exact))
         errors.append(np.sqrt(((ours - theirs) ** 2).sum(axis=-1)))
     assert 0.0 < np.sqrt(np.mean(np.square(errors))) < 0.5e-3  # m RMS
-
-
-@pytest.mark.parametrize(
-    ("config", "message"),
-    [
-        (SimConfig(physics_timestep=0.003), "physics_timestep: 0.003 s does not divide"),
-        (SimConfig(anchor_body="nose"), "anchor body: unknown body 'nose'"),
-        (SimConfig(bodies=("nose",)), "unknown body 'nose'"),
-    ],
-)
-def test_bad_settings_are_named(config, message):
-    with pytest.raises(InputError, match=message):
-        BatchSim(load_robot("lite"), 1, config)

@@ -51,10 +51,3 @@ def test_they_take_the_place_of_the_mjcf_s(small_robot):
 def test_they_change_the_motion_alike_alone_and_in_a_batch(small_robot):
     robot = small_robot()
     assert np.abs(followed(with_dynamics(robot, *MEASURED)) - followed(robot)).max() > 0.01
-
-
-def test_a_weaker_motor_with_higher_gains_is_the_same(small_robot):
-    robot = small_robot()
-    halved = JointDynamics(torque_scale=0.5)
-    weak = with_dynamics(robot, halved, halved, stiffness=40.0, damping=2.0)
-    assert followed(weak) == pytest.approx(followed(robot), abs=1e-9)

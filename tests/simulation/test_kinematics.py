@@ -71,15 +71,6 @@ def test_the_joints_of_a_motion_are_found_from_its_bodies():
     np.testing.assert_allclose(solution, path, atol=1e-4)
 
 
-def test_a_pose_out_of_reach_gives_joints_within_limits():
-    lite = load_robot("lite")
-    position, rotation = ForwardKinematics(lite)(pose_a(lite))
-    solution = InverseKinematics(lite, lite.hands).solve(position + np.array([0.0, 0.0, 5.0]), rotation, pose_a(lite))
-    assert np.isfinite(solution).all()
-    assert (solution >= lite.lower).all()
-    assert (solution <= lite.upper).all()
-
-
 def test_hands_alone_leave_the_elbows_to_the_posture():
     lite = load_robot("lite")
     kinematics = ForwardKinematics(lite)

@@ -9,7 +9,6 @@ from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, mit_torque
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import JointDynamics
-from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
 
 STEPS = 5  # physics steps per control period of the small robot: 1 ms in 5 ms
@@ -129,9 +128,3 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot, tmp_pa
     assert robot.read()[1][0].is_ok
     assert capfd.readouterr() == ("", "")
     assert set(tmp_path.iterdir()) == files  # MuJoCo would write MUJOCO_LOG.TXT
-
-
-@pytest.mark.parametrize("body", ["anchor_body", "bodies", "velocity_at"])
-def test_a_part_that_the_model_lacks_is_named(body):
-    with pytest.raises(Exception, match=r"unknown (body|site) 'nose'"):
-        SimRobot(load_robot("lite_biped"), SimConfig(**{body: "nose" if body == "anchor_body" else ("nose",)}))
