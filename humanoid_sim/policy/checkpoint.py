@@ -67,12 +67,8 @@ def load_checkpoint(
 ) -> Checkpoint:
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
-    Raises `InputError` naming the file and what is wrong with it.
-
-    Args:
-        contract_file: None: the one beside the model, if there is one.
-        robot_joints: in the robot's order; only needed where no source names the policy's joints.
-        verify: refuse the model if its golden vectors do not come out.
+    `contract_file` None: the one beside the model, if there is one. `robot_joints`, in the robot's order, are needed
+    where no source names the policy's joints. `verify`: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
     reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints)
@@ -111,7 +107,6 @@ def read_checkpoint(
     """Return what everything that speaks about a checkpoint states together; `outputs` are the model's, by name.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
-    Raises `InputError` if a source is malformed.
     """
     layers: list[Layer] = []
     if _ANCHOR_QUATERNION in outputs:
@@ -134,7 +129,6 @@ def read_checkpoint(
 
 
 def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
-    """Return what the files state that trainers write beside the model, the one of its deployment last."""
     layers: list[Layer] = []
     if env := trainer_files.find_beside(path, "env.yaml"):
         try:

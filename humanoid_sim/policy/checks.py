@@ -34,11 +34,7 @@ _RULED = 0.7  # share of the joints from which on a formula is probably the expo
 def contract_findings(
     contract: PolicyContract, description: RobotDescription, model: mujoco.MjModel, *, hardware: bool
 ) -> list[Finding]:
-    """Run every check of a contract, in the order in which a person would.
-
-    `model` is the robot's, as `bare_model` gives it; `hardware`: the real robot, which has no estimator, and needs
-    motors.
-    """
+    """Run every check of a contract; `model` is the robot's own, `hardware`: for the real robot, without estimator."""
     damping = own_joint_damping(model, description)
     unstated = ": no source states it; x.contract.yaml can"
     return [
@@ -60,7 +56,6 @@ def contract_findings(
 def _on(
     severity: Severity, field: str, message: str, names: Sequence[str], hits: Any, text: str = "", *columns: FloatArray
 ) -> Iterator[Finding]:
-    """Yield one finding for all joints that a mask hits, in the place of `{}`, with values as `text`."""
     places = np.flatnonzero(hits).tolist()
     rows = {names[i]: text.format(*(column[i] for column in columns)) for i in places}
     if rows:
@@ -69,7 +64,6 @@ def _on(
 
 
 def _of_robot(description: RobotDescription, names: Sequence[str], attribute: str) -> FloatArray:
-    """Return a value of each joint's description, in the order of `names`; NaN for joints that the robot lacks."""
     own = {joint.name: getattr(joint, attribute) for joint in description.joints}
     return np.array([own.get(name, np.nan) for name in names])
 
@@ -83,7 +77,6 @@ def _agree(values: FloatArray, expected: FloatArray) -> BoolArray:
 
 
 def _name_findings(contract: PolicyContract, description: RobotDescription, model: mujoco.MjModel) -> Iterator[Finding]:
-    """Joints that only the policy or only the robot has, and bodies and sites that the robot's model lacks."""
     robot = f"'{description.name}'"
     lacking = [name for name in description.joint_names if name not in contract.joint_names]
     foreign = [name for name in contract.joint_names if name not in description.joint_names]
@@ -182,7 +175,6 @@ def suspicious_findings(contract: PolicyContract, own_damping: Collection[str] =
 
 
 def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
-    """Estimates that a robot lacks, and live inputs."""
     for term in contract.terms:
         kind, field = contract.kind(term), f"observation term {term.name}"
         if kind.name == "motion_anchor_ori":
@@ -200,7 +192,6 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
 
 
 def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
-    """Gains, limits, scales and poses that differ between left and right; a pose may be mirrored by its sign."""
     for field in ("joint_stiffness", "joint_damping", "effort_limit", "default_joint_pos", "action_scale"):
         names = contract.action_joint_names if field == "action_scale" else contract.joint_names
         values = getattr(contract, field)
@@ -218,7 +209,6 @@ def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
 def _actuator_findings(
     contract: PolicyContract, model: mujoco.MjModel, own_damping: Mapping[str, float]
 ) -> Iterator[Finding]:
-    """Gains and targets that differ from those of the model's own actuators, which simulations leave out."""
     actuators = own_actuators(model).items()
     servos = {name: own for name, own in actuators if own.stiffness > 0.0 and name in contract.joint_names}
     names, places = list(servos), [contract.joint_names.index(name) for name in servos]
@@ -239,7 +229,6 @@ def _actuator_findings(
 def _formula_findings(
     contract: PolicyContract, description: RobotDescription, model: mujoco.MjModel
 ) -> Iterator[Finding]:
-    """Joints that leave mjlab's formulas: scale in proportion to effort limit / K_p, and K_p to the armature."""
     names, stiffness = contract.joint_names, contract.joint_stiffness
     effort = _of_robot(description, names, "effort_limit")
     if contract.effort_limit is not None:
@@ -271,7 +260,6 @@ def _outliers(
 
 
 def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
-    """Gains and scales of a model's metadata that lost much when its exporter cut them at three decimals."""
     for field in ("action_scale", "joint_stiffness", "joint_damping"):
         names = contract.action_joint_names if field == "action_scale" else contract.joint_names
         values: FloatArray = np.abs(getattr(contract, field))

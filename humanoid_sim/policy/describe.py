@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.terms import value_names
@@ -28,30 +26,21 @@ def contract_rows(values: Mapping[str, Any], source: Mapping[str, str]) -> list[
     parts: dict[tuple[str, str], list[str]] = {}
     for name in (name for name in values if name in source):
         owner, _, part = name.rpartition(".")
-        text = f"{part} {shown(values[name])}" if owner else value_text(name, values[name])
+        text = f"{part} {shown(values[name])}" if owner else value_text(values[name])
         parts.setdefault((owner or name, source[name]), []).append(text)
     rows: list[Row] = []
-    terms: dict[Row, list[str]] = {}
+    terms: dict[tuple[str, str], list[str]] = {}
     for (owner, origin), texts in parts.items():
-        row = Row(owner, ", ".join(texts), origin)
         if owner.startswith("observation."):
-            terms.setdefault(row._replace(field="terms"), []).append(owner.removeprefix("observation."))
+            terms.setdefault((", ".join(texts), origin), []).append(owner.removeprefix("observation."))
         else:
-            rows.append(row)
-    return rows + [row._replace(value=f"{row.value} of {', '.join(names)}") for row, names in terms.items()]
+            rows.append(Row(owner, ", ".join(texts), origin))
+    return rows + [Row("terms", f"{text} of {', '.join(names)}", origin) for (text, origin), names in terms.items()]
 
 
-def value_text(name: str, value: Any) -> str:
+def value_text(value: Any) -> str:
     """Return a field's value in few words."""
-    if name == "policy_dt":
-        return f"{value:g} s ({1.0 / value:g} Hz)"
-    if name == "observation":
-        return ", ".join(value)
-    if isinstance(value, np.ndarray) and value.size > 6 and np.ptp(value) > 0.0:
-        return f"{value.min():g} to {value.max():g}, {value.size} values"
-    if isinstance(value, tuple):
-        return list_joints([str(item) for item in value]) or "none"
-    return shown(value) or "none"
+    return list_joints([str(item) for item in value]) or "none" if isinstance(value, tuple) else shown(value) or "none"
 
 
 def assumptions(contract: PolicyContract) -> dict[str, str]:

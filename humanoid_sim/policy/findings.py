@@ -12,6 +12,7 @@ Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
 _LISTED = 3  # joints that a message names before it counts them
+_VALUES = 6  # values of an array that are shown one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,8 @@ def shown(value: Any, width: int = 60) -> str:
     if isinstance(value, np.ndarray):
         if value.size > 1 and (value == value.flat[0]).all():
             return f"{value.flat[0]:g} everywhere"
+        if value.size > _VALUES:
+            return f"{value.min():g} to {value.max():g}, {value.size} values"
         value = value.tolist()
     if isinstance(value, list | tuple) and all(isinstance(item, str | float | int) for item in value):
         text = f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"

@@ -34,8 +34,7 @@ _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
     """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
-    Raises `InputError` with the first step, term and joint at which the checkpoint differs. `motion` is what the run
-    followed, where the model does not carry it.
+    Raises `InputError` with the first value that differs. `motion`: what the run followed, beside the model.
     """
     loaded = checkpoint.with_motion(motion)
     with blaming(checkpoint.source, (FieldError, ValueError)):
@@ -59,10 +58,7 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
-    """Check a checkpoint against its golden vectors, and return what they are worth in words; '' without any.
-
-    Raises `InputError` with the first sample, term and joint that differ, and both values; or for malformed samples.
-    """
+    """Check a checkpoint against its golden vectors, and return what they are worth in words; '' without any."""
     samples = stored_samples(checkpoint)
     if samples is None:
         return ""
@@ -83,11 +79,6 @@ def samples_label(samples: Trace) -> str:
 
 
 def _verify(loaded: LoadedPolicy, trace: Trace) -> list[PolicyMemory]:
-    """Return what the policy remembered in each step of a trace.
-
-    The observation and the targets are computed by the functions that run on the robot, the action by the model from
-    the trace's observation. Raises `FieldError` with the first value that differs.
-    """
     wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
     arrays, seen, memories = trace.arrays, [], []
     memory = wiring.activate(trace.state(0))
@@ -116,7 +107,6 @@ def value_name(wiring: PolicyWiring, i: int) -> str:
 
 
 def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: Sequence[str]) -> None:
-    """Raise `FieldError` with the first value, shape (S, width), that is too far off the trace's own."""
     expected = trace.arrays[kind]
     if values.shape != expected.shape:
         raise FieldError(f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}")

@@ -24,51 +24,46 @@ _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is n
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
 
-    The outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w` in the order
-    of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body. Raises `InputError` if
-    they do not fit the contract, or never end.
+    Joints are in the policy's order, bodies in the order of the contract's `body_names`; the outputs of an anchor are
+    of its anchor body. Raises `InputError` if they do not fit the contract, or never end.
     """
     available = set(policy.model.output_names)
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
-    bodies, anchor, (place, turn) = contract.body_names, contract.anchor_body, _BODIES
+    bodies, (place, turn) = contract.body_names, _BODIES
     if not available.issuperset(_BODIES):
         place, turn = _ANCHOR
-        bodies = (anchor,) if anchor and turn in available else ()
+        bodies = (contract.anchor_body,) if contract.anchor_body and turn in available else ()
+    sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
+    if bodies:
+        sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
+    observation = np.zeros(policy.observation_width, dtype=np.float32)
+
+    def frame(index: int) -> Float32Array | None:
+        try:
+            answer = policy.run(list(sizes), observation, index)
+        except Exception as error:  # onnxruntime's own types
+            if index == 0 or isinstance(error, TimeoutError):
+                raise FieldError(f"the motion in its graph cannot be read: {reason_of(error)}") from None
+            return None  # a graph that does not hold its last frame has none beyond it
+        values = {name: np.asarray(value, np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
+        for name, size in sizes.items():
+            if values[name].size != size:
+                raise FieldError(f"output '{name}' has {values[name].size} values, expected {size}")
+        if bodies and contract.reference_quaternion == "xyzw":
+            values[turn] = values[turn].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
+        if bodies and place not in values:
+            values[place] = np.zeros(3, dtype=np.float32)
+        return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
+
     with blaming(policy.model.path):
         if bodies and place not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
             raise FieldError(f"observes the anchor's position, but its model has no output '{place}'")
-        if anchor and bodies and anchor not in bodies:
-            raise FieldError(f"anchor_body is '{anchor}', expected one of body_names: {', '.join(bodies)}")
-        sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
-        if bodies:
-            sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
-        observation = np.zeros(policy.observation_width, dtype=np.float32)
-
-        def frame(index: int) -> Float32Array | None:
-            try:
-                answer = policy.run(list(sizes), observation, index)
-            except Exception as error:  # onnxruntime's own types
-                if index == 0 or isinstance(error, TimeoutError):
-                    raise FieldError(f"the motion in its graph cannot be read: {reason_of(error)}") from None
-                return None  # a graph that does not hold its last frame has none beyond it
-            values = {name: np.asarray(value, np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
-            for name, size in sizes.items():
-                if values[name].size != size:
-                    raise FieldError(f"output '{name}' has {values[name].size} values, expected {size}")
-            if bodies and contract.reference_quaternion == "xyzw":
-                values[turn] = values[turn].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
-            if bodies and place not in values:
-                values[place] = np.zeros(3, dtype=np.float32)
-            return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
-
-        rows = np.stack(_rows(frame))
-        joints = contract.joint_names
+        rows, joints = np.stack(_rows(frame)), contract.joint_names
         return Motion(rows, bodies, contract.policy_dt, layout="joints_bodies_w", joint_names=joints)
 
 
 def _rows(frame: Callable[[int], Float32Array | None]) -> list[Float32Array]:
-    """Return the frames up to the last, or the first of those that are held to the end."""
     rows: list[Float32Array] = []
     held = 0
     while (row := frame(len(rows))) is not None:

@@ -147,10 +147,7 @@ def _order(name: str) -> int:
 
 
 def checked(name: str, value: Any, where: str) -> Any:
-    """Return the value of a field, as `Layer.values` names it, of the right kind.
-
-    Raises `InputError`, which begins with `where`, for an unknown field, or a value of another kind.
-    """
+    """Return the value of a field, as `Layer.values` names it, of the right kind; else raise `InputError`."""
     whole, _, part = name.partition(".")
     option = part.rpartition(".")[2] or whole
     types = get_type_hints(_OWNERS[whole if part else ""])
@@ -183,7 +180,6 @@ def _numbers(option: str, value: Any) -> Any:
 def _resolved(
     name: str, layer: Layer, joints: tuple[str, ...], found: Mapping[str, Statement], where: str
 ) -> tuple[str, Any]:
-    """Return the field that a statement is of, and its value with names, places and patterns of joints resolved."""
     value = checked(name, layer.values[name], where)
     if name.startswith("observation.") and layer.is_decisive and "observation" in found:
         terms = found["observation"].value
@@ -199,7 +195,6 @@ def _resolved(
 
 
 def _owners(key: str, joints: tuple[str, ...], found: Mapping[str, Statement]) -> tuple[str, ...]:
-    """Return the joints, in order, for each of which a field has a value."""
     if key in ("action_scale", "action_offset", "position_clip") and "action_joint_names" in found:
         return found["action_joint_names"].value  # type: ignore[no-any-return]
     return joints
@@ -262,7 +257,6 @@ def _renamed(key: str, names: Sequence[str], found: Mapping[str, Statement]) -> 
 
 
 def _difference(key: str, old: Statement, new: Statement, owners: Sequence[str], found: Mapping[str, Statement]) -> str:
-    """Return what two statements differ in, by more than rounding; empty for nothing."""
     a, b = old.value, new.value
     both = f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
     if isinstance(a, tuple) and isinstance(b, tuple):
@@ -319,7 +313,6 @@ def rounding(values: FloatArray) -> FloatArray:
 
 
 def _derive(found: dict[str, Statement]) -> None:
-    """Add what no source has to state, because it follows from other fields."""
     if "joint_names" in found:
         found.setdefault("action_joint_names", Statement(found["joint_names"].value, "follows from joint_names"))
     if "observation" in found:

@@ -34,12 +34,9 @@ class LoadedPolicy:
         return widths if keys is None else {**widths, KEY_PRESSED: keys.shape[1]}
 
     def live_inputs(self, reported: Container[str]) -> Mapping[str, int]:
-        """Name and width of the live inputs that a session takes from outside, less those that the robot reports.
-
-        A piano's keys also where the policy does not observe them: the score of a run needs them.
-        """
+        """Name and width of the live inputs that a session takes from outside, less those that the robot reports."""
         live = self.contract.sent_inputs
-        if "target_keys" in self.reference.terms:
+        if "target_keys" in self.reference.terms:  # the score of a run needs the keys, observed or not
             live = {**live, KEY_PRESSED: self.extern[KEY_PRESSED]}
         return {name: width for name, width in live.items() if name not in reported}
 
@@ -58,10 +55,7 @@ def load_policy(
     source: str = "policy",
     motion_source: str = "motion",
 ) -> LoadedPolicy:
-    """Bring a policy and its motion together, N as the model declares it; `source` names the policy in messages.
-
-    Raises `InputError` if the motion does not fit the policy, or the terms do not add up to the model's input.
-    """
+    """Bring a policy and its motion together, N as the model declares it; raises `InputError` if they do not fit."""
     with blaming(source):
         for name, topic in contract.live_topics.items():
             if is_used(topic.name):
@@ -88,13 +82,12 @@ def _reference(contract: PolicyContract, motion: Motion | None, motion_source: s
     if motion.task_type not in ("", task):
         raise FieldError(f"{motion_source} is a motion for task_type {motion.task_type}, expected one for {task}")
     if not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
-        period = f"{motion.policy_dt:g} s, expected policy_dt {contract.policy_dt:g} s"
-        raise FieldError(f"{motion_source} has a frame every {period}; resample the motion")
+        rates = f"{motion.policy_dt:g} s, expected policy_dt {contract.policy_dt:g} s"
+        raise FieldError(f"{motion_source} has a frame every {rates}; resample the motion")
     if motion.layout == "joints_bodies_w":
         return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
     if task == "tracking" and motion.body_names not in ((), contract.body_names):
-        bodies = f"{', '.join(motion.body_names)}, expected {', '.join(contract.body_names)}"
-        raise FieldError(f"{motion_source} describes the bodies {bodies}")
+        raise FieldError(f"{motion_source} describes {motion.body_names}, expected the bodies {contract.body_names}")
     return build_reference(contract, motion.frames)
 
 

@@ -86,10 +86,7 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
-    """Read a motion file, the motion of a recording, or a folder of rosbag2.
-
-    Raises `InputError` with the file and what is wrong.
-    """
+    """Read a motion file, the motion of a recording, or a folder of rosbag2."""
     path = Path(path)
     # rosbag2 numbers its files; the shorter name is the lower number.
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
@@ -140,10 +137,10 @@ def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion
         if not len(steps) or steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
             raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced")
         policy_dt = float(round(steps.mean())) / 1e9
-    names = {name: tuple(csv(metadata.get(name, ""))) for name in ("body_names", "joint_names")}
     texts = {"layout": "bodies_b", "task_type": "", "robot": "", **metadata}
     given: dict[str, Any] = {name: texts[name] for name in ("layout", "task_type", "robot")}
-    return Motion(np.stack(rows), policy_dt=policy_dt, **names, **given)
+    given |= {name: tuple(csv(metadata.get(name, ""))) for name in ("body_names", "joint_names")}
+    return Motion(np.stack(rows), policy_dt=policy_dt, **given)
 
 
 def motion_bytes(motion: Motion) -> bytes:

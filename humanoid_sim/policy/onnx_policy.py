@@ -46,11 +46,6 @@ class OnnxModel:
     """
 
     def __init__(self, path: Path) -> None:
-        """Load a model.
-
-        Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or its graph is of a
-        kind that no policy here can have: a LEAPP bundle's, or a recurrent network's.
-        """
         check_file(path)
         onnxruntime = onnx_runtime()
         options = onnxruntime.SessionOptions()
@@ -146,11 +141,6 @@ class OnnxPolicy:
     """`(observation (N,), frame) -> action (m,)`, float32. A model with a `time_step` input gets the frame there."""
 
     def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
-        """Find the tensors of a model; names that are empty are found by their place.
-
-        Raises `InputError` if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
-        action, float32 (1, M).
-        """
         self.model = model if isinstance(model, OnnxModel) else OnnxModel(model)
         tensors = TensorNames() if tensors is None else tensors
         inputs = {tensor.name: tensor for tensor in self.model.inputs}

@@ -78,7 +78,6 @@ def read_notes(path: Path) -> list[Note]:
 
 
 def _notes(messages: Iterable[Any]) -> list[Note]:
-    """Return the notes of messages whose `time` is in s, since the one before; a key struck again ends its note."""
     notes: list[Note] = []
     starts: dict[tuple[int, int], float] = {}  # by channel and MIDI note
     now = 0.0

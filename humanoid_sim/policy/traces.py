@@ -133,7 +133,6 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
 
 
 def _table(arrays: Arrays, name: str, steps: int, width: int | None) -> FloatArray:
-    """Return an array as shape (steps, width), float64; one row for all steps is spread out."""
     if name not in arrays:
         raise FieldError(f"{name} is missing, expected a row for each step")
     values: FloatArray = arrays[name].astype(np.float64)

@@ -50,11 +50,7 @@ def check(options: Check) -> int:
 def check_checkpoint(
     path: Path, description: RobotDescription, contract_file: Path | None = None, *, hardware: bool = False
 ) -> tuple[Finding, ...]:
-    """Everything that can be said without running the policy on the robot, the worst first.
-
-    Raises `InputError` if the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be
-    read. `contract_file` None: the one beside the checkpoint, if there is one.
-    """
+    """Return everything that can be said without running the policy on the robot, the worst first."""
     model = OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
@@ -74,16 +70,14 @@ def check_checkpoint(
 
 
 def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterator[Finding]:
-    """Yield what keeps the sources from making a contract: widths first, then what is missing, all at once."""
     contract, width = reading.outline, policy.observation_width
     if contract is not None:
         try:
             layout = contract_layout(contract)
-            problem = "" if layout.width == width else width_problem(layout, width)
+            if layout.width != width:
+                yield Finding("error", "observation", width_problem(layout, width))
         except FieldError as error:
-            problem = str(error)
-        if problem:
-            yield Finding("error", "observation", problem)
+            yield Finding("error", "observation", str(error))
         if policy.action_width != contract.action_count:
             message = f"is {contract.action_count} wide, the model's output {policy.action_width}"
             yield Finding("error", "action_joint_names", message)
@@ -97,7 +91,6 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
 
 
 def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
-    """Yield what the model's own answers show: to an observation of zeros, and to golden vectors."""
     contract, zeros = checkpoint.contract, np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
     action, limit = np.abs(checkpoint.policy(zeros, 0)), action_limit_of(contract)
     if not action.max() <= limit:
@@ -113,7 +106,6 @@ def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
 
 
 def _robot_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
-    """Yield what is wrong with a contract on a robot, and what to know of the robot."""
     bare = bare_model(description)
     yield from contract_findings(contract, description, bare, hardware=hardware)
     if set(contract.joint_names) == set(description.joint_names):

@@ -11,7 +11,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.terms import BoundTerm
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, read_checkpoint
@@ -37,7 +36,10 @@ def show(options: Show) -> int:
     refusal = reading.refusal(own_contract(options.checkpoint).name)
     golden = ""
     if not refusal:
-        golden, refusal = _golden_verdict(load_checkpoint(options.checkpoint, options.contract, joints, verify=False))
+        try:
+            golden = load_checkpoint(options.checkpoint, options.contract, joints).golden
+        except InputError as error:
+            refusal = str(error)
     console = make_console()
     _print(console, model, reading, golden)
     if refusal:
@@ -47,29 +49,24 @@ def show(options: Show) -> int:
 
 def print_checkpoint(console: Console, checkpoint: Checkpoint) -> None:
     """Print what is known of a checkpoint that is complete."""
+    golden = ""
+    with suppress(InputError):  # `check` names the difference
+        golden = verify_golden(checkpoint)
     if checkpoint.model is not None and checkpoint.reading is not None:
-        _print(console, checkpoint.model, checkpoint.reading, _golden_verdict(checkpoint)[0])
-
-
-def _golden_verdict(checkpoint: Checkpoint) -> tuple[str, str]:
-    """Return what the golden vectors are worth, and what is wrong with them."""
-    try:
-        return verify_golden(checkpoint), ""
-    except InputError as error:
-        return "", str(error).removeprefix(f"{checkpoint.source}: ")
+        _print(console, checkpoint.model, checkpoint.reading, golden)
 
 
 def _print(console: Console, model: OnnxModel, reading: Reading, golden: str) -> None:
     tensors = (f"{tensor.name} {list(tensor.shape)}" for tensor in (*model.inputs, *model.outputs))
     console.print(escape(f"{model.path}: {', '.join(tensors)}"), soft_wrap=True)
     table = Table("field", "value", "source", box=None, pad_edge=False)
-    widths: tuple[BoundTerm, ...] = ()
+    terms = ""
     with suppress(FieldError):  # `check` names the term
         widths = () if reading.outline is None else contract_layout(reading.outline).terms
-    for field, text, source in contract_rows(reading.values, reading.source):
         terms = " + ".join(f"{term.name} {term.width}" for term in widths)
+    for field, text, source in contract_rows(reading.values, reading.source):
         value = terms if field == "observation" and terms else text
-        replaced = "; ".join(f"{value_text(field, old)} {origin}" for old, origin in reading.replaced.get(field, ()))
+        replaced = "; ".join(f"{value_text(old)} {origin}" for old, origin in reading.replaced.get(field, ()))
         origin = f"{source} (replaces {replaced})" if replaced else source
         table.add_row(escape(field), escape(value), escape(origin), style="yellow" if is_assumed(source) else "")
     if golden:

@@ -50,13 +50,8 @@ def stamp(
     """Stamp a copy of a checkpoint, and return its samples, None without any.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
-    the trace, or else those that the checkpoint has already. It is loaded before a file takes the name `output`. Raises
-    `InputError` if the checkpoint, its contract or the trace is refused, or the copy cannot be written.
-
-    Args:
-        description: the robot, for joints that are named by place, and for what follows from a trace's `qpos`.
-        trace: a trainer's run, see `humanoid_sim.policy.traces`.
-        motion: what the policy follows, where the model does not carry it.
+    the trainer's run in `trace`, which followed `motion`, or else those that the checkpoint has already. It is loaded
+    before a file takes the name `output`. `description`: for joints named by place, and what follows from `qpos`.
     """
     output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names

@@ -67,7 +67,6 @@ def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
 
 
 def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
-    """Join several actuators of one joint, such as one of its position and one of its velocity."""
     return replace(
         one if one.stiffness >= other.stiffness else other,
         stiffness=one.stiffness + other.stiffness,

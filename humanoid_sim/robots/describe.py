@@ -75,7 +75,6 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
 
 
 def _equalities(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield what couples joints, such as the mimic `finger = 0.1 -2 · thumb`, and the number of other equalities."""
     others: Counter[str] = Counter()
     for i in range(model.neq):
         kind = mujoco.mjtEq(int(model.eq_type[i]))

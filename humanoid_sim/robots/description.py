@@ -71,7 +71,6 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
 
 def _described(document: Any, folder: Path) -> RobotDescription:
-    """Return the robot of a YAML file in a folder, its fields checked."""
     with blaming("holds a number that is not finite", ValueError):
         json.dumps(document, allow_nan=False, default=str)
     mjcf = document.get("mjcf") if isinstance(document, dict) else None
@@ -89,7 +88,6 @@ def _described(document: Any, folder: Path) -> RobotDescription:
 
 
 def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
-    """Return the whole document of a file that gives only what differs from its MJCF."""
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 
     described = describe_mjcf(mjcf)
@@ -112,7 +110,6 @@ def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
 
 
 def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return the document with mappings changed field by field, anything else as a whole."""
     for name, value in changes.items():
         own = whole.get(name)
         whole[name] = _merged(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
@@ -122,9 +119,7 @@ def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
     """Return the description with the contract's gains and physics, standing in the contract's default pose.
 
-    The joints' gains, both standby poses, the initial position, and the K_d of DAMPING and of REMOTE's passive hold
-    become the contract's. A default pose beyond a joint's limit is moved to it, as the joint's stop would. Raises
-    `InputError` if the contract's joints are not the robot's.
+    A default pose beyond a joint's limit is moved to it, as the joint's stop would.
     """
     with blaming(description.name):
         gains = resolve_action(contract, description.joint_names)

@@ -79,7 +79,6 @@ def rated_speed(robot: RobotDescription) -> FloatArray:
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
-    """Return rad/s, shape (n,) each: the largest speed that a motor can report, and that without load; inf for none."""
     models = [MOTORS.get(joint.motor.model) if joint.motor else None for joint in robot.joints]
     reported = np.array([model.velocity if model else np.inf for model in models])
     return reported, np.array([model.no_load_velocity if model else np.inf for model in models])

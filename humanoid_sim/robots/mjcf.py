@@ -54,12 +54,11 @@ def read_spec(path: Path) -> mujoco.MjSpec:
             spec.modelfiledir = folder
     for asset in (*spec.meshes, *spec.textures):
         if package := _PACKAGE.match(asset.file):
-            asset.file = str(_package_file(*package.groups(), path.resolve()))
+            asset.file = str(_package_file(package[1], package[2], path.resolve()))
     return spec
 
 
 def _package_file(package: str, name: str, model: Path) -> Path:
-    """Return the file of a ROS package: a folder above the model that is the package, or that has it."""
     for above in model.parents:
         manifest = above / "package.xml"
         says_so = manifest.is_file() and f"<name>{package}</name>" in manifest.read_text(errors="replace")
@@ -76,10 +75,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def bare_model(description: RobotDescription) -> mujoco.MjModel:
-    """Return the robot's MJCF as it is, compiled.
-
-    Raises `InputError` if it cannot be read, or lacks a joint, or the IMU, of the description.
-    """
+    """Return the robot's MJCF as it is, compiled; it has to have the description's joints and IMU."""
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)
     require_known("joint", description.joint_names, [model.joint(i).name for i in range(model.njnt)], f"{path}: ")
@@ -127,7 +123,6 @@ def describe_mjcf(path: Path) -> RobotDescription:
 
 
 def _describe_joint(model: mujoco.MjModel, i: int, own: OwnActuator | None) -> JointDescription:
-    """Return a joint with the least effort that it and its actuators allow; what is not limited is infinite."""
     lower, upper = model.jnt_range[i].tolist() if model.jnt_limited[i] else NO_RANGE
     effort = math.inf if own is None else max(abs(bound) for bound in own.force_range)
     if model.jnt_actfrclimited[i]:
@@ -150,7 +145,6 @@ def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
-    """Return the MJCF's own step, s, unless it is too long or does not divide the control period."""
     longest, own = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"], float(model.opt.timestep)
     with suppress(InputError):
         steps_per_period(1.0 / SimulationSettings().control_frequency, own)

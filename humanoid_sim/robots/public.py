@@ -16,10 +16,7 @@ _MJCF = "_mj_description"
 
 
 def public_mjcf(name: str) -> Path:
-    """Return the MJCF of a public robot, whose repository is cloned at its first use.
-
-    Raises `InputError` if the robot is unknown or cannot be fetched.
-    """
+    """Return the MJCF of a public robot, whose repository is cloned at its first use."""
     with needing("robot_descriptions", "menagerie", f"--robot {PREFIX}…"):
         import robot_descriptions  # noqa: PLC0415 - an extra
     modules = [module.name for module in pkgutil.iter_modules(robot_descriptions.__path__)]

@@ -144,8 +144,6 @@ class PianoSettings(_Part, frozen=True):
 
 
 class _PerJoint:
-    """A value of every joint as a read-only array of shape (n,), in the order of `joints`."""
-
     def __init__(self, value: Callable[[JointDescription], float]) -> None:
         self._value = value
 
@@ -239,10 +237,7 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
 
     @classmethod
     def from_json(cls, text: str, folder: str = "") -> Self:
-        """Read a description from `to_json`'s text; `folder` has its MJCF, empty for the shipped robots' folder.
-
-        Raises `InputError` for any other text.
-        """
+        """Read a description from `to_json`'s text; `folder` has its MJCF, empty for the shipped robots' folder."""
         with blaming("robot description (JSON)", (msgspec.DecodeError, msgspec.ValidationError)):
             document = msgspec.json.decode(text, type=dict[str, Any])
             for joint in document.get("joints", ()):

@@ -38,9 +38,7 @@ def _joint_name(model: mujoco.MjModel, joint: int) -> str:
     return model.joint(joint).name or f"joint_{joint}"
 
 
-class _Link(NamedTuple):
-    """A link's frame with all joints at 0: its body's axes, its origin in its joint's anchor."""
-
+class _Link(NamedTuple):  # with all joints at 0: its body's axes, its origin in its joint's anchor
     name: str
     position: FloatArray  # shape (3,), m, world frame
     quaternion: FloatArray  # shape (4,), w x y z
@@ -106,7 +104,6 @@ def _add_joint(root: Element, name: str, kind: str, parent: _Link, child: _Link)
 
 
 def _limit(model: mujoco.MjModel, i: int, description: RobotDescription) -> dict[str, str]:
-    """Return a joint's limits; effort and velocity are 0 where they are not known."""
     (lower, upper), effort, speed = model.jnt_range[i].tolist(), 0.0, 0.0
     if (name := _joint_name(model, i)) in description.joint_names:
         place = description.joint_names.index(name)
@@ -118,7 +115,6 @@ def _limit(model: mujoco.MjModel, i: int, description: RobotDescription) -> dict
 
 
 def _add_inertia(element: Element, mass: float, inertia: FloatArray, centre: FloatArray, axes: FloatArray) -> None:
-    """Add a mass in kg, and its principal moments of inertia (3,), kg·m², about axes (4,), w x y z, in its centre."""
     inertial = SubElement(element, "inertial")
     SubElement(inertial, "mass", value=_number(mass))
     xx, yy, zz = (_number(value) for value in inertia)
@@ -139,7 +135,6 @@ def _add_geoms(element: Element, model: mujoco.MjModel, body: int, shift: FloatA
 
 
 def _shapes(model: mujoco.MjModel, geom: int) -> Iterator[tuple[str, dict[str, str], FloatArray]]:
-    """Yield what a geom is made of: the tag, its attributes, and where it is in the geom's frame, (3,) m."""
     kind, (radius, half, _) = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
     match kind:
         case mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -157,7 +152,6 @@ def _add_origin(element: Element, position: FloatArray, quaternion: FloatArray) 
 
 
 def _roll_pitch_yaw(quaternion: FloatArray) -> FloatArray:
-    """Return rad, shape (3,), about the fixed axes x, y, z in this order: URDF's."""
     rotation = matrix(np.asarray(quaternion, dtype=np.float64))
     level = math.hypot(rotation[0, 0], rotation[1, 0])
     pitch = math.atan2(-rotation[2, 0], level)

@@ -37,7 +37,6 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
 
 
 def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields that holosoma's experiment configuration gives; terms stand in alphabetical order."""
     robot = config["robot"]
     control, efforts = robot["control"], robot.get("dof_effort_limit_list")
     found = control.fields({"action_scale": "action_scale"})

@@ -51,7 +51,6 @@ def read_env(path: Path) -> list[Layer]:
 
 
 def _by_pattern(group: Section, key: str) -> Iterator[tuple[str, Any]]:
-    """Yield one actuator group's values by patterns of joints; a limit of the simulation comes before the motor's."""
     value = group.get(key) if group.get(f"{key}_sim") is None else group.get(f"{key}_sim")
     for pattern in group.get("joint_names_expr") or []:
         if isinstance(value, dict):
@@ -61,7 +60,6 @@ def _by_pattern(group: Section, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def _action(actions: Section) -> dict[str, Any]:
-    """Return what the one action of joint positions states."""
     names = [name for name, term in actions.values.items() if isinstance(term, dict) and term.get("scale") is not None]
     if not names:
         return {}

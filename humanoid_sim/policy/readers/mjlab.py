@@ -75,7 +75,6 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
 
 
 def _rows(key: str, text: str, count: int, where: str) -> list[list[float]]:
-    """Return the numbers of each term: commas between terms, semicolons within one."""
     words = {"True": "1", "False": "0"}
     rows = [csv_numbers(key, words.get(item, item).replace(";", ","), where) for item in csv(text)]
     if len(rows) != count:
