@@ -220,8 +220,11 @@ class SitoMotors(MotorLink):
                 self._line.forget_queues()
                 self.close()
         before = {i: self.slots[i].reports for i in motors if i in self._enabled}
-        self._wait(0.003 * self._interval if before else 0.0)
-        left = {i: "no feedback" for i, count in before.items() if self.slots[i].reports == count}
+        end = self._line.clock() + _LISTENING
+        while left := {i: "no feedback" for i, count in before.items() if self.slots[i].reports == count}:
+            if self._line.clock() >= end:
+                break
+            time.sleep(0.001)
         left |= dict.fromkeys(self._reset(motors), "sends feedback")
         self._enabled -= set(motors) - left.keys()
         return left
