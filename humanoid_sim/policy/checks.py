@@ -143,18 +143,13 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
-    """Joints that the robot's model damps as well, N·m·s/rad by joint, beside the contract's K_d."""
+    """Joints that the robot's model damps as well, N·m·s/rad by joint, where nobody decides whether both act."""
     joints, damping = contract.joint_names, contract.joint_damping
     model = np.array([own.get(name, 0.0) for name in joints])
-    effect = {
-        "undecided": "both act, which nobody decided: keep or drop in x.contract.yaml",
-        "keep": "keep: both act",
-        "drop": "drop: simulations leave out the second number",
-    }[contract.model_joint_damping]
-    is_open = contract.model_joint_damping == "undecided" and (damping * model > 0.0).any()
-    message = f"the contract's K_d + the model's own damping, N·m·s/rad: {{}} ({effect})"
-    severity: Severity = "warning" if is_open else "info"
-    yield from _on(severity, "model_joint_damping", message, joints, model > 0.0, "{:g} + {:g}", damping, model)
+    if contract.model_joint_damping == "undecided":
+        both, text = (damping > 0.0) & (model > 0.0), "{:g} + {:g}"
+        message = "the contract's K_d and the model's own damping both act: keep or drop in x.contract.yaml: {}"
+        yield from _on("warning", "model_joint_damping", message, joints, both, text, damping, model)
 
 
 # --- values that are hardly meant ---
@@ -184,8 +179,6 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
             message = f"needs {kind.estimate}, which a simulation knows and a robot has to estimate"
             remark = "; there is no estimator" if hardware else ""
             yield Finding("error" if hardware else "info", field, f"{message}{remark}")
-        if term.width is not None or term.scan is not None:
-            yield Finding("info", field, f"is a live input: on a robot, programs send it by {term.topic or kind.topic}")
 
 
 # --- evidence at hand ---

@@ -23,9 +23,7 @@ from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
-from humanoid_sim.robots.guards import describe_unwatched
-from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import DampingStability
@@ -106,8 +104,7 @@ def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
 
 
 def _robot_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
-    bare = bare_model(description)
-    yield from contract_findings(contract, description, bare, hardware=hardware)
+    yield from contract_findings(contract, description, bare_model(description), hardware=hardware)
     if set(contract.joint_names) == set(description.joint_names):
         robot, gains = with_contract(description, contract), resolve_action(contract, description.joint_names)
         try:
@@ -116,7 +113,3 @@ def _robot_findings(contract: PolicyContract, description: RobotDescription, *, 
                 yield Finding("warning", "joint_damping", warning.removeprefix(": "))
         except InputError as error:
             yield Finding("error", "joint_damping", str(error).removeprefix(": "))
-        if unwatched := describe_unwatched(with_contract_physics(description, contract)):
-            yield Finding("info", "guards", unwatched.removeprefix("guards: "))
-    if description.is_floating:
-        yield Finding("info", "imu", imu_line(bare, description))

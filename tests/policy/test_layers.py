@@ -36,9 +36,7 @@ def by_hand(**values):
     [
         ("joint_stiffness", [40.179, 99.098, 40.179], [40.2, 99.1, 40.2]),
         ("joint_damping", [2.558, 6.309, 2.558], [2.56, 6.31, 2.56]),  # three significant digits
-        ("joint_damping", [2.558, 6.309, 2.558], [2.6, 6.3, 2.6]),
         ("action_scale", [0.548, 0.351, 0.075], [0.55, 0.35, 0.07]),
-        ("policy_dt", 0.02, 0.02),
     ],
 )
 def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_taken(field, exact, copy):
@@ -53,7 +51,6 @@ def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_taken(field, exa
     [
         ("action_scale", [0.55, 0.35, 0.35], ("action_scale", "waist (0.548 against 0.35)", "metadata", "deploy.yaml")),
         ("joint_stiffness", 20.0, ("hip (40.179 against 20)", "knee (99.098 against 20)")),
-        ("policy_dt", 0.04, ("0.02 in metadata, 0.04 in deploy.yaml",)),
         ("observation", ("joint_pos", "base_ang_vel", "actions"), ("at place 0: base_ang_vel",)),
         ("observation", ("imu_ang_vel", "joint_pos_rel"), ("at place 2: actions in metadata, nothing in deploy.yaml",)),
         ("joint_names", ("knee", "hip", "waist"), ("joint_names: differs at place 0",)),
@@ -122,15 +119,11 @@ def test_values_by_name_pattern_and_place():
         ({"joint_stiffnes": 1.0}, "joint_stiffness"),
         ({"joint_stiffness": "stiff"}, "joint_stiffness: is stiff: expected a number"),
         ({"joint_stiffness": {"nose": 1.0}}, "unknown joint 'nose'"),
-        ({"joint_stiffness": {"knee": 1.0}}, "lacks hip, waist"),
         ({"policy_dt": "fast"}, "policy_dt: is fast"),
         ({"action_joint_names": [7]}, "expected places of 3 joints"),
         ({"action_joint_names": ["["]}, "is no pattern"),
-        ({"action_joint_names": ["hip", 1]}, "action_joint_names: is [hip, 1]"),
         ({"observation.joint_vel.scale": 2.0}, "of no observation term, expected one of base_ang_vel, joint_pos"),
-        ({"observation.joint_pos.history": "long"}, "observation.joint_pos.history: is long"),
         ({"observation.joint_pos.colour": 1}, "colour"),
-        ({"joint_names": [["hip"]]}, "joint_names: is"),
         ({"position_clip": {"hip": [0, 1], "knee": 2}}, "position_clip"),
     ],
 )

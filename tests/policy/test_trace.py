@@ -101,10 +101,8 @@ BROKEN = {
     ),
     "no state": ({"qpos": None}, "joint_position is missing"),
     "short qpos": ({"qpos": RUN.qpos[:5]}, "qpos has shape"),
-    "narrow action": ({"action": RUN.action[:, :2]}, "action has shape"),
     "not finite": ({"obs": np.where(RUN.obs > 0.9, np.nan, RUN.obs)}, "observation is not finite"),
     "no command": ({"cmd": None}, "velocity_command is missing"),
-    "frame": ({"frame": np.zeros(2)}, "frame has shape"),
 }
 
 

@@ -24,9 +24,8 @@ def live(tmp_path):
 
 def test_it_is_checked_shown_and_stamped_without_samples(cli, live, robot, tmp_path):
     path = live(topic="/feet", timeout=float("inf"))
-    status, out, error = cli("check", path, "--robot", robot.mjcf_path)
+    status, _, error = cli("check", path, "--robot", robot.mjcf_path)
     assert status == 0, error
-    assert "observation term foot_contact: is a live input" in out
     assert "topic /feet, timeout inf of foot_contact" in cli("show", path)[1]
     output = tmp_path / "stamped.onnx"
     assert "golden vectors: none" in cli("stamp", path, "-o", output)[1]

@@ -6,7 +6,6 @@ import numpy as np
 import onnx
 import pytest
 from published import G1, MJLAB, POLICIES, TRACES, contract_beside, needs_policies
-from trainer import contract, save_checkpoint
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
@@ -77,15 +76,6 @@ def test_external_tensors_move_into_the_copy_which_replaces_nothing_unasked(cli,
     data.unlink()
     observation = np.linspace(-1.0, 1.0, 32, dtype=np.float32)
     np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
-
-
-def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, trace, robot, tmp_path):
-    wrong = save_checkpoint(tmp_path / "wrong.onnx", contract(default_joint_pos=[0.1, -0.2, 0.6, 0.5]))
-    wiring = ("--trace", trace, "--robot", robot.mjcf_path)
-    status, _, error = cli("stamp", wrong, "-o", tmp_path / "out.onnx", *wiring)
-    assert status == 2
-    assert "joint_pos_rel[0] of history step 0 (left_hip)" in error
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.npz", "wrong.onnx"]
 
 
 def test_a_policy_that_follows_files_is_verified_without_any(tmp_path):

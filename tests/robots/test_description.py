@@ -59,25 +59,18 @@ PER_JOINT = "expected 14, one per joint"
 STANDBY = "standby_controller_a"
 SITO = {"bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 BAD_VALUES = [
-    ("imu", "", "imu: Expected `str` of length >= 1"),
     ("mjcf", "nowhere.xml", "mjcf: is 'nowhere.xml', expected the name of an MJCF"),
-    ("joints[5].name", "left_shoulder_pitch", "joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"),
     ("joints[3].lower", math.nan, "holds a number that is not finite"),
     ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
-    ("joints[0].effort_limit", 0.0, "joints[0].effort_limit: Expected `float` > 0.0"),
-    ("joints[1].motor.can_id", 0, "joints[1].motor.can_id: is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
     ("joints[6].motor.model", "rs-20", "joints[6].motor.model: unknown motor model 'rs-20'"),
     ("joints[6].motor.torque_limit", None, "joints[6].motor: misses 'torque_limit'"),
     ("joints[6].motor", SITO | {"can_id": 200}, "joints[6].motor.can_id: is 200, expected 1 to 127 beside motors of"),
-    ("initial_position", [0.0] * 13, f"initial_position: has 13 values, {PER_JOINT}"),
     ("initial_position[3]", 0.1, "initial_position[3]: is 0.1, outside the limits of left_elbow_pitch, -2.35619 to 0"),
     ("simulation.physics_timestep", 0.0006, "simulation.physics_timestep: 0.0006 s does not divide"),
     ("base", {"type": "floating"}, "base.body: is empty"),
     (f"{STANDBY}.pose_segments", [[0.0] * 14], f"{STANDBY}.pose_segments: has 1 poses, expected 2"),
-    (f"{STANDBY}.pose_segments[1][3]", 1.0, f"{STANDBY}.pose_segments[1][3]: is 1, outside the limits of left_elbow"),
-    ("guards.following_effort", [1, None], f"guards.following_effort: has 2 values, {PER_JOINT}"),
     ("stifness", 1.0, "Object contains unknown field `stifness`"),
 ]
 
@@ -152,11 +145,9 @@ def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     ("text", "problem"),
     [
         ("joints: {ankle: {effort_limit: 3}}", "joints: unknown joint 'ankle'; known: hip, knee"),
-        ("initial_position: {ankle: 3}", "initial_position: unknown joint 'ankle'; known: hip, knee"),
         ("joints: {hip: 3}", "joints.hip: is 3, expected fields to change"),
         ("joints: {knee: {limit: 3}}", "joints[1]: Object contains unknown field `limit`"),
         ("initial_position: {knee: 3}", "standby_controller_a.pose_segments[0][1]: is 3, outside the limits of knee"),
-        ("joints: all", "joints: Expected `array`, got `str`"),
     ],
 )
 def test_what_is_wrong_with_a_change_is_named(hopper, text, problem):
