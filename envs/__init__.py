@@ -19,5 +19,5 @@ if ENVIRONMENTS[0] not in registry:
     register(
         ENVIRONMENTS[-1],
         "humanoid_sim.envs.modes_env:ModesEnv",
-        vector_entry_point="humanoid_sim.envs.modes_vector_env:ModesVectorEnv",
+        vector_entry_point="humanoid_sim.envs.modes_env:ModesVectorEnv",
     )

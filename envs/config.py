@@ -29,8 +29,7 @@ from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.simulation.sensing import live_inputs
 
-Named = str | Path
-"""Name of a file that ships with the package, or a path."""
+Named = str | Path  # name of a file that ships with the package, or a path
 RewardTerm = tuple[float, Callable[[StepSample], FloatArray | float]]
 """A weight, 1/s, and the term's value of a policy step: shape (...), or one number for all robots."""
 Config = TypeVar("Config", bound=Any)
@@ -40,32 +39,23 @@ Config = TypeVar("Config", bound=Any)
 class PolicyEnvConfig:
     """A policy's environment, whatever its seed. `dataclasses.replace` changes one; so do keywords of `make`."""
 
-    policy: Named | PolicyContract | Checkpoint
-    """A checkpoint (.onnx), a contract file (.yaml) or a `PolicyContract`."""
-    robot: Named | RobotDescription
-    """A shipped robot, a description (.yaml) or an MJCF."""
+    policy: Named | PolicyContract | Checkpoint  # a checkpoint (.onnx), a contract file (.yaml) or a `PolicyContract`
+    robot: Named | RobotDescription  # a shipped robot, a description (.yaml) or an MJCF
     motion: Named | Motion | None = None
     """A sample motion, a file, of a piano policy a song or MIDI file; None: the one in the checkpoint, or none."""
-    task: str = "auto"
-    """A key of `humanoid_sim.envs.tasks.TASKS`; `auto`: the one that policy and motion are made for."""
+    task: str = "auto"  # a key of `humanoid_sim.envs.tasks.TASKS`; `auto`: the one that policy and motion are made for
     rewards: Mapping[str, float | RewardTerm] = field(default_factory=dict)
     """Weights, 1/s, of rows of `step_metrics.METRICS`, or (weight, function of a `StepSample`); beside the task's."""
     terminations: tuple[str, ...] | None = None
     """Rows of `METRICS` that end the episode where they are not 0; None: the task's."""
     max_episode_steps: int | None = None
     """Policy steps after which an episode is truncated; None: the motion's, or 20 s."""
-    joint_noise: float = 0.05
-    """rad by which each joint may start off the default pose."""
-    velocity_noise: float = 0.1
-    """rad/s by which each joint may start off rest."""
-    physics_timestep: float | None = None
-    """s; None: the robot's."""
-    implicit: bool = False
-    """Integrate the motors' damping implicitly, in longer physics steps: for training, not exact."""
-    randomisation: Randomisation | Mapping[str, Any] | None = None
-    """How the robots of different episodes differ."""
-    guards: bool = True
-    """The guards of the control stack end an episode as they end LOCOMOTION."""
+    joint_noise: float = 0.05  # rad by which each joint may start off the default pose
+    velocity_noise: float = 0.1  # rad/s by which each joint may start off rest
+    physics_timestep: float | None = None  # s; None: the robot's
+    implicit: bool = False  # integrate the motors' damping implicitly, in longer physics steps: for training, not exact
+    randomisation: Randomisation | Mapping[str, Any] | None = None  # how the robots of different episodes differ
+    guards: bool = True  # the guards of the control stack end an episode as they end LOCOMOTION
 
     def __post_init__(self) -> None:
         for name in ("joint_noise", "velocity_noise"):

@@ -106,10 +106,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         return self._observation.copy(), 0.0, True, False, {"frame": frame, "terms": {}, "fault": fault}
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window shows itself."""
         return self._display.picture(self.robot.data.qpos)
 
     def close(self) -> None:
-        """Close windows and contexts. May be called twice."""
         self._display.close()
         self.robot.close()

@@ -36,8 +36,7 @@ class EpisodeStarts:
         """m, of the centre of mass above the floor; 0 for a fixed base."""
         n = context.description.joint_count
         self._splits = [n, 2 * n, 2 * n + 1]
-        self.draws = 2 * n + 1 + task.command_draws
-        """Random numbers that a start takes."""
+        self.draws = 2 * n + 1 + task.command_draws  # random numbers that a start takes
 
     def __call__(self, numbers: FloatArray) -> Start:
         """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for."""

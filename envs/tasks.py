@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS, Values, describe_failure
+from humanoid_sim.evaluation.step_metrics import METRICS, Values
 from humanoid_sim.mit import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -73,12 +73,12 @@ class Task:
         for name, given in {**kind.rewards, **_EVERY, **config.rewards}.items():
             if name in _ANCHORED and name not in config.rewards and not context.has("motion with an anchor"):
                 continue
-            weight, function = given if isinstance(given, tuple) else (given, None)
+            weight, function = (given[0], _of_sample(given[1])) if isinstance(given, tuple) else (given, None)
             if not math.isfinite(weight):
                 raise InputError(f"rewards: weight of {name} is {weight}, expected a finite number")
             if weight:
-                values = self._metric("rewards", name) if function is None else _users(name, function)
-                self._terms.append((name, weight * contract.policy_dt, values))
+                rate = weight * contract.policy_dt
+                self._terms.append((name, rate, self._metric("rewards", name) if function is None else function))
         ends = config.terminations
         if ends is None:
             follows = kind.reference in ("motion_body_pos_b", "reference_joint_pos") and context.has("motion")
@@ -89,14 +89,12 @@ class Task:
         if kind.reference:
             longest = reference.frame_count - 1
             steps = min(config.max_episode_steps or longest, longest)
-        self.episode_steps = steps
-        """Policy steps after which an episode is truncated."""
+        self.episode_steps = steps  # policy steps after which an episode is truncated
         ranges = _RANGES if contract.command_ranges is None else contract.command_ranges
         self._low, self._width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
         self._hold = max(round(_COMMAND_SECONDS / contract.policy_dt), 1)
         self._command_count = -(-self.episode_steps // self._hold) if kind.is_commanded else 0
-        self.command_draws = 4 * self._command_count
-        """Random numbers that the commands of an episode take."""
+        self.command_draws = 4 * self._command_count  # random numbers that the commands of an episode take
 
     def _metric(self, where: str, name: str) -> Values:
         require_known("metric", [name], METRICS, f"{where}: ")
@@ -134,10 +132,6 @@ class Task:
             failed = failed | (values(self.context, sample) > 0.0)
         return failed
 
-    def describe_failure(self, sample: StepSample, i: int | tuple[()] = ()) -> str:
-        """Return why robot `i` of a batch, () for the only one, has failed."""
-        return describe_failure(self.context, sample, i)
-
 
 def _kind(name: str, context: StepContext) -> TaskKind:
     """Return the task of that name; `auto`: the one that the contract and its motion were made for."""
@@ -153,18 +147,8 @@ def _kind(name: str, context: StepContext) -> TaskKind:
     return kind
 
 
-def _users(name: str, function: Callable[[StepSample], FloatArray | float]) -> Values:
-    """Return a user's reward term. It raises `InputError` if it gives neither a number nor one for each robot."""
-
-    def values(_: StepContext, sample: StepSample) -> FloatArray:
-        value, shape = function(sample), sample.torque.shape[:-1]
-        if type(value) in (float, int):  # not NumPy's scalars: in a batch they are a sum over all robots
-            return np.full(shape, value, dtype=np.float64)
-        if np.shape(value) != shape:
-            raise InputError(f"rewards: {name} has shape {np.shape(value)}, expected {shape}: one value for each robot")
-        return np.asarray(value, dtype=np.float64)
-
-    return values
+def _of_sample(function: Callable[[StepSample], FloatArray | float]) -> Values:
+    return lambda _, sample: np.broadcast_to(np.float64(function(sample)), sample.torque.shape[:-1])
 
 
 def require_finite(reward: FloatArray, terms: Mapping[str, FloatArray]) -> None:

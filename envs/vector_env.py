@@ -173,7 +173,6 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         return found
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the threads."""
         self.simulation.close()
 
 

@@ -20,7 +20,7 @@ from humanoid_sim.evaluation.failure import length, rms
 from humanoid_sim.evaluation.feet import find_feet
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.evaluation.step import StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
@@ -98,7 +98,8 @@ class EpisodeBatch:
             measured.append(self._step_rows(sample, command))
             steps += alive
             lost = alive & task.failed(sample)
-            failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
+            for i in np.flatnonzero(lost).tolist():
+                failures[i] = "lost", describe_failure(task.context, sample, i)
             alive = alive & ~lost
         found = self._figures(measured) if alive.any() else [{}] * count
         return [self._episode(i, int(steps[i]), *failures.get(i, ("", "")), found[i]) for i in range(count)]

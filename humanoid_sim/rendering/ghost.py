@@ -22,8 +22,7 @@ class ReferenceGhost:
 
     frame: int | None = None
     """Frame of the motion in the latest policy step; None where no policy with a motion drives the robot."""
-    alignment: Alignment | None = None
-    """Where the motion is laid onto the robot; None where that is not known."""
+    alignment: Alignment | None = None  # where the motion is laid onto the robot; None where that is not known
 
     def __init__(self, description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> None:
         self._contract, self._reference, self._joints = contract, reference, description.joint_names

@@ -55,20 +55,13 @@ def update_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) ->
 
 
 class PoseRenderer:
-    """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
+    """Pictures of a model's poses, by a camera that follows a floating base; width and height in pixels.
 
-    Width and height are in pixels. `camera` is one of the model's by name, or one that its owner moves between
-    pictures; None is MuJoCo's own view, which follows a floating base.
+    Nothing is loaded before the first; draw and close on the same thread.
     """
 
-    def __init__(
-        self,
-        model_factory: Callable[[], mujoco.MjModel],
-        width: int,
-        height: int,
-        camera: str | mujoco.MjvCamera | None = None,
-    ) -> None:
-        self._model_factory, self._width, self._height, self._camera = model_factory, width, height, camera
+    def __init__(self, model_factory: Callable[[], mujoco.MjModel], width: int, height: int) -> None:
+        self._model_factory, self._width, self._height = model_factory, width, height
         self._renderer: mujoco.Renderer | None = None
 
     def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
@@ -76,8 +69,7 @@ class PoseRenderer:
         if self._renderer is None:
             self._model = self._model_factory()
             self._data = mujoco.MjData(self._model)
-            if self._camera is None:
-                self._camera = _default_camera(self._model)
+            self._camera = _default_camera(self._model)
             self._renderer = _make_renderer(self._model, self._width, self._height)
         update_pose(self._model, self._data, qpos)
         self._renderer.update_scene(self._data, self._camera)

@@ -30,8 +30,7 @@ class Poses(Sink):
 
     def __init__(self, ghost: ReferenceGhost | None = None) -> None:
         self.ghost = ghost
-        self.rate = 25.0
-        """Hz, at which poses are kept."""
+        self.rate = 25.0  # Hz, at which poses are kept
         self.kept: list[Pose] = []
         self._start, self._due = math.nan, 0.0
 

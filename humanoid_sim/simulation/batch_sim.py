@@ -69,8 +69,7 @@ class BatchSim:
         DampingStability(model, description).check_description()
         self._sensors = Sensors(model, description, config, count=count, threads=self.threads)
         self.extern = self._sensors.widths
-        self.start_pose = StartPose(model, description)
-        """Pose in which a robot starts, for any joint positions."""
+        self.start_pose = StartPose(model, description)  # pose in which a robot starts, for any joint positions
         self._base_body = base_body(model, description)
         self._random_pushes: RandomPushes | None = None
         if self.randomisation.push[1] > 0.0:
@@ -83,8 +82,7 @@ class BatchSim:
         self._batch: Any = Batch(model, count, self.threads)
         self._gains = self._batch.expand("actuator_biasprm")[:, :, 1:3]
         self._sensordata, self._force = self._batch.bind("sensordata"), self._batch.bind("actuator_force")
-        self.effort = np.zeros((count, n))
-        """Shape (N, n), N·m, the saturated torque of the latest physics step."""
+        self.effort = np.zeros((count, n))  # shape (N, n), N·m, the saturated torque of the latest physics step
         self.key_force = np.zeros(count)
         """Shape (N,), N, hardest touch of any key in any physics step of the latest `step`; 0 for none."""
         self.fault: BoolArray = np.zeros(count, dtype=np.bool_)
@@ -99,10 +97,8 @@ class BatchSim:
         longest = self._own_delay + round(self.randomisation.delay[1] / self._timestep)
         # targets of the latest commands, the newest first: as many as can be under way, and the one in force
         self._targets = np.zeros((1 + -(-longest // self.physics_steps), count, 3, n))
-        self.generators = [np.random.default_rng(0)] * count
-        """The random numbers of each robot."""
-        self.variations: list[Variation] = []
-        """The robots of this episode; empty without a randomisation."""
+        self.generators = [np.random.default_rng(0)] * count  # the random numbers of each robot
+        self.variations: list[Variation] = []  # the robots of this episode; empty without a randomisation
         self.reseed(np.arange(count) if seeds is None else seeds)
         self.reset()
 

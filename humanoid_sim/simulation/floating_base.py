@@ -150,7 +150,6 @@ class Support:
 
     @property
     def holds(self) -> bool:
-        """Return whether the base is held."""
         return self._is_floating and bool(self._data.eq_active[self._weld])
 
     def start(self, *, held: bool) -> None:
@@ -212,8 +211,7 @@ class StartPose:
         Support(model, data, description).start(held=False)
         self._qpos: FloatArray = data.qpos.copy()
         self._quaternion: slice | None = None
-        self.standing_height = 0.0
-        """m, of the centre of mass above the floor; 0 for a fixed base."""
+        self.standing_height = 0.0  # m, of the centre of mass above the floor; 0 for a fixed base
         if description.is_floating:
             self._quaternion = base_addresses(model, description)[1]
             self.standing_height = BaseObserver(model, description).standing_height(self._qpos)

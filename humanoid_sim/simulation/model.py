@@ -37,22 +37,15 @@ _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 class SimConfig:
     """Settings of a simulated robot, or of each in a batch."""
 
-    control_period: float | None = None
-    """s; None for the description's."""
+    control_period: float | None = None  # s; None for the description's
     physics_timestep: float | None = None
     """s, divides the control period; None for the description's, or `IMPLICIT_TIMESTEP`."""
-    support: bool = True
-    """Start a floating base held; of one robot only."""
-    drop: float = 0.0
-    """m, by which a held base hangs above its feet."""
-    anchor_body: str = ""
-    """MJCF body whose pose the state has as `anchor_pose`; empty for none."""
-    velocity_at: tuple[str, ...] = ()
-    """`imu`, or MJCF sites, whose velocity the state of a floating base's robot has."""
-    height_scan: HeightScan | None = None
-    """Of the ground, which the state then has."""
-    bodies: tuple[str, ...] = ()
-    """MJCF bodies whose poses `body_poses` gives."""
+    support: bool = True  # start a floating base held; of one robot only
+    drop: float = 0.0  # m, by which a held base hangs above its feet
+    anchor_body: str = ""  # MJCF body whose pose the state has as `anchor_pose`; empty for none
+    velocity_at: tuple[str, ...] = ()  # `imu`, or MJCF sites, whose velocity the state of a floating base's robot has
+    height_scan: HeightScan | None = None  # of the ground, which the state then has
+    bodies: tuple[str, ...] = ()  # MJCF bodies whose poses `body_poses` gives
 
     def period(self, description: RobotDescription) -> float:
         """Return the control period, s."""

@@ -16,28 +16,21 @@ from humanoid_sim.mit import FloatArray, IndexArray, IntArray
 from humanoid_sim.robots.schema import NotNegative
 
 PUSH_DURATION = 0.1  # s
-Range = tuple[NotNegative, NotNegative]
-"""Least and greatest of a uniform distribution."""
+Range = tuple[NotNegative, NotNegative]  # least and greatest of a uniform distribution
 _Delay = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # s
 
 
 class Randomisation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Ranges from which each episode's robot is drawn. By default it is the one that the description has."""
 
-    mass: Range = (1.0, 1.0)
-    """Factor on mass and inertia, body by body."""
+    mass: Range = (1.0, 1.0)  # factor on mass and inertia, body by body
     centre_of_mass: NotNegative = 0.0
     """m, greatest shift along each axis of the body's frame, of every body that the robot moves."""
-    friction: Range = (1.0, 1.0)
-    """Factor on the friction of all contacts."""
-    gains: Range = (1.0, 1.0)
-    """Factor between the commanded K_p and the motor's, and between the K_d, motor by motor."""
-    effort: Range = (1.0, 1.0)
-    """Factor on the effort limit, motor by motor."""
-    armature: Range = (1.0, 1.0)
-    """Factor on the inertia of motor and gear, joint by joint."""
-    delay: tuple[_Delay, _Delay] = (0.0, 0.0)
-    """s from a command to its effect, rounded to whole physics steps."""
+    friction: Range = (1.0, 1.0)  # factor on the friction of all contacts
+    gains: Range = (1.0, 1.0)  # factor between the commanded K_p and the motor's, and between the K_d, motor by motor
+    effort: Range = (1.0, 1.0)  # factor on the effort limit, motor by motor
+    armature: Range = (1.0, 1.0)  # factor on the inertia of motor and gear, joint by joint
+    delay: tuple[_Delay, _Delay] = (0.0, 0.0)  # s from a command to its effect, rounded to whole physics steps
     push: Range = (0.0, 0.0)
     """m/s by which a push would speed up the whole robot: a force of 0.1 s on a floating base, in any horizontal
     direction."""
@@ -138,10 +131,9 @@ def push_wrench(velocity: FloatArray, mass: float) -> FloatArray:
 
 
 class RandomPushes:
-    """The pushes of N robots: one in each interval, which is cut into control periods."""
+    """The pushes of N robots of `mass`, kg: one in each interval, which is cut into control periods."""
 
     def __init__(self, ranges: Randomisation, count: int, mass: float, control_period: float) -> None:
-        """Set up; `mass`, kg, is of the whole robot."""
         self._mass, self._speeds = mass, ranges.push
         self._interval = max(round(ranges.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)

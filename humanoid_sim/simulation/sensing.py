@@ -111,8 +111,7 @@ class Sensors:
         self, model: mujoco.MjModel, description: RobotDescription, config: SimConfig, count: int = 1, threads: int = 1
     ) -> None:
         """Find the addresses; `count` robots are scanned for ground at a time, on `threads`."""
-        self.widths = live_inputs(description, config)
-        """Names and widths of the live inputs."""
+        self.widths = live_inputs(description, config)  # names and widths of the live inputs
         self.joints = joints = joint_addresses(model, description.joint_names)
         self._qpos: slice | IndexArray
         self._dof: slice | IndexArray
@@ -128,8 +127,7 @@ class Sensors:
             rotation = data.site_xmat[model.sensor(f"{_PREFIX}imu_quaternion").objid[0]].reshape(3, 3)
             self._gravity = -rotation.T @ model.opt.gravity
         self._observer = BaseObserver(model, description) if description.is_floating else None
-        self._live: dict[str, slice] = {}
-        """Columns of `sensordata` by live input."""
+        self._live: dict[str, slice] = {}  # columns of `sensordata` by live input
         if description.is_floating:
             self._base_velocity = base_addresses(model, description)[2]
             self._centre_of_mass = at["centre_of_mass"]

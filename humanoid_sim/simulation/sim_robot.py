@@ -54,8 +54,7 @@ class SimRobot:
         self.physics_steps = config.physics_steps(description)
         self._timestep = config.timestep(description)
         self.model = build_model(description, physics_timestep=self._timestep, sensors=config)
-        self.data = mujoco.MjData(self.model)
-        """MuJoCo's state, live, with all that it derives from `qpos` and `qvel`."""
+        self.data = mujoco.MjData(self.model)  # MuJoCo's state, live, with all that it derives from `qpos` and `qvel`
         self._warnings = [self.data.warning[kind] for kind in UNSOUND]
         self._sensors = Sensors(self.model, description, config)
         self.extern = self._sensors.widths
@@ -69,10 +68,10 @@ class SimRobot:
         self._support = Support(self.model, self.data, description, config.drop)
         self._step = self._start = 0
 
-        moved = [self.model.body(int(self.model.joint(name).bodyid[0])) for name in self.joints]
-        if description.is_floating:
-            moved.insert(0, self.model.body(description.base.body))
-        self._pushable = {body.name: body.id for body in moved if body.name}
+        moved = [self.model.body(int(self.model.joint(name).bodyid[0])).name for name in self.joints]
+        base = [description.base.body] if description.is_floating else []
+        self.pushable = (*base, *(name for name in moved if name))
+        """Names of the bodies that can be pushed: a floating base, and the body that each joint moves."""
         self._push: tuple[int, FloatArray, int] | None = None  # body, wrench (6,), physics step at which it ends
         self._nominal = copy.copy(self.model)
         self._variation: Variation | None = None
@@ -90,8 +89,7 @@ class SimRobot:
         self._update_torque: Callable[[], None] | None = None
         self._pending: deque[tuple[int, MITCommand]] = deque()
         self._state: MITState | None = None
-        self.fault = ""
-        """What is wrong with the simulation, which then stands still; empty while it is sound."""
+        self.fault = ""  # what is wrong with the simulation, which then stands still; empty while it is sound
         self.activate()
 
     @property
@@ -116,13 +114,7 @@ class SimRobot:
 
     @property
     def supported(self) -> bool:
-        """Return whether the support holds a floating base."""
         return self._support.holds
-
-    @property
-    def pushable(self) -> tuple[str, ...]:
-        """Names of the bodies that can be pushed: a floating base, and the body that each joint moves."""
-        return tuple(self._pushable)
 
     @cached_property
     def start_pose(self) -> StartPose:
@@ -181,7 +173,7 @@ class SimRobot:
         body = body or self.description.base.body
         require_known("body", [body], self.pushable)
         self.data.xfrc_applied[:] = 0.0
-        i = self._pushable[body]
+        i = self.model.body(body).id
         wrench = push_wrench(np.array([vx, vy]), float(self._nominal.body_subtreemass[i]))
         self._push = i, wrench, self._step + round(PUSH_DURATION / self._timestep)
 
@@ -192,7 +184,6 @@ class SimRobot:
         return self.state(), _OK
 
     def state(self) -> MITState:
-        """Return the state now."""
         if self._state is None:
             data = self.data
             offset = None if self._variation is None else self._variation.encoder_offset
@@ -234,16 +225,13 @@ class SimRobot:
             self.fault = f"simulation unstable: its state is not finite, or huge (t = {self.time:.4f} s)"
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """See `Support.move`."""
         self._support.move(held, lifts=lifts)
         mujoco.mj_step1(self.model, self.data)
 
     def forget_touches(self) -> None:
-        """Look for the hardest touch from here on."""
         self.hardest_touch = None
 
     def close(self) -> None:
-        """Refuse further commands. May be called twice."""
         self.is_closed = True
 
     def _begin(self) -> None:
@@ -280,7 +268,6 @@ class SimRobot:
         return MITCommand(position, command.velocity, effort, stiffness, damping)
 
     def _bind(self, command: MITCommand) -> None:
-        """Put a command in force."""
         self._update_torque = bind_torque(command, self._position, self._velocity, self._limit, self._torque)
 
     def _advance(self, count: int) -> None:

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from alike import hasty
 
-from humanoid_sim.envs.modes_env import LITE_MODES, ModesEnv
-from humanoid_sim.envs.modes_vector_env import ModesVectorEnv
+from humanoid_sim.envs.modes_env import LITE_MODES, ModesEnv, ModesVectorEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel

@@ -43,17 +43,10 @@ def test_weights_and_functions_of_the_caller():
     assert terms["rocking"] == pytest.approx(-0.02 * (base.angular_velocity[:2] ** 2).sum())
 
 
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda _: np.zeros(3), r"rewards: mine has shape \(3,\), expected \(\)"),
-        (lambda _: float("nan"), "rewards: mine is not finite"),
-    ],
-)
-def test_a_function_that_gives_no_reward_is_named(function, message):
-    env = PolicyEnv("lite_tracking", rewards={"mine": (1.0, function)})
+def test_a_function_that_gives_no_reward_is_named():
+    env = PolicyEnv("lite_tracking", rewards={"mine": (1.0, lambda _: float("nan"))})
     env.reset(seed=0)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match="rewards: mine is not finite"):
         env.step(zeros(env))
 
 
