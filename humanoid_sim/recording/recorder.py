@@ -1,34 +1,34 @@
 """A sink that writes a run to one MCAP file, off the control thread.
 
 The control thread only queues a reference. A thread of its own encodes and writes, and ends a chunk at least every
-`FLUSH_PERIOD` of the robot's time or of the wall clock's, whichever is first, so that a killed process loses less than
-half a second of either; a run that need not keep real time waits for a recorder that is behind. If the disk fails, the
-recording stops and says so once; the run goes on.
+`FLUSH_PERIOD` of the robot's time and of the wall clock's, so that a killed process loses less than half a second; a
+run that need not keep real time waits for a recorder that is behind. If the disk fails, the recording stops and says so
+once; the run goes on.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import threading
+from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from time import monotonic, sleep
+from time import monotonic
 from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming, reason_of
 from humanoid_sim.files import exclusive_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_event, encode_tick
 from humanoid_sim.recording.header import write_header
-from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
+from humanoid_sim.recording.topics import ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
-from humanoid_sim.ros2.topics import kind_of
+from humanoid_sim.ros2.topics import TOPICS, Topic
 
 TICK_TOPIC = "/humanoid_sim/tick"
 EVENT_TOPIC = "/humanoid_sim/event"
@@ -37,21 +37,8 @@ FLUSH_PERIOD = 0.3  # s after which a chunk is written, full or not
 QUEUE_LIMIT = 4096  # ticks that may wait for the writer (20 s at 200 Hz); further ones are left out, which is recorded
 _LAG = 0.15  # s of robot time that may wait for the writer before a run that need not keep real time waits for it
 _POLL_PERIOD = 0.02  # s between two polls of the queue: waking the writer for every tick would cost the control thread
-_BATCH = 8  # ticks written in one go, 0.2 ms for which the control thread may be kept out of the interpreter
 _CLOSE_TIMEOUT = 30.0  # s that `close` waits for a disk that does not answer
-
-_QOS = """\
-- history: 1
-  depth: {depth}
-  reliability: 1
-  durability: {durability}
-  deadline: {{sec: 9223372036, nsec: 854775807}}
-  lifespan: {{sec: 9223372036, nsec: 854775807}}
-  liveliness: 1
-  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
-  avoid_ros_namespace_conventions: false
-"""
-"""QoS with which `ros2 bag play` offers a topic, in the numbers of rmw_qos_profile_t: keep last, reliable."""
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 class McapRecorder:
@@ -73,33 +60,28 @@ class McapRecorder:
         """
         self.path = Path(path)
         self._overwrite, self._encoded, self._tell = overwrite, encoded, tell
-        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
-        self._stop, self._wake = threading.Event(), threading.Event()
+        self._queue: deque[tuple[TickRecord, bytes | None] | Event] = deque()
+        self._wake, self._is_closing = threading.Event(), False
         self._thread: threading.Thread | None = None
-        self._queued = self._written = 0
+        self._has_ticks = False
         self.backlog_limit = QUEUE_LIMIT
-        self.error: str | None = None
-        """Reason why the recording stopped early, in one line."""
-        self.lost = 0
-        """Ticks left out because the writer could not keep up."""
+        self.error: str | None = None  # reason why the recording stopped early, in one line
+        self.lost = 0  # ticks left out because the writer could not keep up
 
     @property
     def backlog(self) -> int:
-        """Ticks queued but not yet written into a chunk."""
-        return 0 if self.error else self._queued - self._written
+        return 0 if self.error else len(self._queue)
 
     def start(self, header: SessionHeader) -> None:
-        """Create the file and write the header.
-
-        Raises `InputError` if the file cannot be written, or another session writes it.
-        """
+        """Create the file and write the header. Raises `InputError` if that fails, or another session writes it."""
         file = _UnbufferedFile(self.path, overwrite=self._overwrite)
         try:
-            run = _RunWriter(file, header)
-        except OSError as error:
+            with blaming(f"{self.path}: cannot be written", OSError):
+                run = _RunWriter(file, header)
+        except InputError:
             file.close()
             self._remove()
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+            raise
         self.backlog_limit = max(round(_LAG / header.control_period), 2)
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()
@@ -108,69 +90,53 @@ class McapRecorder:
         """Queue a tick. Never waits."""
         if self.error is not None or self._thread is None:
             return
-        if self._queued - self._written >= QUEUE_LIMIT:
+        if len(self._queue) >= QUEUE_LIMIT:
             self.lost += 1
             return
-        self._queued += 1
-        self._queue.put((record, self._encoded(record)))
-        if 2 * (self._queued - self._written) >= self.backlog_limit:
+        self._has_ticks = True
+        self._queue.append((record, self._encoded(record)))
+        if 2 * len(self._queue) >= self.backlog_limit:
             self._wake.set()
 
     def event(self, event: Event) -> None:
         """Queue an event, also before the run begins. Never waits."""
-        if self.error is None and not self._stop.is_set() and self._queue.qsize() < 2 * QUEUE_LIMIT:
-            self._queue.put(event)
+        if self.error is None and not self._is_closing and len(self._queue) < 2 * QUEUE_LIMIT:
+            self._queue.append(event)
 
     def close(self) -> None:
         """Write what is queued, and the index; remove the file of a run without a tick. Never raises: see `error`."""
+        self._is_closing = True
+        self._wake.set()
         thread, self._thread = self._thread, None
         if thread is None:
             return
-        self._stop.set()
-        self._wake.set()
         thread.join(_CLOSE_TIMEOUT)
         if thread.is_alive():
             self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
-        elif not self._queued and self.error is None:
+        elif not self._has_ticks:
             self._remove()
 
     def _remove(self) -> None:
-        with suppress(OSError):
-            if self.path.is_file() and not self.path.is_symlink():
-                self.path.unlink()
+        if self.path.is_file():
+            self.path.unlink()
 
     def _write(self, run: _RunWriter) -> None:
         """Write, on a thread of its own. Contains every exception: it must not end the run, only the recording."""
         try:
-            self._drain_until_stopped(run)
-            run.finish(self.lost)
+            is_last = False
+            while not is_last:
+                self._wake.wait(_POLL_PERIOD)
+                self._wake.clear()
+                is_last = self._is_closing
+                while self._queue:
+                    run.write(self._queue[0])
+                    self._queue.popleft()
+                run.flush_if_due()
+            run.finish()
         except Exception as error:  # a full disk, or a bug in the encoder; the run is worth more than its recording
-            reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
-            self._tell(self._fail(reason or str(error)))
+            self._tell(self._fail(getattr(error, "strerror", None) or reason_of(error)))
         finally:
             run.file.close()
-
-    def _drain_until_stopped(self, run: _RunWriter) -> None:
-        next_flush, is_last = monotonic() + FLUSH_PERIOD, False
-        while not is_last:
-            self._wake.wait(_POLL_PERIOD)
-            self._wake.clear()
-            is_last = self._stop.is_set()
-            while True:
-                if run.is_due or monotonic() >= next_flush:
-                    run.flush()
-                    next_flush = monotonic() + FLUSH_PERIOD
-                try:
-                    item = self._queue.get_nowait()
-                except Empty:
-                    break
-                if isinstance(item, Event):
-                    run.event(item)
-                else:
-                    run.tick(*item)
-                    self._written += 1
-                if self._written % _BATCH == 0:
-                    sleep(0)  # lets the control thread in
 
     def _fail(self, reason: str) -> str:
         self.error = error = f"{self.path}: recording stopped: {reason}"
@@ -188,40 +154,37 @@ class _RunWriter:
         self._topics = ViewerTopics(header)
         self._start_time_ns = self._time_ns = header.start_time_ns
         self._time = self._flushed = 0.0
+        self._due = monotonic() + FLUSH_PERIOD
         self._index = 0
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
 
-    def tick(self, record: TickRecord, message: bytes | None = None) -> None:
-        """Write one tick, encoding it unless that was done, and the viewers' share of it."""
+    def write(self, item: tuple[TickRecord, bytes | None] | Event) -> None:
+        """Write an event; or a tick, encoding it unless that was done, and the viewers' share of it."""
+        if isinstance(item, Event):
+            self._add(EVENT_TOPIC, EVENT, encode_event(item), self._log_time(item.time))
+            return
+        record, message = item
         if record.index != self._index:
             text = f"recording: {record.index - self._index} ticks left out before tick {record.index}"
-            self.event(Event(self._time, text, EventKind.LOSS))
-        self._index = record.index + 1
+            self.write(Event(self._time, text, EventKind.LOSS))
+        self._index = record.index
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
-        encoded = encode_tick(record) if message is None else message
-        self._add(TopicMessage(TICK_TOPIC, TICK, encoded), time_ns, record.index)
-        for shown in self._topics.messages(record, time_ns):
-            self._add(shown, time_ns, record.index)
+        self._add(TICK_TOPIC, TICK, encode_tick(record) if message is None else message, time_ns)
+        for topic, schema, data, _ in self._topics.messages(record, time_ns):
+            self._add(topic, schema, data, time_ns)
+        self._index += 1
+        self.flush_if_due()
 
-    def event(self, event: Event) -> None:
-        self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
-
-    @property
-    def is_due(self) -> bool:
-        """True if what is not yet written is a whole period of the robot's time; also for NaN."""
-        return not abs(self._time - self._flushed) < FLUSH_PERIOD
-
-    def flush(self) -> None:
-        """End the chunk and hand it to the operating system."""
+    def flush_if_due(self) -> None:
+        """End the chunk and hand it to the operating system after a period of either clock."""
+        if abs(self._time - self._flushed) < FLUSH_PERIOD and monotonic() < self._due:
+            return
         self._writer.flush()
-        self._flushed = self._time
+        self._flushed, self._due = self._time, monotonic() + FLUSH_PERIOD
 
-    def finish(self, lost: int) -> None:
-        """Write the index. `lost` is the number of ticks left out."""
-        if lost:
-            self.event(Event(self._time, f"recording: {lost} ticks left out in all", EventKind.LOSS))
+    def finish(self) -> None:
+        """Write the index."""
         self._writer.finish()
 
     def _log_time(self, time: float) -> int:
@@ -230,19 +193,30 @@ class _RunWriter:
             self._time_ns = max(self._time_ns, self._start_time_ns + round(time * 1e9))
         return self._time_ns
 
-    def _add(self, message: TopicMessage, time_ns: int, index: int) -> None:
-        channel = self._channels.get(message.topic)
+    def _add(self, topic: str, schema: str, data: bytes, time_ns: int) -> None:
+        channel = self._channels.get(topic)
         if channel is None:
-            channel = self._channels[message.topic] = self._register(message.topic, message.schema)
-        self._writer.add_message(channel, time_ns, message.data, time_ns, index & 0xFFFFFFFF)
-
-    def _register(self, topic: str, schema: str) -> int:
-        if schema not in self._schemas:
             text = schema_text(schema).encode()
-            self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
-        kind = kind_of(topic, schema)
-        qos = _QOS.format(depth=kind.depth, durability=1 if kind.latched else 2)
-        return self._writer.register_channel(topic, "cdr", self._schemas[schema], {"offered_qos_profiles": qos})
+            schema_id = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
+            qos = {"offered_qos_profiles": _offered_qos(TOPICS.get(topic, Topic(schema)))}
+            channel = self._channels[topic] = self._writer.register_channel(topic, "cdr", schema_id, qos)
+        self._writer.add_message(channel, time_ns, data, time_ns, self._index & 0xFFFFFFFF)
+
+
+def _offered_qos(kind: Topic) -> str:
+    """Return the QoS with which `ros2 bag play` offers a topic, as YAML in the numbers of rmw_qos_profile_t."""
+    profile = {
+        "history": 1,  # keep last
+        "depth": kind.depth,
+        "reliability": 1,
+        "durability": 1 if kind.latched else 2,
+        "deadline": _FOREVER,
+        "lifespan": _FOREVER,
+        "liveliness": 1,
+        "liveliness_lease_duration": _FOREVER,
+        "avoid_ros_namespace_conventions": False,
+    }
+    return json.dumps([profile])
 
 
 class _UnbufferedFile:

@@ -150,15 +150,15 @@ class _Sequence:
 
 class _Message:
     def __init__(self, parts: list[_Part]) -> None:
-        self._parts = parts
+        self.parts = parts
 
     def write(self, body: bytearray, value: Iterable[Any]) -> None:
-        for part, item in zip(self._parts, value, strict=True):
+        for part, item in zip(self.parts, value, strict=True):
             part.write(body, item)
 
     def read(self, body: bytes, start: int) -> tuple[list[Any], int]:
         items = []
-        for part in self._parts:
+        for part in self.parts:
             item, start = part.read(body, start)
             items.append(item)
         return items, start
@@ -201,6 +201,14 @@ def encode(schema: str, *values: Any) -> bytes:
     body = bytearray()
     _message(schema).write(body, values)
     return ENCAPSULATION + body
+
+
+def encode_fields(schema: str, first: int, *values: Any) -> bytes:
+    """Return the bytes of some of a message's values, the `first`-th and on, for an offset that is a multiple of 8."""
+    body = bytearray()
+    for part, value in zip(_message(schema).parts[first:], values, strict=False):
+        part.write(body, value)
+    return bytes(body)
 
 
 def decode(schema: str, message: bytes) -> list[Any]:
