@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, assert_never
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -23,13 +21,14 @@ from humanoid_sim.evaluation.run_report import describe_spread, print_figures, p
 from humanoid_sim.files import finite, output_file, whole_file
 from humanoid_sim.messages import Event
 from humanoid_sim.record_dataset import RecordDataset, record_dataset
+from humanoid_sim.recording.links import Links
 from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.signs import judge_signs
+from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.robots.description import RobotDescription, load_robot
-
-if TYPE_CHECKING:
-    import mujoco
-
-    from humanoid_sim.rendering.poses import Poses
+from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.stack import no_policy, recorded_policy
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Info:
 
 @dataclass(frozen=True)
 class Signs:
-    """Compare the efforts of a robot at rest with what gravity needs: which joint's direction or zero is wrong?
+    """Compare the efforts of a robot at rest with what gravity needs: which joint's direction is wrong?
 
     The robot hung free: feet off the ground, nothing in its hands, nothing touched, some seconds of STANDBY at rest.
     """
@@ -67,7 +66,7 @@ class Export:
     """A page that replays the run in 3D in any browser (.html)."""
     mp4: Path | None = None
     """A video (.mp4); needs OpenGL."""
-    robot: Annotated[str | None, tyro.conf.arg(name="robot")] = None
+    robot: str | None = None
     """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
     overwrite: bool = False
     """Replace files that exist."""
@@ -87,11 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         case Signs():
             _signs(command)
         case Export():
-            export(command)
+            _export(command)
         case RecordDataset():
             record_dataset(command)
-        case _:
-            assert_never(command)
     return 0
 
 
@@ -136,8 +133,6 @@ def _info(command: Info) -> None:
 
 
 def _signs(command: Signs) -> None:
-    from humanoid_sim.recording.signs import judge_signs  # noqa: PLC0415 - MuJoCo only where it is used
-
     recording = open_recording(command.file)
     verdicts = judge_signs(recording, _description(recording, command.robot))
     rows = [(row.joint, f"{row.measured:.2f}", f"{row.expected:.2f}", row.verdict) for row in verdicts]
@@ -145,88 +140,58 @@ def _signs(command: Signs) -> None:
     print_table(Console(highlight=False), "efforts at rest", rows, *columns)
 
 
-def export(options: Export) -> None:
-    """Write the files. Raises `InputError` if none is named or can be written, or the recording lacks what it takes."""
-    writers: dict[str, Callable[[Recording, Path, Export], str]] = {"csv": _csv, "html": _html, "mp4": _mp4}
-    chosen = {name: path for name in writers if (path := getattr(options, name)) is not None}
-    if not chosen:
+def _export(options: Export) -> None:
+    chosen = {"csv": options.csv, "html": options.html, "mp4": options.mp4}
+    outputs = {name: path for name, path in chosen.items() if path is not None}
+    if not outputs:
         raise InputError("record export: expected --csv, --html or --mp4, each with a file to write")
-    for name, path in chosen.items():
+    for name, path in outputs.items():
         output_file(path, f"--{name}", f".{name}", overwrite=options.overwrite)
     recording = open_recording(options.file)
-    for name, path in chosen.items():
-        print(f"{path}: {writers[name](recording, path, options)}")
+    if options.csv is not None:
+        columns = recording.columns()
+        with whole_file(options.csv) as file:
+            table = np.column_stack(list(columns.values()))
+            np.savetxt(file, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+    if options.html is not None or options.mp4 is not None:
+        _show(recording, options)
+    print("wrote", *outputs.values())
 
 
-def _csv(recording: Recording, path: Path, options: Export) -> str:
-    del options
-    columns = recording.columns()
-    with whole_file(path) as file:
-        text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(columns)
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        table.writerows(["" if value != value else value for value in row] for row in rows)  # noqa: PLR0124 - NaN
-        text.detach()
-    return f"{len(columns['time'])} ticks"
-
-
-def _html(recording: Recording, path: Path, options: Export) -> str:
-    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
-
-    model, poses = _poses(recording, options)
-    write_page(path, model, poses, title=recording.header.robot)
-    return f"{len(poses.kept)} poses, {poses.kept[-1].time:.1f} s"
-
-
-def _mp4(recording: Recording, path: Path, options: Export) -> str:
-    from humanoid_sim.rendering.pictures import require_pictures  # noqa: PLC0415
+def _show(recording: Recording, options: Export) -> None:
+    """Write page and video of the recorded poses; of a run on hardware the joints, and how the base is rotated."""
+    from humanoid_sim.rendering.pictures import require_pictures  # noqa: PLC0415 - viser takes seconds to import
+    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415
     from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
 
-    require_pictures("--mp4")
-    model, poses = _poses(recording, options)
-    write_video(path, model, poses)
-    return f"{len(poses.kept)} frames, {poses.kept[-1].time:.1f} s"
-
-
-def _poses(recording: Recording, options: Export) -> tuple[mujoco.MjModel, Poses]:
-    """Return the robot's model, and the recorded poses; of a run on hardware the joints, and how the base is turned."""
-    from humanoid_sim.recording.links import Links  # noqa: PLC0415
-    from humanoid_sim.rendering.ghost import ReferenceGhost  # noqa: PLC0415
-    from humanoid_sim.rendering.poses import Poses  # noqa: PLC0415
-    from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
-    from humanoid_sim.stack import no_policy, recorded_policy  # noqa: PLC0415
-
+    if options.mp4 is not None:
+        require_pictures("--mp4")
     description = _description(recording, options.robot)
     model = build_model(description)
     addresses = joint_addresses(model, description.joint_names).qpos
     links = Links.of(recording.header)
     loaded = recorded_policy(recording.header, no_policy)
     poses = Poses(None if loaded is None else ReferenceGhost(description, loaded.contract, loaded.reference))
-    for entry in recording.entries():
-        if isinstance(entry, Event):
-            continue
-        if entry.qpos is not None and len(entry.qpos) == model.nq:
-            poses.tick(entry)
-        else:
+    for tick in recording.ticks():
+        qpos = tick.qpos
+        if qpos is None or len(qpos) != model.nq:
             qpos = model.qpos0.copy()
-            qpos[addresses] = np.nan_to_num(entry.input.state.joint_position)
+            qpos[addresses] = np.nan_to_num(tick.input.state.joint_position)
             if links is not None and links.base is not None:
-                qpos[:7] = links.poses(entry)[links.base]
-            poses.tick(replace(entry, qpos=qpos))
+                qpos[:7] = links.poses(tick)[links.base]
+        poses.tick(replace(tick, qpos=qpos))
     if not poses.kept:
         raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")
-    return model, poses
+    if options.html is not None:
+        write_page(options.html, model, poses, title=recording.header.robot)
+    if options.mp4 is not None:
+        write_video(options.mp4, model, poses)
 
 
 def _description(recording: Recording, name: str | None) -> RobotDescription:
     """Return the recorded robot, or the named one with its joints, with an MJCF that is there."""
-    if name is not None:
-        robot = load_robot(name)
-    elif "robot" in recording.header.documents:
-        robot = RobotDescription.from_json(recording.header.documents["robot"])
-    else:
-        raise InputError(f"{recording.path}: does not describe its robot; name it with --robot")
+    recorded = recording.header.documents.get("robot", "{}")
+    robot = RobotDescription.from_json(recorded) if name is None else load_robot(name)
     if robot.joint_names != recording.header.joint_names:
         raise InputError(f"--robot: '{robot.name}' has other joints than the robot of {recording.path}")
     if not robot.mjcf_path.is_file():

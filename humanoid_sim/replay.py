@@ -51,17 +51,13 @@ def _repeat(recording: Recording, config: ReplayConfig) -> int:
     if config.json:
         print(json.dumps(finite({"identical": report.is_identical, **asdict(report)}), indent=2))
         return ExitStatus.of(report.is_identical)
+    print(f"{report.ticks} ticks, bit for bit identical")
     if report.difference is not None:
-        difference = report.difference
-        place = f" of {difference.where}" if difference.where else ""
-        print(f"{report.ticks} ticks identical; tick {report.tick}, t = {report.time:.3f} s, differs")
-        print(f"  {difference.field}{place}: recorded {difference.recorded}, replayed {difference.replayed}")
-    elif report.missing:
-        print(f"{report.ticks} ticks identical; then {report.missing} are missing, up to tick {report.tick}")
-    elif not report.ticks:
-        print("the recording holds no ticks: there is nothing to repeat")
-    else:
-        print(f"{report.ticks} ticks, bit for bit identical")
+        one = report.difference
+        print(f"tick {report.tick}, t = {report.time:.3f} s, differs in {one.field} {one.where}")
+        print(f"  recorded {one.recorded}, replayed {one.replayed}")
+    if report.missing:
+        print(f"{report.missing} ticks are missing before tick {report.tick}")
     if report.damage:
         print(f"the recording is not complete: {report.damage}")
     return ExitStatus.of(report.is_identical)
@@ -79,23 +75,15 @@ def _compare(recording: Recording, config: ReplayConfig, policy: str) -> int:
     if config.json:
         print(json.dumps(finite({"policy": checkpoint.source, "same": report.is_same, **asdict(report)}), indent=2))
         return ExitStatus.of(report.is_same)
-    if report.ticks:
-        title = f"{checkpoint.source} on the recorded states, open loop: {report.ticks} ticks of LOCOMOTION"
-        table = Table("joint", "position\nrad", "torque\nN·m", "differs from\ns", title=title, title_justify="left")
-        for joint in report.joints:
-            since = "" if joint.first_time is None else f"{joint.first_time:.3f}"
-            table.add_row(joint.joint, f"{joint.position:.4g}", f"{joint.torque:.4g}", since)
-        Console(highlight=False).print(table)
+    title = f"{checkpoint.source} on {report.ticks} recorded ticks of LOCOMOTION, open loop"
+    table = Table("joint", "position\nrad", "torque\nN·m", f"beyond {TOLERANCE:g} rad\nfrom s", title=title)
+    for joint in report.joints:
+        since = "" if joint.first_time is None else f"{joint.first_time:.3f}"
+        table.add_row(joint.joint, f"{joint.position:.4g}", f"{joint.torque:.4g}", since)
+    Console(highlight=False).print(table)
     if report.failure:
-        print(f"it would have failed at {report.failure_time:.3f} s: {report.failure}")
-    if report.missing_ticks:
-        print(f"{report.missing_ticks} ticks are missing: nothing is compared from there to the next LOCOMOTION")
-    if not report.ticks:
-        print("no tick of LOCOMOTION was compared")
-    elif report.first_time is None:
-        print(f"no command differs by more than {TOLERANCE:g} rad")
-    else:
-        print(f"commands differ by more than {TOLERANCE:g} rad from {report.first_time:.3f} s on")
+        print(f"ended at {report.failure_time:.3f} s: {report.failure}")
+    print("the commands are the same" if report.is_same else "the commands differ")
     return ExitStatus.of(report.is_same)
 
 

@@ -4,6 +4,7 @@ import csv
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from humanoid_sim.cli import run_program
@@ -16,10 +17,9 @@ SIMULATED, HARDWARE = (RECORDINGS / f"{name}.mcap" for name in ("simulated_locom
 
 
 @pytest.mark.parametrize("recording", [SIMULATED, HARDWARE], ids=["simulated", "hardware"])
-def test_a_table_has_a_row_for_each_tick(recording, tmp_path, capsys):
+def test_a_table_has_a_row_for_each_tick(recording, tmp_path):
     ticks = list(open_recording(recording).ticks())
     assert record(["export", str(recording), "--csv", str(tmp_path / "run.csv")]) == 0
-    assert capsys.readouterr().out == f"{tmp_path / 'run.csv'}: {len(ticks)} ticks\n"
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(ticks)
@@ -30,7 +30,8 @@ def test_a_table_has_a_row_for_each_tick(recording, tmp_path, capsys):
         assert row["mode"] == str(int(tick.output.control_mode.mode))
         step = tick.output.policy_step
         if "action/left_elbow_pitch" in row:
-            assert row["action/left_elbow_pitch"] == ("" if step is None else str(float(step.action[3])))
+            action = np.nan if step is None else float(step.action[3])
+            assert float(row["action/left_elbow_pitch"]) == pytest.approx(action, abs=0.0, nan_ok=True)
 
 
 @pytest.mark.parametrize(

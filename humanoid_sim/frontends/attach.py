@@ -20,7 +20,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand
 from humanoid_sim.recording.codec import decode_tick
-from humanoid_sim.recording.header import HeaderError, parse_header
+from humanoid_sim.recording.header import parse_header
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
@@ -97,9 +97,8 @@ class Attachment(Source):
         self.session, self.feed, self.intake = session, feed, intake
         self.is_hardware, self.live_inputs = bool(session.hardware), feed.live_inputs
         fields, documents = feed.header["session"], feed.header["documents"]
-        with blaming(session, HeaderError):
-            blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
-            self.header = parse_header(fields, documents, blobs)
+        blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
+        self.header = parse_header(str(session), fields, documents, blobs)
         self._number = 0
         self._checked, self._runs = time.monotonic(), True
 

@@ -6,9 +6,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 from mcap.writer import Writer
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import SessionHeader
 
 SESSION = "humanoid_sim.session"
@@ -18,22 +19,17 @@ DOCUMENTS = "humanoid_sim.documents"
 _FORMAT = "2"
 
 
-class HeaderError(ValueError):
-    """A header that is damaged, or of another format."""
-
-
 def write_header(writer: Writer, header: SessionHeader) -> None:
     """Write the attachments, the documents and the fields, in this order."""
     for name, data in header.attachments.items():
         writer.add_attachment(header.start_time_ns, header.start_time_ns, name, "application/octet-stream", data)
-    session, documents = header_metadata(header)
-    writer.add_metadata(DOCUMENTS, documents)
-    writer.add_metadata(SESSION, session)
+    writer.add_metadata(DOCUMENTS, dict(header.documents))
+    writer.add_metadata(SESSION, header_fields(header))
 
 
-def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the fields and the documents of a header as `parse_header` takes them; the attachments go beside them."""
-    session = {
+def header_fields(header: SessionHeader) -> dict[str, str]:
+    """Return the header's own fields as `parse_header` takes them."""
+    return {
         "format": _FORMAT,
         "robot": header.robot,
         "joint_names": json.dumps(header.joint_names),
@@ -42,37 +38,27 @@ def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, st
         "observation_terms": json.dumps(header.observation_terms),
         "attachments": json.dumps(list(header.attachments)),
     }
-    return session, dict(header.documents)
 
 
 def parse_header(
-    session: Mapping[str, str], documents: Mapping[str, str], attachments: Mapping[str, bytes]
+    where: str, fields: Mapping[str, str], documents: Mapping[str, str], attachments: Mapping[str, bytes]
 ) -> SessionHeader:
-    """Return the header from its parts. Raises `HeaderError` if one is missing or damaged, or the format is unknown."""
-    if session.get("format") != _FORMAT:
-        raise HeaderError(f"header has format '{session.get('format')}', expected '{_FORMAT}'")
-    try:
+    """Return a header. Raises `InputError`, which `where` begins, if it is damaged or of another format."""
+    if fields.get("format") != _FORMAT:
+        raise InputError(f"{where}: header has format '{fields.get('format')}', expected '{_FORMAT}'")
+    with blaming(f"{where}: header is damaged", (KeyError, TypeError, ValueError)):
         return SessionHeader(
-            robot=session["robot"],
-            joint_names=tuple(json.loads(session["joint_names"])),
-            control_period=float(session["control_period"]),
-            start_time_ns=int(session["start_time_ns"]),
+            robot=fields["robot"],
+            joint_names=tuple(json.loads(fields["joint_names"])),
+            control_period=float(fields["control_period"]),
+            start_time_ns=int(fields["start_time_ns"]),
             documents=dict(documents),
-            attachments={name: attachments[name] for name in json.loads(session["attachments"])},
-            observation_terms=tuple(
-                (str(name), int(width)) for name, width in json.loads(session["observation_terms"])
-            ),
+            attachments={name: attachments[name] for name in json.loads(fields["attachments"])},
+            observation_terms=tuple((name, width) for name, width in json.loads(fields["observation_terms"])),
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise HeaderError(f"header is damaged ({error})") from None
 
 
 def json_document(header: SessionHeader, name: str) -> dict[str, Any]:
     """Return a JSON object among a header's documents; empty where there is none. Raises `InputError` if damaged."""
-    try:
-        document = json.loads(header.documents.get(name, "{}"))
-    except ValueError as error:
-        raise InputError(f"recording: its header's '{name}' is no JSON: {error}") from None
-    if not isinstance(document, dict):
-        raise InputError(f"recording: its header's '{name}' is a {type(document).__name__}, expected a JSON object")
-    return document
+    with blaming(f"recording: header's document '{name}'", msgspec.DecodeError):
+        return msgspec.json.decode(header.documents.get(name, "{}"), type=dict[str, Any])

@@ -6,20 +6,21 @@ import os
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
-from mcap.exceptions import InvalidMagic, McapError
+from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 
-from humanoid_sim.errors import InputError, blaming, needing
+from humanoid_sim.errors import InputError, blaming, needing, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
+from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
+from humanoid_sim.recording.header import DOCUMENTS, SESSION, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
+from humanoid_sim.recording.topics import read_labels
 from humanoid_sim.ros2.cdr import CdrError
 
 _DECODERS: dict[str, Callable[[bytes], TickRecord | Event]] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
@@ -34,8 +35,6 @@ class Recording:
         self.path = path
         self.is_complete = False
         """True if the file is sound and ends as a finished one does; known once it has been read to its end."""
-        self.is_damaged = False
-        """True if something in the file cannot be read, other than an end that is missing. Known likewise."""
         self.damage = ""
         """Damage to the file, and where it is; empty for a complete file. Known likewise."""
         self.header = self._read_header()
@@ -68,25 +67,29 @@ class Recording:
         `imu_angular_velocity` and `imu_linear_acceleration`, (t, 3), rad/s and m/s² in the IMU's frame; `action`,
         (t, m), NaN where no policy ran. Raises `InputError` as `ticks` does.
         """
-        rows = [_row(tick) for tick in self.ticks()]
+        unknown = np.full(len(read_labels(self.header).action), np.nan)
+        rows = []
+        for tick in self.ticks():
+            state, output, step = tick.input.state, tick.output, tick.output.policy_step
+            row: dict[str, Any] = {
+                "time": state.time,
+                "mode": int(output.control_mode.mode),
+                "position": state.joint_position,
+                "velocity": state.joint_velocity,
+                "effort": state.joint_effort,
+            }
+            row |= {f"command_{name}": getattr(output.command, name) for name in COMMAND_FIELDS}
+            for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
+                row[name] = getattr(state, name)
+            acted = step is not None and step.action.shape == unknown.shape
+            rows.append(row | {"action": step.action if step is not None and acted else unknown})
         if not rows:
             raise InputError(f"{self.path}: holds no ticks")
-        actions = np.full((len(rows), len(self.action_names())), np.nan)
-        for values, row in zip(actions, rows, strict=True):
-            action = row.pop("action")[: len(values)]
-            values[: len(action)] = action
-        return {**{name: np.array([row[name] for row in rows]) for name in rows[0]}, "action": actions}
-
-    def action_names(self) -> tuple[str, ...]:
-        """Return the joints that the recorded policy drives; none without a policy."""
-        from humanoid_sim.stack import recorded_contract  # noqa: PLC0415 - heavier than all the rest here
-
-        contract = recorded_contract(self.header)
-        return () if contract is None else contract.action_joint_names
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def columns(self) -> dict[str, Any]:
         """Return `arrays` as columns of a table, (t,) each, with names such as `position/left_elbow_pitch`."""
-        parts = {"action": self.action_names(), "imu_quaternion": "wxyz"}
+        parts: dict[str, Any] = {"action": read_labels(self.header).action, "imu_quaternion": "wxyz"}
         parts |= dict.fromkeys(("imu_angular_velocity", "imu_linear_acceleration"), "xyz")
         columns: dict[str, Any] = {}
         for name, values in self.arrays().items():
@@ -112,49 +115,21 @@ class Recording:
             elif isinstance(record, Metadata) and record.name == DOCUMENTS:
                 documents = record.metadata
             elif isinstance(record, Metadata) and record.name == SESSION:
-                with blaming(self.path, HeaderError):
-                    return parse_header(record.metadata, documents, attachments)
-            elif isinstance(record, Message):
-                break
+                return parse_header(str(self.path), record.metadata, documents, attachments)
         raise InputError(f"{self.path}: {self.damage or f'no recording: it has no metadata record {SESSION!r}'}")
 
     def _records(self) -> Iterator[McapRecord]:
         """Yield the file's records up to its end, or to the first that is not sound: see `damage`."""
-        self.is_complete, self.is_damaged, self.damage = False, False, ""
-        with _open(self.path) as file:
-            size = file.seek(0, os.SEEK_END)
-            file.seek(0)
+        self.is_complete, self.damage = False, ""
+        path = regular_file(self.path, "a recording (.mcap)", None)
+        with path.open("rb") as file:
+            size = path.stat().st_size
             try:
                 yield from StreamReader(file, validate_crcs=True).records
                 self.is_complete = True
-            except InvalidMagic:
-                self.damage = "not an MCAP file" if file.tell() < 16 else f"cut at byte {size}"
             except _UNSOUND as error:
-                self.is_damaged = file.tell() < size
-                reason = f"damaged ({error or type(error).__name__}) at byte {file.tell()} of"
-                self.damage = f"{reason if self.is_damaged else 'cut at byte'} {size}"
-
-
-def _open(path: Path) -> IO[bytes]:
-    with blaming(f"{path}: cannot be read", OSError):
-        return regular_file(path, "a recording (.mcap)", None).open("rb")
-
-
-def _row(tick: TickRecord) -> dict[str, Any]:
-    state, output = tick.input.state, tick.output
-    commands: dict[str, FloatArray] = {f"command_{name}": getattr(output.command, name) for name in COMMAND_FIELDS}
-    return {
-        "time": float(state.time),
-        "mode": int(output.control_mode.mode),
-        "position": state.joint_position,
-        "velocity": state.joint_velocity,
-        "effort": state.joint_effort,
-        **commands,
-        "imu_quaternion": state.imu_quaternion,
-        "imu_angular_velocity": state.imu_angular_velocity,
-        "imu_linear_acceleration": state.imu_linear_acceleration,
-        "action": () if output.policy_step is None else output.policy_step.action.reshape(-1),
-    }
+                is_cut = file.tell() >= size
+                self.damage = f"cut at byte {size}" if is_cut else f"damaged at byte {file.tell()}: {reason_of(error)}"
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:

@@ -6,17 +6,20 @@ same bits, 0.0 is not -0.0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickOutput, TickRecord
 from humanoid_sim.recording.reader import Recording
 from humanoid_sim.stack import rebuild_supervisor
+
+_CAUSES_FIRST = (
+    "policy_step", "faults", "policy_error", "refusals", "control_mode", "command", "standby", "quit"
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,48 +34,37 @@ class Difference:
 
 def first_difference(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Difference | None:
     """Return the first field that differs, causes before consequences; None if the outputs are identical."""
-    names = "policy_step", "faults", "policy_error", "refusals", "control_mode", "command", "standby", "quit"
-    for name in names:
-        found = _difference(header, name, getattr(recorded, name), getattr(replayed, name))
-        if found is not None:
-            return found
+    for (name, before), (_, now) in zip(_leaves(recorded), _leaves(replayed), strict=False):
+        if not isinstance(before, np.ndarray) or not isinstance(now, np.ndarray):
+            if type(before) is not type(now) or before != now:
+                return Difference(name, "", repr(before), repr(now))
+        elif before.shape != now.shape:
+            return Difference(name, "", f"shape {before.shape}", f"shape {now.shape}")
+        elif before.tobytes() != now.tobytes():
+            return _first_element(header, name, before.ravel(), now.ravel())
     return None
 
 
-def _difference(header: SessionHeader, name: str, recorded: Any, replayed: Any) -> Difference | None:
-    if isinstance(recorded, np.ndarray):
-        return _of_arrays(header, name, recorded, replayed)
-    if isinstance(recorded, float):
-        return _of_arrays(header, name, np.array([recorded]), np.array([replayed]))
-    if name in ("policy_step", "control_mode", "command", "standby"):
-        if recorded is None or replayed is None:
-            texts = ["none" if value is None else "one" for value in (recorded, replayed)]
-            return None if texts[0] == texts[1] else Difference(name, "", *texts)
-        parts = (
-            _difference(header, f"{name}.{part.name}", getattr(recorded, part.name), getattr(replayed, part.name))
-            for part in fields(recorded)
-        )
-        return next((part for part in parts if part is not None), None)
-    return None if recorded == replayed else Difference(name, "", repr(recorded), repr(replayed))
+def _leaves(output: TickOutput) -> Iterator[tuple[str, Any]]:
+    """Yield the values of an output by field; numbers with a fraction as arrays, whose bits count."""
+    for name in _CAUSES_FIRST:
+        value = getattr(output, name)
+        parts = [(name, value)]
+        if is_dataclass(value):
+            parts = [(f"{name}.{part.name}", getattr(value, part.name)) for part in fields(value)]
+        for part, one in parts:
+            yield part, np.array(one) if isinstance(one, float) else one
 
 
-def _of_arrays(
-    header: SessionHeader, name: str, recorded: npt.NDArray[Any], replayed: npt.NDArray[Any]
-) -> Difference | None:
-    if recorded.shape != replayed.shape:
-        return Difference(name, "", f"shape {recorded.shape}", f"shape {replayed.shape}")
-    if recorded.tobytes() == replayed.tobytes():
-        return None
-    before, now = recorded.reshape(-1), replayed.reshape(-1)
-    index = next(i for i in range(len(before)) if before[i].tobytes() != now[i].tobytes())
-    labels = list(header.joint_names) if name.startswith("command.") else []
-    if name == "policy_step.observation":
+def _first_element(header: SessionHeader, name: str, before: npt.NDArray[Any], now: npt.NDArray[Any]) -> Difference:
+    index = next(i for i, value in enumerate(before) if value.tobytes() != now[i].tobytes())
+    labels: list[str] = []
+    if name.startswith("command."):
+        labels = list(header.joint_names)
+    elif name == "policy_step.observation":
         labels = [f"{term}[{i}]" for term, width in header.observation_terms for i in range(width)]
     where = labels[index] if index < len(labels) else f"[{index}]"
-    texts = [str(values[index]) for values in (before, now)]
-    if texts[0] == texts[1]:  # the digits hide the last bits
-        texts = [f"{values[index]} (bits 0x{values[index].tobytes()[::-1].hex()})" for values in (before, now)]
-    return Difference(name, where, *texts)
+    return Difference(name, where, str(before[index]), str(now[index]))
 
 
 class RecordedPolicy:
@@ -92,15 +84,11 @@ class RecordedPolicy:
 class RepeatReport:
     """Result of repeating a run."""
 
-    ticks: int = 0
-    """Ticks repeated and found identical."""
+    ticks: int = 0  # repeated and found identical
     difference: Difference | None = None
-    tick: int | None = None
-    """Index of the tick that differs, or before which ticks are missing."""
-    time: float | None = None
-    """s, robot's clock, of that tick."""
-    missing: int = 0
-    """Ticks missing from the recording before `tick`: nothing after them is repeated."""
+    tick: int | None = None  # index of the tick that differs, or before which ticks are missing
+    time: float | None = None  # s, robot's clock, of that tick
+    missing: int = 0  # ticks missing from the recording before `tick`: nothing after them is repeated
     complete: bool = False
     damage: str = ""
 
@@ -117,20 +105,18 @@ def repeat_run(recording: Recording) -> RepeatReport:
     Where an operator had the robot reactivated, the control stack begins again as it did then. Raises `InputError` if
     the recording cannot be read, or its header does not describe a control stack.
     """
-    policy = RecordedPolicy()
-    stack = rebuild_supervisor(recording.header, policy)
-    report = repeat_entries(recording.header, stack, policy, recording.entries())
+    report = repeat_entries(recording.header, recording.entries())
     report.complete, report.damage = recording.is_complete, recording.damage
     return report
 
 
-def repeat_entries(
-    header: SessionHeader, stack: Supervisor, policy: RecordedPolicy, entries: Iterable[TickRecord | Event]
-) -> RepeatReport:
-    """Repeat ticks and events through a stack whose policy is `policy`."""
+def repeat_entries(header: SessionHeader, entries: Iterable[TickRecord | Event]) -> RepeatReport:
+    """Repeat the ticks and events of a run."""
+    policy = RecordedPolicy()
+    stack = rebuild_supervisor(header, policy)
     report, memory, is_fresh = RepeatReport(), stack.initial(), False
     for record in entries:
-        if not isinstance(record, TickRecord):
+        if isinstance(record, Event):
             is_fresh = is_fresh or record.kind is EventKind.FRESH_START
             continue
         if is_fresh:

@@ -1,4 +1,4 @@
-"""Directions and zeros of joints, judged in a recording: efforts at rest against the torque that gravity needs."""
+"""Directions of joints, judged in a recording: efforts at rest against the torque that gravity needs."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ _LEAST = 1.0  # s that a rest lasts at least; the efforts of its second half cou
 _MOVED, _COMMANDED = 0.02, 1e-3  # rad by which positions and commands differ at most in a rest
 _FRICTION, _SHARE = 0.3, 0.15  # N·m, and share of the expected torque, by which a sound joint differs from its model
 _AT_STOP, _IMPOSSIBLE = 0.03, 0.1  # rad before a limit, where the stop may carry the joint; beyond it, where none is
-_FAULTS = [(-1.0, 0.0), *((1.0, sign * 0.1 * tenths) for sign in (-1.0, 1.0) for tenths in (8, 6, 4, 3, 2, 1))]
-"""Direction, and rad to be added, by which a joint's real position may differ from the recorded one."""
 _VISIBLE = 1.0  # misfit, in tolerances squared, by which a mirrored joint would show
-_EXPLAINED, _PREFERENCE = 0.1, 0.05  # shares of a limb's misfit: that an explanation may leave; for directions first
+_EXPLAINED = 0.1  # share of a limb's misfit that an explanation may leave
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,28 +37,24 @@ class JointSign:
 def judge_signs(recording: Recording, description: RobotDescription) -> list[JointSign]:
     """Judge every joint of a recorded robot, in its order.
 
-    In each limb the one wrong direction or zero that explains what contradicts gravity is named. Raises `InputError` if
-    the robot never rested while it was held.
+    In each limb the one mirrored joint that explains what contradicts gravity is named. Raises `InputError` if the
+    robot never rested while it was held.
     """
     gravity = _Gravity(description, _rests(recording, description))
-    expected, sound = gravity.torque(gravity.position), gravity.misfit(0, 1.0, 0.0)
-    verdicts = [""] * description.joint_count
+    sound, verdicts = gravity.misfit(None), [""] * description.joint_count
     for limb in gravity.limbs:
-        misfit = sound[limb].sum()
-        left = {(i, *fault): gravity.misfit(i, *fault)[limb].sum() for i in limb for fault in _FAULTS}
-        best = min(left, key=lambda fault: left[fault] + (fault[1] > 0.0) * _PREFERENCE * misfit)
-        is_explained = left[best] <= _EXPLAINED * misfit
+        mirrored = {i: gravity.misfit(i)[limb].sum() for i in limb}
+        best = min(mirrored, key=lambda i: mirrored[i])
+        is_explained = mirrored[best] <= _EXPLAINED * sound[limb].sum()
         for i in limb:
-            if misfit == 0.0:
-                verdicts[i] = "agrees" if left[i, -1.0, 0.0] > _VISIBLE else "too small to say"
-            elif is_explained and i == best[0]:
-                what = "direction wrong?" if best[1] < 0.0 else f"zero off by about {-best[2]:.1f} rad?"
-                verdicts[i] = f"contradicts: {what}"
+            if sound[i] > 0.0 and is_explained:
+                culprit = description.joint_names[best]
+                verdicts[i] = f"contradicts: {'direction wrong?' if i == best else f'explained by {culprit}'}"
             elif sound[i] > 0.0:
-                cause = f"explained by {description.joint_names[best[0]]}" if is_explained else "load or contact?"
-                verdicts[i] = f"contradicts: {cause}"
+                verdicts[i] = "contradicts: zero, load or contact?"
             else:
-                verdicts[i] = "too small to say"
+                verdicts[i] = "agrees" if mirrored[i] > _VISIBLE else "too small to say"
+    expected = gravity.torque(gravity.position)
     worst = np.abs(gravity.effort - expected).argmax(axis=0)
     return [
         JointSign(name, float(gravity.effort[k, i]), float(expected[k, i]), verdict)
@@ -118,7 +112,7 @@ class _Gravity:
     def _hold(self, position: FloatArray, imu: FloatArray) -> FloatArray:
         model, data = self._model, self._data
         data.qpos[self._addresses.qpos] = position
-        if self._base is not None:  # turned so that the model's IMU reads what was recorded
+        if self._base is not None:  # rotated so that the model's IMU reads what was recorded
             data.qpos[self._base] = 1.0, 0.0, 0.0, 0.0
             mujoco.mj_kinematics(model, data)
             kind, i = self._frame
@@ -128,15 +122,16 @@ class _Gravity:
         torque: FloatArray = (data.qfrc_bias - data.qfrc_passive)[self._addresses.dof]
         return torque
 
-    def misfit(self, joint: int, direction: float, offset: float) -> FloatArray:
-        """Shape (n,): squares of what is beyond the tolerance, in tolerances, averaged, if a joint has this fault."""
+    def misfit(self, mirrored: int | None) -> FloatArray:
+        """Shape (n,): squares of what is beyond the tolerance, in tolerances, averaged, if one joint is mirrored."""
         position, effort = self.position.copy(), self.effort.copy()
-        position[:, joint] = direction * position[:, joint] + offset
-        effort[:, joint] *= direction
+        if mirrored is not None:
+            position[:, mirrored] *= -1.0
+            effort[:, mirrored] *= -1.0
         expected = self.torque(position)
-        off = np.abs(effort - expected) / (_FRICTION + _SHARE * np.abs(expected)) - 1.0
+        beyond = np.abs(effort - expected) / (_FRICTION + _SHARE * np.abs(expected)) - 1.0
         is_free = (position > self._lower + _AT_STOP) & (position < self._upper - _AT_STOP)
         is_impossible = (position < self._lower - _IMPOSSIBLE) | (position > self._upper + _IMPOSSIBLE)
-        beyond = np.where(is_free, np.maximum(off, 0.0), np.where(is_impossible, np.inf, 0.0))
+        beyond = np.where(is_free, np.maximum(beyond, 0.0), np.where(is_impossible, np.inf, 0.0))
         misfit: FloatArray = np.square(beyond).mean(axis=0)
         return misfit

@@ -15,7 +15,7 @@ from humanoid_sim.client import FEED_HEAD, STATUS, TICK, monotonic_ns
 from humanoid_sim.errors import blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_tick
-from humanoid_sim.recording.header import header_metadata
+from humanoid_sim.recording.header import header_fields
 from humanoid_sim.ros2.definitions import TICK as TICK_MESSAGE
 from humanoid_sim.ros2.definitions import schema_text
 from humanoid_sim.session.intent_socket import listening
@@ -46,12 +46,11 @@ class FeedWriter(Sink):
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
         """
-        session, documents = header_metadata(header)
         described = {
             "joint_names": header.joint_names,
             "control_period": header.control_period,
             "live_inputs": dict(live_inputs or {}),
-            "header": {"session": session, "documents": documents},
+            "header": {"session": header_fields(header), "documents": dict(header.documents)},
             "definition": schema_text(TICK_MESSAGE),
         }
         with blaming(folder, OSError):

@@ -22,10 +22,9 @@ PERIOD = 0.02
 record = partial(run_program, record_main)
 
 
-def recorded(path, *, mirrored=(), zeros=None, ticks=280):
-    """A STANDBY of the simulated robot, some of whose joints report and obey the other direction, or another zero."""
+def recorded(path, *, mirrored=(), ticks=280):
+    """A STANDBY of the simulated robot, some of whose joints report and obey the other direction."""
     sign = np.array([-1.0 if name in mirrored else 1.0 for name in LITE.joint_names])
-    zero = np.array([(zeros or {}).get(name, 0.0) for name in LITE.joint_names])
     supervisor = build_supervisor(LITE, PERIOD, None)
     plant = SimRobot(LITE, SimConfig(control_period=PERIOD))
     plant.activate()
@@ -35,7 +34,7 @@ def recorded(path, *, mirrored=(), zeros=None, ticks=280):
         state, _ = plant.read()
         state = replace(
             state,
-            joint_position=sign * state.joint_position + zero,
+            joint_position=sign * state.joint_position,
             joint_velocity=sign * state.joint_velocity,
             joint_effort=sign * state.joint_effort,
         )
@@ -47,7 +46,7 @@ def recorded(path, *, mirrored=(), zeros=None, ticks=280):
         plant.write(
             replace(
                 command,
-                position=sign * (command.position - zero),
+                position=sign * command.position,
                 velocity=sign * command.velocity,
                 effort=sign * command.effort,
             )
@@ -75,11 +74,6 @@ def test_a_mirrored_joint_is_named(joint, tmp_path):
     found = verdicts(recorded(tmp_path / "run.mcap", mirrored=(joint,)))
     assert found[joint] == "contradicts: direction wrong?"
     assert all("contradicts" not in verdict for name, verdict in found.items() if name[:4] != joint[:4])
-
-
-def test_a_wrong_zero_is_named(tmp_path):
-    found = verdicts(recorded(tmp_path / "run.mcap", zeros={"left_shoulder_roll": 0.4}))
-    assert found["left_shoulder_roll"] == "contradicts: zero off by about 0.4 rad?"
 
 
 def test_the_table_and_a_recording_without_a_rest(tmp_path, capsys):
