@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from rich.markup import escape
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.files import output_file, whole_file
@@ -24,10 +25,7 @@ class Describe:
 
 @dataclass(frozen=True)
 class Convert:
-    """Make an MJCF of a URDF.
-
-    A URDF leaves open whether the robot's base floats; MuJoCo alone would fix it to the world.
-    """
+    """Make an MJCF of a URDF. MuJoCo alone would fix every robot's base to the world."""
 
     source: tyro.conf.Positional[Path]
     """A URDF."""
@@ -44,30 +42,20 @@ class Convert:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `robot` with command-line arguments; returns the exit status."""
     options: Describe | Convert = parse(Describe | Convert, "robot", arguments)
-    return _convert(options) if isinstance(options, Convert) else _describe(options)
-
-
-def _convert(options: Convert) -> int:
-    from humanoid_sim.robots.urdf import convert_urdf  # noqa: PLC0415 - heavy imports stay out of `--help`
-
-    output = options.source.with_suffix(".xml") if options.output is None else options.output
-    output_file(output, "--output", ".xml", overwrite=options.overwrite)
-    text = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
-    with whole_file(output) as file:
-        file.write(text.encode())
-    print(f"wrote {output}")
-    print("a URDF has no armature, and often no ranges and effort limits: see `robot describe`, and complete the file")
-    return 0
-
-
-def _describe(options: Describe) -> int:
-    from rich.markup import escape  # noqa: PLC0415 - heavy imports stay out of `--help`
-
-    from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415
+    from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415 - heavy imports stay out of `--help`
     from humanoid_sim.robots import describe  # noqa: PLC0415
     from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
     from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415
+    from humanoid_sim.robots.urdf import convert_urdf  # noqa: PLC0415
 
+    if isinstance(options, Convert):
+        output = options.source.with_suffix(".xml") if options.output is None else options.output
+        output_file(output, "--output", ".xml", overwrite=options.overwrite)
+        text = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
+        with whole_file(output) as file:
+            file.write(text.encode())
+        print(f"wrote {output}; a URDF has no armature, and often no ranges and effort limits: complete it")
+        return 0
     robot = load_robot(options.robot)
     model, console = bare_model(robot), make_console()
     console.print(describe.joint_table(robot, model))

@@ -20,9 +20,8 @@ def test_options_that_make_no_sense(tmp_path, capsys):
     output = str(tmp_path / "set")
     assert "gone.mcap: no such file" in refusal(capsys, "gone.mcap", "-o", output)
     assert "--fps: is 0, expected at least 1" in refusal(capsys, "gone.mcap", "-o", output, "--fps", "0")
-    assert "--repo-id: is 'x', expected user/name" in refusal(capsys, "gone.mcap", "-o", output, "--repo-id", "x")
-    assert "exists; a dataset is only written whole" in refusal(capsys, "gone.mcap", "-o", str(tmp_path))
-    assert "does not exist" in refusal(capsys, "gone.mcap", "-o", str(tmp_path / "a" / "b"))
+    for folder in (tmp_path, tmp_path / "a" / "b"):
+        assert "expected a new folder in one that exists" in refusal(capsys, "gone.mcap", "-o", str(folder))
 
 
 def test_without_lerobot(tmp_path, monkeypatch, capsys):

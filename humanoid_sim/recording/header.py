@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import msgspec
 from mcap.writer import Writer
 
 from humanoid_sim.errors import InputError, blaming
@@ -60,5 +59,6 @@ def parse_header(
 
 def json_document(header: SessionHeader, name: str) -> dict[str, Any]:
     """Return a JSON object among a header's documents; empty where there is none. Raises `InputError` if damaged."""
-    with blaming(f"recording: header's document '{name}'", msgspec.DecodeError):
-        return msgspec.json.decode(header.documents.get(name, "{}"), type=dict[str, Any])
+    with blaming(f"recording: header's document '{name}' is damaged", ValueError):
+        document: dict[str, Any] = json.loads(header.documents.get(name, "{}"))
+    return document

