@@ -30,7 +30,6 @@ from humanoid_sim.stack import recorded_contract, recorded_contracts
 _LATE = 0.2  # s after which a tick is the past, or three control periods
 _STATUS_WITHIN = 0.6  # s that the session's status is waited for, which it sends twice a second
 _BEHIND = 30  # priorities behind the control loop, and behind all its threads
-_CHECK_PERIOD = 0.5  # s between two checks that the session is still there
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +99,6 @@ class Attachment(Source):
         blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
         self.header = parse_header(str(session), fields, documents, blobs)
         self._number = 0
-        self._checked, self._runs = time.monotonic(), True
 
     def __str__(self) -> str:
         return str(self.session)
@@ -130,9 +128,7 @@ class Attachment(Source):
             return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
 
     def is_running(self) -> bool:
-        if time.monotonic() - self._checked > _CHECK_PERIOD:
-            self._checked, self._runs = time.monotonic(), self.feed.is_running()
-        return self._runs
+        return self.feed.is_running()
 
     def status(self) -> Mapping[str, Any]:
         return self.feed.status()

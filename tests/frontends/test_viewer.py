@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import Wanted
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.play.front_ends import wanted_front_ends
-from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.viewer import main, window_text
 
 RECORD = TickRecord(
@@ -33,17 +30,3 @@ def test_without_a_display_it_says_so(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match=r"^viewer native: no display"):
         main(["--robot", "lite"])
-
-
-@pytest.mark.parametrize(
-    ("config", "wanted"),
-    [
-        (PlayConfig(viewer="none"), ()),
-        (PlayConfig(viewer="auto"), (Wanted("viewer"),)),
-        (PlayConfig(viewer="auto", hardware="virtual:x"), ()),
-        (PlayConfig(viewer="native", hardware="virtual:x"), (Wanted("viewer"),)),
-    ],
-)
-def test_the_window_is_a_process_of_its_own(config, wanted, monkeypatch):
-    monkeypatch.setenv("DISPLAY", ":0")
-    assert wanted_front_ends(config) == wanted

@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
-from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment, Tick
 from humanoid_sim.frontends.console.gate import Gate
 from humanoid_sim.frontends.console.sliders import JointSliders
@@ -140,17 +139,14 @@ class Operator:
         tick = self._attachment.latest
         assert tick is not None
         problem = self._joint_problem(tick)
-        try:
-            sliders = self.sliders or JointSliders(self._attachment.description, self._pose)
-        except FieldError as error:
-            problem = str(error)
         if problem:
             self.answer = f"sliders refused: {problem}"
             return
-        sliders.choose(self._attachment.header.joint_names.index(name), tick.record.input.state.joint_position)
         if self.sliders is None:
+            self.sliders = JointSliders(self._attachment.description, self._pose)
             self._stepped = self._sent = monotonic_ns()
-        self.sliders = sliders
+        joint = self._attachment.header.joint_names.index(name)
+        self.sliders.choose(joint, tick.record.input.state.joint_position)
 
     def set_goal(self, row: int, value: float) -> None:
         """Set a slider's goal; `row` as in `JointSliders.goals`."""

@@ -12,7 +12,6 @@ import math
 import numpy as np
 
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
@@ -30,12 +29,10 @@ class JointSliders:
     """Commands for one robot that stood in pose `a` or `b`. Positions have shape (n,), rad, measured, finite."""
 
     def __init__(self, robot: RobotDescription, pose: str) -> None:
-        """Choose no joint yet. Raises `FieldError` if STANDBY has no K_p, so that nothing would hold the others."""
+        """Choose no joint yet."""
         standby = robot.standby_controller_b if pose == "b" else robot.standby_controller_a
         self._robot = robot
         self._gains = np.array([standby.target_stiffness, standby.target_damping])
-        if not self._gains[0].any():
-            raise FieldError(f"sliders: STANDBY of {robot.name} has no K_p, so nothing would hold the other joints")
         largest = _GAIN_SHARE * np.maximum(self._gains, [robot.stiffness, robot.passive_damping])
         for i, joint in enumerate(robot.joints):
             model = None if joint.motor is None else MOTORS.get(joint.motor.model)

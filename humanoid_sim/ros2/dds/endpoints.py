@@ -52,12 +52,6 @@ class Received(NamedTuple):
     writer: int  # handle of its writer; see `Reader.name_of`
 
 
-def _topic(participant: Participant, topic: str, kind: Topic) -> Any:
-    from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415 - an extra
-
-    return DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-
-
 def _qos(kind: Topic, depth: int, *, any_writer: bool = False) -> Any:
     from cyclonedds.qos import Policy, Qos  # noqa: PLC0415 - an extra
 
@@ -77,8 +71,10 @@ class Writer:
     def __init__(self, participant: Participant, topic: str, kind: Topic) -> None:
         from cyclonedds._clayer import ddspy_write  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
+        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        self._writer = DataWriter(participant.entity, _topic(participant, topic, kind), _qos(kind, kind.depth))
+        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
+        self._writer = DataWriter(participant.entity, described, _qos(kind, kind.depth))
         self._put = ddspy_write
 
     def write(self, message: bytes) -> bool:
@@ -102,9 +98,11 @@ class Reader:
         from cyclonedds._clayer import ddspy_take  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
+        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
         self.topic, self._depth = topic, depth or kind.depth
-        described, qos = _topic(participant, topic, kind), _qos(kind, self._depth, any_writer=any_writer)
+        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
+        qos = _qos(kind, self._depth, any_writer=any_writer)
         self._reader = DataReader(participant.entity, described, qos)
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)

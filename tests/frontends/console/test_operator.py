@@ -188,30 +188,17 @@ def test_a_joint_that_is_let_go_is_passive_at_once(desk, change, reason):
     assert len(desk.commands) == count
 
 
-def test_a_joint_is_let_go_where_the_mode_ends_or_the_session_stands_still(desk):
+def test_a_joint_is_let_go_where_the_mode_ends_or_the_session_or_the_console_stands_still(desk):
     moving(desk)
     count = len(desk.commands)
     desk.step(Mode.DAMPING)
     assert len(desk.commands) == count, "no command of its own in another mode"
-    assert "mode is DAMPING" in desk.operator.answer
     moving(desk)
     desk.step(Mode.REMOTE, age=0.6)
     assert desk.operator.sliders is None
-
-
-def test_after_missing_commands_the_gains_come_in_anew_and_after_a_long_gap_the_joint_is_let_go(desk):
-    desk.owners = {"REMOTE": desk.operator._name}
     moving(desk)
     desk.run(Mode.REMOTE, 2.0)
-    assert desk.commands[-1].stiffness.max() > 20.0
     desk.step(Mode.REMOTE, seconds=0.3)
-    assert desk.commands[-1].stiffness.max() < 5.0
+    assert desk.commands[-1].stiffness.max() < 5.0, "after missing commands the gains come in anew"
     desk.step(Mode.REMOTE, seconds=0.6)
     assert "held up" in desk.operator.answer
-
-
-def test_remote_of_another_producer_is_not_taken(desk):
-    desk.owners = {"REMOTE": "gravity (7)"}
-    moving(desk)
-    assert desk.operator.answer == "sliders refused: REMOTE belongs to gravity (7)"
-    assert desk.commands == []

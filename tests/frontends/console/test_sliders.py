@@ -1,12 +1,10 @@
 """The sliders' arithmetic: what it commands, whatever is asked for."""
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.console.sliders import JointSliders
 from humanoid_sim.robots.description import load_robot
 
@@ -34,11 +32,6 @@ def stepped(sliders, seconds, position=POSE):
     return command
 
 
-def test_the_limits_are_the_robot_s(sliders):
-    # Twice STANDBY's K_p, and all the K_d that an rs-00 can be told.
-    assert sliders.limits.tolist() == [[-2.35619, 0.0], [0.0, 100.0], [0.0, 5.0]]
-
-
 def test_it_begins_as_the_passive_hold_and_nothing_jumps(sliders):
     assert sliders.goals.tolist() == [-1.7, 0.0, 0.0]
     command = sliders.step(POSE, PERIOD)
@@ -61,19 +54,6 @@ def test_a_stiff_spring_never_pulls_near_the_effort_limit(sliders):
     position, stiffness, _ = of(stepped(sliders, 4.0))
     assert stiffness == 100.0
     assert stiffness * (position + 1.7) == pytest.approx(7.0)  # half of 14 N·m
-
-
-def test_a_joint_that_is_left_is_held_where_it_is(sliders):
-    moved = POSE.copy()
-    moved[ELBOW] = -1.5
-    sliders.choose(0, moved)
-    assert of(stepped(sliders, 4.0, moved)) == [-1.5, 50.0, 2.0]
-
-
-def test_a_robot_whose_standby_has_no_stiffness_has_no_sliders():
-    limp = msgspec.structs.replace(LITE.standby_controller_a, target_stiffness=(0.0,) * LITE.joint_count)
-    with pytest.raises(FieldError, match="STANDBY of lite has no K_p"):
-        JointSliders(msgspec.structs.replace(LITE, standby_controller_a=limp), "a")
 
 
 number = st.floats(-1e6, 1e6)

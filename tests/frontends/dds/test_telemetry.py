@@ -1,8 +1,6 @@
-"""What a bridge that comes later says of the Lite on a CAN bus, and keys that it takes from outside."""
+"""Which topics are served, and keys that are taken from outside."""
 
-import time
-from dataclasses import replace
-from itertools import count
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,56 +11,20 @@ from dds_bridge import bridge
 from local_session import LocalSession, ticking
 from stranger import Float32MultiArray, MultiArrayLayout, client, newest, until
 
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.frontends.dds.telemetry import served_topics
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.feed import MODEL_BLOB
-from humanoid_sim.simulation.model import build_model, model_bytes
 from humanoid_sim.stack import run_header
-from humanoid_sim.testing import healthy_state
 
 
-@pytest.fixture
-def cyclone(domain):
-    with client(domain) as joined:
-        yield joined
-
-
-def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local, cyclone):
-    neck = load_robot("lite_neck")
-    blobs = {MODEL_BLOB: model_bytes(build_model(neck))}
-    local.publish(run_header(neck, 0.02, None, settings={}), blobs, robot="lite_neck", hardware="can0")
-    state = healthy_state([0.0] * 17, 3.5)
-    output = TickOutput(MITCommand.zeros(17), ControlMode(Mode.DAMPING, "damping_controller", "Grüße"))
-    with bridge():
-        joint_states = cyclone.reader("rt/lite/joint_states")
-        until(joint_states.get_matched_publications, "the joint states of all Lites")
-        moving, clock = cyclone.reader("rt/tf"), cyclone.reader("rt/clock")
-        mode, heard = cyclone.reader("rt/control_mode"), cyclone.reader("rt/imu/data")
-        for reader in (moving, mode, heard):
-            until(reader.get_matched_publications, f"the publication of {reader.topic.name}")
-        index = count(1)
-
-        def brought(reader):
-            """By one of many ticks: what is sent with best effort may be lost."""
-
-            def tick():
-                i = next(index)
-                later = replace(state, time=state.time + 0.1 * i)
-                local.feed.tick(TickRecord(i, TickInput(later), output, 0.0, False))
-                time.sleep(0.05)
-                return reader.take(1000)[-1:]
-
-            return until(tick, f"a sample of {reader.topic.name}")[0]
-
-        assert brought(cyclone.reader("rt/robot_description")).data.startswith('<robot name="lite_neck"')
-        fixed = brought(cyclone.reader("rt/tf_static")).transforms
-        assert ("world", "chest") in [(one.header.frame_id, one.child_frame_id) for one in fixed]
-        assert brought(joint_states).name == list(neck.joint_names)
-        assert brought(mode).status_message == "Grüße"
-        assert brought(heard).orientation.w == 1.0
-        assert len(brought(moving).transforms) == 17
-        assert clock.get_matched_publications() == [], "the clock of a real robot is the world's"
+def test_safety_and_standby_stay_on_the_machine_and_a_real_robot_has_no_clock():
+    header = run_header(load_robot("lite_neck"), 0.02, None, settings={})
+    attachment = SimpleNamespace(header=header, is_hardware=True)
+    across = {"/lite/joint_states", "/imu/data", "/control_mode", "/robot_description", "/tf", "/tf_static"}
+    assert set(served_topics(attachment, is_local=False)) == across, "the prefix of all Lites"
+    standby = {"/standby_controller/state", "/standby_controller_a/state", "/standby_controller_b/state"}
+    assert set(served_topics(attachment, is_local=True)) == across | standby | {"/safety_status"}
+    attachment.is_hardware = False
+    assert "/clock" in served_topics(attachment, is_local=True)
 
 
 def test_keys_from_outside_reach_the_session_where_it_takes_them(domain, runtime):
@@ -72,7 +34,7 @@ def test_keys_from_outside_reach_the_session_where_it_takes_them(domain, runtime
         newest(cyclone.reader("rt/clock"))
         assert reader.get_matched_publications() == [], "never both"
         writer = cyclone.writer("rt/piano/key_state", depth=1)
-        until(lambda: len(writer.get_matched_subscriptions()) == 2, "the bridge's subscriptions beside our own")
+        until(lambda: len(writer.get_matched_subscriptions()) == 2, "the bridge's subscription beside our own")
         keys = Float32MultiArray(MultiArrayLayout([], 0), [1.0, 0.0, 1.0])
 
         def pressed():
