@@ -90,6 +90,7 @@ def test_presses_count_within_one_poll_and_what_was_down_before_does_not(local, 
     pad.release("X")
     desk.poll()
     assert desk.mode is Mode.DAMPING
+    desk.poll()
     pad.press("B")
     desk.poll()
     assert desk.mode is Mode.STANDBY, "L1 is down"
