@@ -1,4 +1,4 @@
-"""Measurements of a mock motor's sensors, and the command that its control loop executes."""
+"""What a mock motor measures, and the command that its control loop executes."""
 
 from __future__ import annotations
 

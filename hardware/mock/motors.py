@@ -51,20 +51,13 @@ class MockMotors:
     def __init__(
         self,
         description: RobotDescription,
-        bus_count: int = 1,
+        bus_count: int = 1,  # all motors on one bus, or the number of the robot's buses
         *,
-        homing_offset: Mapping[str, float] = MappingProxyType({}),
-        alone: str = "",
-        log: Log = lambda *_: None,
+        homing_offset: Mapping[str, float] = MappingProxyType({}),  # see `MotorPlant`
+        alone: str = "",  # joint whose motor alone has power, as delivered; empty: all have, with their ids
+        log: Log = lambda *_: None,  # receives changes of modes and faults
     ) -> None:
-        """Power everything on.
-
-        Args:
-            bus_count: 1, all motors on one bus, or the number of the robot's buses.
-            homing_offset: rad, motor frame, by joint: the shaft's angle where the joint is at 0; else 0.
-            alone: joint whose motor alone has power, as delivered; empty: all have, with their ids.
-            log: receives changes of modes and faults.
-        """
+        """Power everything on."""
         self.plant = plant = MotorPlant(description, homing_offset)
         self.names = description.joint_names
         require_known("joint", [alone] if alone else [], self.names)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation import DROP
@@ -24,12 +24,10 @@ class MotorPlant:
     def __init__(self, description: RobotDescription, homing_offset: Mapping[str, float]) -> None:
         """Build the model, at rest in its initial position; a floating base is held by its support.
 
-        Args:
-            homing_offset: rad, motor frame, by joint: the shaft's angle where the joint is at 0; else 0.
+        `homing_offset`: rad, motor frame, by joint: the shaft's angle where the joint is at 0; else 0.
         """
         config = SimConfig(drop=DROP)
         self.description = description
-        require_known("joint", homing_offset, description.joint_names, "homing_offset: ")
         self.motors = [joint.motor for joint in description.joints if joint.motor is not None]
         if len(self.motors) < description.joint_count:
             raise InputError(f"{description.name}: not every joint has a motor")

@@ -42,7 +42,7 @@ class MockServer:
         self.addresses = tuple(parse_address(one) if isinstance(one, str) else one for one in addresses)
         self._motors = MockMotors(description, len(self.addresses), homing_offset=homing_offset, alone=alone, log=log)
         with contextlib.ExitStack() as opened:
-            self._buses = tuple(opened.enter_context(_open(address)) for address in self.addresses)
+            self._buses = [opened.enter_context(_open(address)) for address in self.addresses]
             self._opened = opened.pop_all()
         self._origin = time.monotonic()
         self._lock, self._closing = threading.Lock(), threading.Event()

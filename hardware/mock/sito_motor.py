@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+from msgspec.structs import astuple
+
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.sito import protocol
@@ -77,10 +79,7 @@ class SitoMotor:
         limit = self.model.peak_torque
         if not self.is_running:
             return Drive(limit=limit, origin=self.origin)
-        command, gains = self.command, self.gains
-        return Drive(
-            command.position, command.velocity, command.effort, gains.stiffness, gains.damping, limit, self.origin
-        )
+        return Drive(*astuple(self.command)[1:], *astuple(self.gains)[1:], limit, self.origin)
 
     def faults(self) -> str:
         """Return its faults in words; empty without any."""

@@ -87,15 +87,6 @@ def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys):
     assert "inverse kinematics" in capsys.readouterr().out
 
 
-def test_joints_alone(tmp_path):
-    q = joint_path()
-    root = write_dataset(tmp_path / "dances", [{"observation.state": q}], {})
-    assert prepare(tmp_path, "--motion", str(root), "--joint-order", "robot") == 0
-    np.testing.assert_allclose(
-        read_motion(tmp_path / "out" / "dances_0.mcap").frames, joint_frames(lite(), q), atol=2e-6
-    )
-
-
 def test_a_damaged_dataset(tmp_path, capsys):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
     file = next((root / "data").rglob("*.parquet"))

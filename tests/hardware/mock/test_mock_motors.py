@@ -9,7 +9,6 @@ from mock_rig import IDS, LITE, MODELS, Bench
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.mock.faults import Fault, parse_fault
 from humanoid_sim.hardware.mock.motors import MockMotors
-from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.robstride.protocol import (
     MotorMode,
     OperationControl,
@@ -62,17 +61,6 @@ def test_the_physics_are_those_of_the_simulated_robot_under_the_quantised_comman
     np.testing.assert_allclose(truth.joint_position, state.joint_position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(truth.joint_effort, state.joint_effort, rtol=0, atol=1e-6)
     np.testing.assert_allclose(truth.imu_quaternion, state.imu_quaternion, rtol=0, atol=1e-9)
-
-
-def test_shafts_turn_as_the_calibration_says():
-    plant = MotorPlant(LITE, {ELBOW: 0.7})
-    offset = np.where(np.array(LITE.joint_names) == ELBOW, 0.7, 0.0)
-    for _ in range(40):
-        plant.step(3.0 * DIRECTION)
-    truth = plant.truth(1.5)
-    np.testing.assert_allclose(plant.shaft, DIRECTION * truth.joint_position + offset, atol=1e-12)
-    np.testing.assert_allclose(plant.velocity, DIRECTION * truth.joint_velocity, atol=1e-12)
-    np.testing.assert_allclose(truth.joint_effort, np.full(14, 3.0), atol=1e-12)
 
 
 def test_a_floating_base_is_held_and_let_go():

@@ -4,32 +4,12 @@ import models
 import mujoco
 import numpy as np
 import pytest
-from mock_imu import MockImu
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
-
-HARDWARE = ("--hardware", "virtual:imu", "--allow-script", "--policy", "placeholder")
-
-
-@pytest.fixture
-def device():
-    emulated = MockImu()
-    yield emulated
-    emulated.close()
-
-
-@pytest.mark.soak
-def test_what_it_feels_is_the_robots_state(run, quick, device):
-    device.rate = (0.1, 0.2, 0.3)
-    result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "hold 0.2")
-    assert result.status == 0
-    for tick in result.ticks:
-        assert tick.input.state.imu_angular_velocity == pytest.approx([0.1, -0.2, -0.3])
-        assert [status.source for status in tick.input.safety] == ["humanoid_devices_robstride/virtual:imu", "imu"]
 
 
 def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calibrate):
