@@ -159,19 +159,13 @@ class RobstrideLink:
         return encode_command(kind, self.motors.motor_id[motor], data)
 
     def send(self, frames: Mapping[int, Sequence[Frame]]) -> None:
-        """Send frames to motors, those of one motor in order; motors take turns.
-
-        Where an earlier round is still waiting to leave, this one takes its place.
-        """
-        longest = max((len(group) for group in frames.values()), default=0)
-        for step in range(longest):
-            for motor, group in frames.items():
-                if step < len(group):
-                    frame = group[step]
-                    moves = frame.arbitration_id >> 24 in (FrameType.ENABLE, FrameType.OPERATION_CONTROL)
-                    key = (frame.arbitration_id if moves else frame, step)
-                    channel = self.line.channels[self.motors.channel[motor]]
-                    channel.send([(key, frame)], _LIFETIME if moves else math.inf)
+        """Send frames to motors, one motor after the other, in the place of an earlier round that still waits."""
+        for motor, group in frames.items():
+            channel = self.line.channels[self.motors.channel[motor]]
+            for step, frame in enumerate(group):
+                moves = frame.arbitration_id >> 24 in (FrameType.ENABLE, FrameType.OPERATION_CONTROL)
+                key = (frame.arbitration_id if moves else frame, step)
+                channel.send([(key, frame)], _LIFETIME if moves else math.inf)
 
     def _ask(
         self,

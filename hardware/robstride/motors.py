@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
@@ -203,8 +203,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             confirmed = {i: ticks for i, ticks in (confirmed | hidden).items() if i in running}
             if len(confirmed) == len(self._all) or time.monotonic() > deadline:
                 break
-            for i in self._all:  # one motor after the other: no other's frames between enable and limp
-                self.send({i: self._enabling_frames(i, i in running, i in confirmed)})
+            self.send({i: self._enabling_frames(i, i in running, i in confirmed) for i in self._all})
             end = time.monotonic() + _PERIOD
             while time.monotonic() < end and len(confirmed) < len(self._all):
                 confirmed |= self.take_values(_TIMEOUT)
@@ -236,11 +235,10 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         Nothing at all is sent to them meanwhile: no document says which frames restart the timeout.
         """
         begin, can_timeout = time.monotonic(), self._terms.can_timeout
-        limp = {i: [self._limp(i)] for i in self._hidden}
-        frames: Mapping[int, Sequence[Frame]] = {i: self._enabling_frames(i, False, False) for i in self._hidden}
+        frames = {i: self._enabling_frames(i, False, False) for i in self._hidden}
         running = self.until_status(frames, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout if running else 0.0)
-        found = self.until_status({i: limp[i] for i in running}, lambda _: True)
+        found = self.until_status({i: [self._limp(i)] for i in running}, lambda _: True)
         in_time = time.monotonic() - begin <= _TOO_LONG * can_timeout
         for i in self._hidden:
             if not (in_time and i in found and found[i].mode is MotorMode.RESET and not found[i].faults):
