@@ -30,13 +30,11 @@ class GamepadConfig:
     """Drive a running session with a gamepad.
 
     X damps, L1+A and L1+B load pose A and B, R1+A starts LOCOMOTION, R1+B REMOTE, BACK quits; the sticks command a
-    velocity, of a policy that takes one. X damps on every gamepad that is plugged in; all else is the chosen one's.
+    velocity, of a policy that takes one. X damps on every gamepad that is plugged in; all else is the first one's.
     """
 
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
-    device: str = ""
-    """Part of the gamepad's name. Default: the first one that is plugged in."""
     list: bool = False
     """Show the gamepads that are plugged in, and end; 1 if none can be used."""
     mapping: Path | None = None
@@ -47,18 +45,14 @@ class GamepadConfig:
 class Driver:
     """Requests of a session what gamepads show; `step` once a period."""
 
-    def __init__(
-        self, intake: Intake, joy: JoyBindings, *, speeds: FloatArray | None, is_hardware: bool, device: str = ""
-    ) -> None:
+    def __init__(self, intake: Intake, joy: JoyBindings, *, speeds: FloatArray | None, is_hardware: bool) -> None:
         """Choose no gamepad yet.
 
         Args:
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
-            device: part of the name of the gamepad that drives.
         """
-        self._intake, self._joy, self._speeds = intake, joy, speeds
-        self._is_hardware, self._device = is_hardware, device.lower()
+        self._intake, self._joy, self._speeds, self._is_hardware = intake, joy, speeds, is_hardware
         self._pad: Pad | None = None
         self._velocity = np.zeros(3)
         self._polls, self._polled = 0, monotonic_ns()
@@ -91,8 +85,7 @@ class Driver:
         lost = self._pad is not None
         if self._pad is not None:
             lines.append(f"{self._pad.name} is gone")
-        usable = [pad for pad in pads if pad.is_known and self._device in pad.name.lower()]
-        self._pad, self._velocity = next(iter(usable), None), np.zeros(3)
+        self._pad, self._velocity = next((pad for pad in pads if pad.is_known), None), np.zeros(3)
         if self._pad is not None:
             lines.append(f"{self._pad.name} drives")
         return [Intent.DAMP] if lost and self._is_hardware else []
@@ -127,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _list(pads)
         with attached(config.session, "gamepad") as attachment:
             speeds, hardware = policy_speeds(attachment.walking_contract), attachment.is_hardware
-            driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware, device=config.device)
+            driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware)
             print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
             run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)
     return 0

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from humanoid_sim.cli import ExitStatus, parse, run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Intake, monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, run_steps
-from humanoid_sim.frontends.midi_keyboard import ByteDevice, Keyboard, Port, port_names
+from humanoid_sim.frontends.midi_keyboard import ByteDevice, Keyboard, Port
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.robots.piano import KEY_COUNT
 
@@ -32,10 +32,10 @@ class MidiConfig:
     """Part of the name of the keyboard's MIDI port. Default: the first one."""
     device: str = ""
     """A raw MIDI byte stream instead of a port: a device such as /dev/snd/midiC1D0, or a FIFO."""
-    transpose: int = 0
-    """Semitones to add to every note: 12 for a keyboard whose keys are an octave below the piano's."""
-    list: bool = False
-    """Show the MIDI ports and end; 1 if there is none."""
+
+    def open(self) -> ByteDevice | Port:
+        """Open the keyboard. Raises `InputError` or `OSError`."""
+        return ByteDevice(self.device) if self.device else Port(self.port)
 
 
 class Sender:
@@ -59,12 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = parse(MidiConfig, "midi", arguments)
     if not config.device:
         require_packages("midi")
-    if config.list:
-        names = port_names()
-        print("\n".join(names) or "no MIDI keyboard is plugged in")
-        return ExitStatus.of(bool(names))
     with (
-        closing(Keyboard(lambda: _opened(config), config.transpose)) as keyboard,
+        closing(Keyboard(config.open)) as keyboard,
         attached(config.session, "midi") as attachment,
     ):
         width = attachment.live_inputs.get(KEY_PRESSED, 0)
@@ -74,10 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         period = max(0.5 * attachment.header.control_period, _LEAST_PERIOD)
         run_steps(attachment, Sender(attachment.intake, keyboard).step, period)
     return 0
-
-
-def _opened(config: MidiConfig) -> ByteDevice | Port:
-    return ByteDevice(config.device) if config.device else Port(config.port)
 
 
 if __name__ == "__main__":

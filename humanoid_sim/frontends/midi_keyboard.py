@@ -75,9 +75,9 @@ def port_names() -> list[str]:
 class Keyboard:
     """The keys that are down: a key is down as long as some channel holds it, whatever the pedal does."""
 
-    def __init__(self, open_source: Callable[[], ByteDevice | Port], transpose: int = 0) -> None:
-        """Open it. Raises `InputError` or `OSError` if it is not there; `transpose` in semitones."""
-        self._open, self._transpose = open_source, transpose
+    def __init__(self, open_source: Callable[[], ByteDevice | Port]) -> None:
+        """Open it. Raises `InputError` or `OSError` if it is not there."""
+        self._open = open_source
         self._source: ByteDevice | Port | None = open_source()
         self._tried = 0.0
         self._held: set[tuple[int, int]] = set()  # channel and key
@@ -118,7 +118,7 @@ class Keyboard:
             if message.type == "control_change" and message.control in _ALL_OFF:
                 self._held = {held for held in self._held if held[0] != message.channel}
             elif message.type in ("note_on", "note_off") and message.channel != PERCUSSION:
-                held = (message.channel, message.note + self._transpose - FIRST_NOTE)
+                held = (message.channel, message.note - FIRST_NOTE)
                 self._held.discard(held)
                 if message.type == "note_on" and message.velocity > 0 and 0 <= held[1] < KEY_COUNT:
                     self._held.add(held)

@@ -16,12 +16,12 @@ from humanoid_sim.frontends.midi_keyboard import ByteDevice, Keyboard, Port, por
 from humanoid_sim.midi import Sender, main
 
 
-def pressed(data, transpose=0):
+def pressed(data):
     """Keys that are down after these bytes."""
     parser = mido.Parser()
     parser.feed(data)
     source = types.SimpleNamespace(read=lambda: list(parser), close=lambda: None)
-    keyboard = Keyboard(lambda: source, transpose)
+    keyboard = Keyboard(lambda: source)
     keyboard.poll()
     assert keyboard.pressed.shape == (88,)
     return [int(key) for key in keyboard.pressed.nonzero()[0]]
@@ -44,10 +44,6 @@ def pressed(data, transpose=0):
 )
 def test_the_keys_that_are_down(data, down):
     assert pressed(bytes.fromhex(data)) == down
-
-
-def test_notes_are_transposed():
-    assert pressed(bytes((0x90, 48, 64)), transpose=12) == [39]
 
 
 @given(st.binary(max_size=60))
@@ -74,10 +70,10 @@ def test_the_keys_reach_the_session_until_the_keyboard_is_unplugged_and_again_wh
 ):
     monkeypatch.setattr(module, "_RETRY", -1.0)
     with on_fifo(tmp_path / "keys") as plugged:
-        keyboard = Keyboard(lambda: ByteDevice(plugged.path), transpose=12)
+        keyboard = Keyboard(lambda: ByteDevice(plugged.path))
         sender = Sender(session.intake("midi"), keyboard)
-        plugged.press(48, 52)
-        plugged.release(48)
+        plugged.press(60, 64)
+        plugged.release(60)
         assert sender.step() == []
         record = session.tick()
         assert down(record) == [43]
@@ -94,7 +90,7 @@ def test_the_keys_reach_the_session_until_the_keyboard_is_unplugged_and_again_wh
         assert session.tick().input.state.extern == last.input.state.extern, "nobody knows any more"
     with on_fifo(tmp_path / "keys") as plugged:
         assert sender.step() == ["the keyboard is there again"]
-        plugged.press(50)
+        plugged.press(62)
         sender.step()
         assert down(session.tick()) == [41]
     keyboard.close()
