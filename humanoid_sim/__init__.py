@@ -4,18 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from humanoid_sim.python_api import (
-        Diagnosis,
-        Policy,
-        Recording,
-        Simulation,
-        SuiteRun,
-        diagnose,
-        load_robot,
-        open_recording,
-        run_suite,
-        simulate,
-    )
+    from humanoid_sim.python_api import Diagnosis, Policy, Simulation, SuiteRun, diagnose, run_suite, simulate
+    from humanoid_sim.recording.reader import Recording, open_recording
+    from humanoid_sim.robots.description import load_robot
 
 __version__ = "0.1.0"
 

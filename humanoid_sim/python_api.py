@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from weakref import finalize
 
 import msgspec
@@ -34,20 +35,9 @@ from humanoid_sim.strict_yaml import schema_problem
 if TYPE_CHECKING:
     from humanoid_sim.regress.results import Results
 
-__all__ = [
-    "Diagnosis",
-    "Policy",
-    "Recording",
-    "Simulation",
-    "SuiteRun",
-    "diagnose",
-    "load_robot",
-    "open_recording",
-    "run_suite",
-    "simulate",
-]
-
 _Config = TypeVar("_Config", PlayConfig, DoctorConfig, RegressConfig)
+Given: TypeAlias = "str | Path | Policy"
+"""A policy: the name of one that ships, a file, or one that was loaded."""
 _PAGE = '<pre style="line-height: 1.2; font-family: monospace">{code}</pre>'
 
 
@@ -116,9 +106,7 @@ class Simulation(_Shown):
             console.print(f"failed: {problem}", markup=False)
 
 
-def simulate(
-    policy: str | Path | Policy | None = None, *, record: str | Path | None = None, **options: Any
-) -> Simulation:
+def simulate(policy: Given | None = None, *, record: str | Path | None = None, **options: Any) -> Simulation:
     """Run a policy on a simulated robot through the five modes, as fast as possible, and record every tick.
 
     Call it from the main thread; Ctrl-C ends the run through DAMPING.
@@ -135,18 +123,16 @@ def simulate(
     for name in ("hardware", "manual"):
         if options.get(name):
             raise InputError(f"simulate: {name} is {options[name]!r}, expected none; an operator's runs are play's")
-    folder = Path(mkdtemp(prefix="humanoid_sim-"))
-    try:
+    with ExitStack() as stack:
+        folder = Path(mkdtemp(prefix="humanoid_sim-"))
+        stack.callback(rmtree, folder, ignore_errors=True)
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
         given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
         outcome = played(_config("simulate", PlayConfig, given), PlayConsole(quiet=True))
         if outcome.status > 128:
             raise KeyboardInterrupt
         recording = open_recording(path)
-    except BaseException:
-        rmtree(folder, ignore_errors=True)
-        raise
-    finalize(recording, rmtree, folder, ignore_errors=True)  # a reader may outlive this run
+        finalize(recording, stack.pop_all().close)  # a reader may outlive this run
     return Simulation(outcome.status == 0, outcome.summary, outcome.problems, recording)
 
 
@@ -162,7 +148,7 @@ class Diagnosis(_Shown):
         print_document(dict(self.document), console)
 
 
-def diagnose(policy: str | Path | Policy, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
+def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
     """Find out what is wired wrongly in a policy that does not behave; shows how far it is unless `quiet`.
 
     Args:
@@ -205,11 +191,7 @@ class SuiteRun(_Shown):
         print_results(console, self.results)
 
 
-def run_suite(
-    policies: str | Path | Policy | Iterable[str | Path | Policy],
-    baseline: str | Path | Policy | None = None,
-    **options: Any,
-) -> SuiteRun:
+def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
     """Run policies over a suite and compare them with a baseline; shows how far it is.
 
     Args:
@@ -225,11 +207,11 @@ def run_suite(
     return SuiteRun(tested(_config("run_suite", RegressConfig, given)))
 
 
-def _path_of(policy: str | Path | Policy) -> str:
+def _path_of(policy: Given) -> str:
     return policy.name if isinstance(policy, Policy) else str(policy)
 
 
-def _of_policy(policy: str | Path | Policy | None) -> dict[str, Any]:
+def _of_policy(policy: Given | None) -> dict[str, Any]:
     """Return the options that name a policy; one that was loaded brings its contract's file."""
     if policy is None:
         return {}

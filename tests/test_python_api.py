@@ -21,7 +21,7 @@ def test_importing_the_package_loads_none_of_it_and_no_name_hides_a_module() -> 
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(ran.stdout.split()) == {"False"}
-    assert humanoid_sim.__all__ == python_api.__all__
+    assert all(hasattr(python_api, name) for name in humanoid_sim.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'simulat'"):
         humanoid_sim.simulat  # noqa: B018
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import yaml
 from rich.console import Console
-from rich.progress import Progress
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
@@ -40,12 +39,10 @@ def examine(config: DoctorConfig, console: Console) -> dict[str, Any]:
     """Search, with progress on a console, and return the document of the result."""
     robot = load_robot(config.robot)
     subject = load_subject(config.checkpoint, robot, config.contract, config.motion)
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("changes", total=None)
-        if config.trace is not None:
-            result = search_trace(subject, Samples(subject, config.trace))
-        else:
-            result = search_episodes(subject, lambda done, total: bar.update(task, completed=done, total=total))
+    if config.trace is not None:
+        result = search_trace(subject, Samples(subject, config.trace))
+    else:
+        result = search_episodes(subject, console)
     return make_document(subject.contract, result, config.contract or own_contract(config.checkpoint))
 
 

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import Edit, asymmetry, single_edits
 from humanoid_sim.doctor.samples import Samples
-from humanoid_sim.doctor.trial import Command, Outcome, Simulations, Subject
+from humanoid_sim.doctor.trial import Outcome, Simulations, Subject
 
-_SECONDS = 4.0  # s, of an episode
-_PHASE = 3.0  # s, of each command of the long episode
-_COMMANDS = ((0.5, 0.0, 0.5), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.4, 0.0), (-0.5, 0.0, 0.0))
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
@@ -88,62 +86,40 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
     return Result("Nothing wrong found: the contract agrees with the trace", (), note, is_healthy=True)
 
 
-def search_episodes(subject: Subject, progress: Callable[[int, int], None] | None = None) -> Result:
-    """Try every edit in one simulated episode, without support; `progress` gets the episodes done, and of how many."""
-    contract, motion = subject.contract, subject.motion
-    walks = contract.task_type == "locomotion"
-    commands = [_within(command, contract) for command in (_COMMANDS if walks else _COMMANDS[:1])]
-    whole = _PHASE * len(commands) if walks or motion is None else len(motion.frames) * contract.policy_dt
-    long = Simulations(subject).run(contract, whole, commands)
-    edits = single_edits(contract, subject.description, motion)
-    local = threading.local()
+def search_episodes(subject: Subject, console: Console) -> Result:
+    """Try every edit in one simulated episode, without support, with progress on a console."""
+    edits, local = single_edits(subject.contract, subject.description, subject.motion), threading.local()
 
-    def run(edited: PolicyContract) -> Outcome:
+    def run(contract: PolicyContract) -> Outcome:
         if not hasattr(local, "simulations"):
             local.simulations = Simulations(subject)
-        outcome: Outcome = local.simulations.run(edited, min(_SECONDS, whole), commands[:1])
+        outcome: Outcome = local.simulations.run(contract)
         return outcome
 
-    outcomes: list[Outcome] = []
+    contracts = [subject.contract, *(edit.contract for edit in edits)]
     with ThreadPoolExecutor(_THREADS) as pool:
-        for outcome in pool.map(run, [contract, *(edit.contract for edit in edits)]):
-            outcomes.append(outcome)
-            if progress is not None:
-                progress(len(outcomes), len(edits) + 1)
-    return judge(contract, outcomes[0], long, list(zip(edits, outcomes[1:], strict=True)))
+        tried = pool.map(run, contracts)
+        now, *outcomes = track(tried, "changes", len(contracts), console=console, transient=True)
+    return judge(subject.contract, now, list(zip(edits, outcomes, strict=True)))
 
 
-def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
-    """Rank the edits by their errors, and decide whether the first one is a finding.
-
-    `now` and `long` are of the contract as it is, in the episode of the edits and with every command.
-    """
+def judge(contract: PolicyContract, now: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
+    """Rank the edits by their errors, and decide whether the first does clearly better than the contract as it is."""
 
     def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
         return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
 
-    note = _describe(long)
     up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
     up.sort(key=lambda row: row.score)
     if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
-        return _found(up, note)
+        return _found(up, _describe(now))
     if now.lost:
-        return Result("No single change keeps the robot up: several mistakes, or the robot's model", (), note)
-    if long.lost:
-        return Result("The robot is lost in the long run, and no change does clearly better", tuple(up[:3]), note)
-    return Result("Nothing wrong found: no change does clearly better", (), note, is_healthy=True)
+        return Result("No single change keeps the robot up: several mistakes, or its model", (), _describe(now))
+    return Result("Nothing wrong found: no change does clearly better", (), _describe(now), is_healthy=True)
 
 
 def _describe(outcome: Outcome) -> str:
     if outcome.lost:
-        return f"lost after {outcome.time_up:.1f} of {outcome.seconds:g} s: {outcome.lost}"
+        return f"lost after {outcome.time_up:.1f} s: {outcome.lost}"
     parts = sorted(outcome.parts.items(), key=lambda item: -item[1])[:3]
-    worst = ", ".join(f"{name} {value:.1f}" for name, value in parts)
-    return f"stays up for {outcome.seconds:g} s; errors {outcome.cost:.1f} ({worst}, …)"
-
-
-def _within(command: Command, contract: PolicyContract) -> Command:
-    if contract.command_ranges is None:
-        return command
-    vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])
-    return float(vx), float(vy), float(wz)
+    return f"stays up; errors {outcome.cost:.1f} ({', '.join(f'{name} {value:.1f}' for name, value in parts)}, …)"

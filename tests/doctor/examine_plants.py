@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "policy")]
 from plants import alike, plants_of
@@ -26,7 +27,10 @@ def examine(policy: str, *, with_trace: bool) -> None:
         wrong = plant(right.contract)
         subject = replace(right, contract=wrong, motion=right.motion_under(wrong))
         start = time.perf_counter()
-        result = search_trace(subject, Samples(subject, trace_of(policy))) if with_trace else search_episodes(subject)
+        if with_trace:
+            result = search_trace(subject, Samples(subject, trace_of(policy)))
+        else:
+            result = search_episodes(subject, Console(quiet=True))
         seconds.append(time.perf_counter() - start)
         found = result.finding
         is_right = found is None if name not in plants else found is not None and alike(found.contract, right.contract)

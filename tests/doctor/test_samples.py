@@ -18,7 +18,6 @@ from humanoid_sim.doctor.trial import Simulations, load_subject
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import EXTERN_WIDTHS
-from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.robots.description import load_robot
 
 STEPS = 60
@@ -29,8 +28,9 @@ def walker():
     return load_subject(policy_path("lite_biped_velocity"), load_robot("lite_biped"))
 
 
-def walk(walker):
-    """Return the arrays of a trace."""
+@pytest.fixture(scope="module")
+def steps(walker):
+    """The arrays of a trace."""
     loaded = walker.load(walker.contract)
     robot = Simulations(walker).robots(walker.contract, 1)
     wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
@@ -47,11 +47,6 @@ def walk(walker):
         loop.act(row["action"])
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     return {**arrays, "cmd": velocity[0], "joint_names": np.array(robot.joints)}
-
-
-@pytest.fixture(scope="module")
-def steps(walker):
-    return walk(walker)
 
 
 @pytest.fixture
@@ -96,21 +91,6 @@ def test_a_planted_mistake_is_found_at_once(walker, search, plant):
     result = search(plant(walker.contract))
     assert not result.is_healthy
     assert alike(result.finding.contract, walker.contract)
-
-
-@pytest.mark.parametrize("changed", ["newest_first", "per_step"])
-def test_the_order_and_the_layout_of_a_history_are_found(walker, tmp_path, changed):
-    right = replace(walker.contract, observation=tuple(replace(item, history=3) for item in walker.contract.terms))
-    subject = replace(walker, contract=right, policy=zero_policy(right.action_count))
-    steps = walk(subject)
-    np.savez(tmp_path / "trace.npz", **steps)
-    newest_first = tuple(replace(item, history_order="newest_first") for item in right.terms)
-    wrongs = {"per_step": {"history_layout": "per_step"}, "newest_first": {"observation": newest_first}}
-    wrong = replace(right, **wrongs[changed])
-    planted = replace(subject, contract=wrong)
-    result = search_trace(planted, Samples(planted, tmp_path / "trace.npz"))
-    assert result.finding.family == "history"
-    assert alike(result.finding.contract, right)
 
 
 def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
