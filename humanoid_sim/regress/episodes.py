@@ -26,7 +26,6 @@ from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import REACHED, metrics_of
 from humanoid_sim.simulation.batch_sim import BatchSim
-from humanoid_sim.simulation.randomisation import Randomisation
 
 Rows = Mapping[str, npt.NDArray[Any]]
 """Values of a policy step by name, shape (N, ...)."""
@@ -63,7 +62,7 @@ class EpisodeBatch:
             replace(scenario.sim_config, bodies=bodies),
             implicit=suite.implicit,
             threads=threads,
-            randomisation=Randomisation.of(suite.randomisation),
+            randomisation=suite.randomisation,
             seeds=self._keys,
         )
 

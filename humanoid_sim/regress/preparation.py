@@ -83,7 +83,12 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
     Neither names for people nor what only the judging depends on takes part, nor the motion that is in a policy.
     """
     conditions = suite.task, suite.start, suite.randomisation, suite.settle, suite.implicit
-    documents = conditions, case.name, case.command, case.duration, description.to_json()
+    limits = (description.lower, description.upper, description.effort_limit, description.torque_scale)
+    robot = (
+        *(description.joint_names, description.initial_position, *(limit.tolist() for limit in limits)),
+        *(description.delay.tolist(), description.simulation, description.base, description.piano),
+    )
+    documents = conditions, case.name, case.command, case.duration, robot
     digest = hashlib.sha256(msgspec.json.encode(documents, order="deterministic"))
     if isinstance(motion, Song):  # to 1 µs: a reader of MIDI may sum times in another order
         notes = [(note.key, round(note.start, 6), round(note.end, 6)) for note in motion.notes]

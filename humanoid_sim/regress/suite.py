@@ -123,8 +123,7 @@ class Suite(_Part, frozen=True, kw_only=True):
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     start: Start = Start()
-    randomisation: Mapping[str, float | tuple[float, float]] = {}
-    """Fields of `humanoid_sim.simulation.randomisation.Randomisation`."""
+    randomisation: Randomisation = Randomisation()
     settle: NotNegative = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
     implicit: bool = False

@@ -18,6 +18,7 @@ from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.preparation import prepare_suite
 from humanoid_sim.regress.run import run_seeds
 from humanoid_sim.regress.suite import Case, Suite, Tolerance, load_suite
+from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.testing import healthy_state
 
 
@@ -28,7 +29,7 @@ def short(tmp_path_factory):
 
 def quiet(case, **changes):
     """The case without differences between robots, and with other changes of its suite."""
-    return dataclasses.replace(case, suite=replace(case.suite, randomisation={}, **changes))
+    return dataclasses.replace(case, suite=replace(case.suite, randomisation=Randomisation(), **changes))
 
 
 @pytest.fixture
@@ -130,7 +131,7 @@ def test_a_speed_is_reached_along_the_axes_that_are_commanded(walk, samples):
 
 
 def test_a_hard_push_topples_the_robot_which_then_has_no_errors(walk):
-    pushed = replace(WALK, randomisation={"push": (3.0, 3.0), "push_interval": 0.8})
+    pushed = replace(WALK, randomisation=Randomisation(push=(3.0, 3.0), push_interval=0.8))
     (episode,) = run_episodes(dataclasses.replace(walk, suite=pushed), [4])
     assert episode.kind == "lost"
     assert episode.failure.startswith("fell: ")
