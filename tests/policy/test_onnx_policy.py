@@ -15,8 +15,7 @@ from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.policy.checkpoint import load_checkpoint, placeholder_checkpoint
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.policy.checkpoint import load_checkpoint
 
 
 @pytest.mark.parametrize("is_external", [False, True])
@@ -101,15 +100,3 @@ MODELS = {
 def test_a_model_of_another_form_is_refused_in_one_line(name, tmp_path):
     make, expected = MODELS[name]
     assert refusal(models.saved(tmp_path / "policy.onnx", make())).startswith(expected)
-
-
-@pytest.mark.parametrize("pose", ["a", "b"])
-def test_the_placeholder_holds_the_pose_that_it_starts_from(pose):
-    robot = load_robot("lite_neck")
-    checkpoint = placeholder_checkpoint(robot, pose)
-    standby = robot.standby_controller_a if pose == "a" else robot.standby_controller_b
-    contract = checkpoint.contract
-    assert contract.default_joint_pos.tolist() == list(standby.pose_segments[-1])
-    assert contract.joint_names == contract.action_joint_names == robot.joint_names
-    assert contract.joint_stiffness.tolist() == robot.stiffness.tolist()
-    assert checkpoint.with_motion().layout.width == 3 * robot.joint_count

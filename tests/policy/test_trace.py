@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import trainer
 
-from humanoid_sim.controllers.contract import HeightScan, Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden import trainer_samples
@@ -79,17 +78,6 @@ def test_a_robots_model_knows_imu_and_anchor(robot, saved):
     assert np.linalg.norm(position - RUN.qpos[1, :3]) == pytest.approx(0.1)
     with pytest.raises(InputError, match="left_shin"):
         body_reader(robot, trainer.contract(anchor_body="left_shin"))
-
-
-def test_a_height_scan_is_in_the_trace(saved):
-    scan = HeightScan("pelvis", (0.2, 0.0), 0.2)
-    seeing = trainer.contract(observation=[*trainer.terms(), Term("height_scan", scan=scan)])
-    given = read_trace(saved(**STATES, height_scan=np.ones((30, 2))), seeing)
-    assert given.state(3).extern["height_scan"].value.sum() == 2.0
-    with pytest.raises(InputError, match=r"height_scan has shape \(30, 3\), expected \(30, 2\)"):
-        read_trace(saved(**STATES, height_scan=np.zeros((30, 3))), seeing)
-    with pytest.raises(InputError, match="height_scan is missing, expected it, as the policy observes height_scan"):
-        read_trace(saved(**STATES), seeing)
 
 
 BROKEN = {

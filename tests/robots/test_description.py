@@ -182,11 +182,6 @@ def test_gains_and_pose_of_a_contract_arrive_in_the_robots_order():
     assert robot.joints[3].motor == BIPED.joints[3].motor
 
 
-def test_another_robots_contract_is_refused_by_name():
-    with pytest.raises(InputError, match=r"^lite_biped: .*the robot lacks tail; the policy lacks right_ankle_roll"):
-        with_contract(BIPED, contract((*BIPED.joint_names[:-1], "tail")))
-
-
 def test_lower_torque_limits_and_damping_of_the_training_are_the_robots():
     limits = np.full(N, np.inf)
     limits[0], limits[1] = 2.0, 1e6
