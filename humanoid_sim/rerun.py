@@ -22,7 +22,6 @@ from humanoid_sim.frontends.attach import Source, shown_qpos
 from humanoid_sim.frontends.dds.mirror import Watched
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.recording.topics import read_labels
 from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.simulation.model import joint_addresses
 
@@ -62,10 +61,8 @@ class RunLog:
                 vertex_positions=vertices, triangle_indices=faces, vertex_normals=normals, albedo_factor=color
             )
             stream.log(path, shape, static=True)
-        names = source.header.joint_names
-        plots = dict.fromkeys(("position", "command", "velocity", "effort"), names)
-        for plot, lines in (plots | {"action": read_labels(source.header).action}).items():
-            stream.log(f"plots/{plot}", rerun.SeriesLines(names=list(lines)), static=True)
+        for plot in ("position", "command", "velocity", "effort"):
+            stream.log(f"plots/{plot}", rerun.SeriesLines(names=list(source.header.joint_names)), static=True)
 
     def tick(self, record: TickRecord) -> None:
         """Write a tick."""
@@ -76,11 +73,11 @@ class RunLog:
         for body, path in self._bodies.items():
             turn = rerun.Quaternion(xyzw=np.roll(data.xquat[body], -1))
             stream.log(path, rerun.Transform3D(translation=data.xpos[body], quaternion=turn))
-        command, step, keys = record.output.command, record.output.policy_step, state.extern.get(KEY_PRESSED)
-        values = {"position": state.joint_position, "command": command.position}
-        values |= {"velocity": state.joint_velocity, "effort": state.joint_effort}
-        for plot, value in (values if step is None else values | {"action": step.action}).items():
-            stream.log(f"plots/{plot}", rerun.Scalars(value))
+        stream.log("plots/position", rerun.Scalars(state.joint_position))
+        stream.log("plots/command", rerun.Scalars(record.output.command.position))
+        stream.log("plots/velocity", rerun.Scalars(state.joint_velocity))
+        stream.log("plots/effort", rerun.Scalars(state.joint_effort))
+        keys = state.extern.get(KEY_PRESSED)
         if keys is not None:
             stream.log("keys", rerun.BarChart(keys.at(float(state.time))))
 

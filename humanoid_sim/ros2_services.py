@@ -64,14 +64,10 @@ _ELSEWHERE = (
 """Variables that would have the middleware look for others in places of their own."""
 
 
-class ServiceError(Exception):
-    """There can be no services; one line."""
-
-
 def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | None]:
     """Return the environment variables with which a middleware stays on this machine; None for those to unset.
 
-    `profiles` is a file that is written where the middleware reads one. Raises `ServiceError` if it cannot be
+    `profiles` is a file that is written where the middleware reads one. Raises `SessionError` if it cannot be
     restricted.
     """
     variables: dict[str, str | None] = {**dict.fromkeys(_ELSEWHERE), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
@@ -81,7 +77,7 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
         return {**variables, "SKIP_DEFAULT_XML_FILE": "1"}  # one of the working folder
     if middleware.startswith("rmw_cyclonedds"):
         return {**variables, "CYCLONEDDS_URI": _CYCLONE_DDS}
-    raise ServiceError(
+    raise SessionError(
         f"RMW_IMPLEMENTATION: {middleware or 'none'} cannot be kept on this machine, expected rmw_fastrtps_cpp or "
         "rmw_cyclonedds_cpp"
     )
@@ -110,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             find_session(session)
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
             _serve(session, Path(folder) / "fastdds.xml")
-    except (ImportError, ServiceError, SessionError) as error:
+    except (ImportError, SessionError) as error:
         hint = ": source /opt/ros/<distribution>/setup.bash first" if isinstance(error, ImportError) else ""
         print(f"error: {error}{hint}", file=sys.stderr)
         return 2
@@ -130,7 +126,7 @@ def _serve(session: int | None, profiles: Path) -> None:
             os.environ[variable] = value
     domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (domain.isascii() and domain.isdigit() and int(domain) <= 232):  # Fast DDS would exit
-        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
+        raise SessionError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
     begun = turn = monotonic_ns()  # a call came after `begun`
     settled = 0
 
@@ -146,9 +142,9 @@ def _serve(session: int | None, profiles: Path) -> None:
                 callback = lambda _, response, word=word: respond(word, response)  # noqa: E731
                 node.create_service(Trigger, name, callback)
     except RuntimeError as error:  # of rclpy
-        raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
+        raise SessionError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     except OSError as error:
-        raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device lo: {error}") from None
+        raise SessionError(f"the sockets of ROS 2 cannot be bound to the device lo: {error}") from None
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim import client, ros2_services
-from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
+from humanoid_sim.ros2_services import SERVICES, answer, loopback_environment
 
 FILE = Path(ros2_services.__file__)
 
@@ -67,7 +67,7 @@ def test_each_middleware_is_kept_on_this_machine_or_refused(tmp_path):
     cyclone = loopback_environment("rmw_cyclonedds_cpp", profiles)
     assert '<NetworkInterface name="lo" multicast="true"/>' in (cyclone["CYCLONEDDS_URI"] or "")
     for other in ("rmw_zenoh_cpp", "rmw_connextdds", ""):
-        with pytest.raises(ServiceError, match=r"expected rmw_fastrtps_cpp or rmw_cyclonedds_cpp$"):
+        with pytest.raises(client.SessionError, match=r"expected rmw_fastrtps_cpp or rmw_cyclonedds_cpp$"):
             loopback_environment(other, profiles)
 
 
