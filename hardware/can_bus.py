@@ -199,9 +199,7 @@ class _Waiting(NamedTuple):
 
 
 _CAPACITY = 256  # frames that wait to be sent
-_LATE = (
-    0.08  # s that a key may wait for the driver; less is a late thread, more comes close to the CAN timeout of motors
-)
+_LATE = 0.08  # s that a key may wait for the driver; less is a late thread, more comes close to a CAN timeout
 _REFUSED = 0.016  # s that a key may wait for a full queue: less than a control period, so that the next tick knows
 _POLL = 0.05  # s that a thread waits before it checks whether the channel closes
 _RETRY = 0.001  # s until a frame is tried again that the kernel's queue had no room for; 7 frames leave in that time
