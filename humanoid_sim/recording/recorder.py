@@ -21,7 +21,7 @@ from typing import IO, Any, cast
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
-from humanoid_sim.errors import InputError, blaming, reason_of
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import exclusive_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_event, encode_tick
@@ -76,12 +76,10 @@ class McapRecorder:
         """Create the file and write the header. Raises `InputError` if that fails, or another session writes it."""
         file = _UnbufferedFile(self.path, overwrite=self._overwrite)
         try:
-            with blaming(f"{self.path}: cannot be written", OSError):
-                run = _RunWriter(file, header)
-        except InputError:
+            run = _RunWriter(file, header)
+        except OSError as error:
             file.close()
-            self._remove()
-            raise
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
         self.backlog_limit = max(round(_LAG / header.control_period), 2)
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()
@@ -100,7 +98,7 @@ class McapRecorder:
 
     def event(self, event: Event) -> None:
         """Queue an event, also before the run begins. Never waits."""
-        if self.error is None and not self._is_closing and len(self._queue) < 2 * QUEUE_LIMIT:
+        if self.error is None and not self._is_closing:
             self._queue.append(event)
 
     def close(self) -> None:
@@ -113,11 +111,7 @@ class McapRecorder:
         thread.join(_CLOSE_TIMEOUT)
         if thread.is_alive():
             self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
-        elif not self._has_ticks:
-            self._remove()
-
-    def _remove(self) -> None:
-        if self.path.is_file():
+        elif not self._has_ticks and self.path.is_file():
             self.path.unlink()
 
     def _write(self, run: _RunWriter) -> None:
@@ -132,7 +126,7 @@ class McapRecorder:
                     run.write(self._queue[0])
                     self._queue.popleft()
                 run.flush_if_due()
-            run.finish()
+            run.writer.finish()
         except Exception as error:  # a full disk, or a bug in the encoder; the run is worth more than its recording
             self._tell(self._fail(getattr(error, "strerror", None) or reason_of(error)))
         finally:
@@ -148,9 +142,9 @@ class _RunWriter:
 
     def __init__(self, file: _UnbufferedFile, header: SessionHeader) -> None:
         self.file = file
-        self._writer = Writer(cast("IO[Any]", file), compression=CompressionType.LZ4)
-        self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
-        write_header(self._writer, header)
+        self.writer = Writer(cast("IO[Any]", file), compression=CompressionType.LZ4)
+        self.writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
+        write_header(self.writer, header)
         self._topics = ViewerTopics(header)
         self._start_time_ns = self._time_ns = header.start_time_ns
         self._time = self._flushed = 0.0
@@ -180,12 +174,8 @@ class _RunWriter:
         """End the chunk and hand it to the operating system after a period of either clock."""
         if abs(self._time - self._flushed) < FLUSH_PERIOD and monotonic() < self._due:
             return
-        self._writer.flush()
+        self.writer.flush()
         self._flushed, self._due = self._time, monotonic() + FLUSH_PERIOD
-
-    def finish(self) -> None:
-        """Write the index."""
-        self._writer.finish()
 
     def _log_time(self, time: float) -> int:
         """Nanoseconds of the file's clock, which unlike the robot's neither runs backwards nor is ever no number."""
@@ -197,10 +187,10 @@ class _RunWriter:
         channel = self._channels.get(topic)
         if channel is None:
             text = schema_text(schema).encode()
-            schema_id = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
+            schema_id = self.writer.register_schema(schema, SCHEMA_ENCODING, text)
             qos = {"offered_qos_profiles": _offered_qos(TOPICS.get(topic, Topic(schema)))}
-            channel = self._channels[topic] = self._writer.register_channel(topic, "cdr", schema_id, qos)
-        self._writer.add_message(channel, time_ns, data, time_ns, self._index & 0xFFFFFFFF)
+            channel = self._channels[topic] = self.writer.register_channel(topic, "cdr", schema_id, qos)
+        self.writer.add_message(channel, time_ns, data, time_ns, self._index & 0xFFFFFFFF)
 
 
 def _offered_qos(kind: Topic) -> str:

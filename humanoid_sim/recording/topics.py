@@ -130,7 +130,10 @@ class ViewerTopics:
                 shown = ros.encode_named_values(time_ns, names[:count], values[:count])
                 yield TopicMessage(f"/rl_policy_controller/{name}", schema.JOINT_STATE, shown)
         for name, live in state.extern.items():
-            if name in self.live and self._is_news_of_input(name, live, is_due):
+            last = self._inputs.get(name)
+            is_new = last is None or live.arrival_time != last.arrival_time
+            if name in self.live and is_new and (is_due or last is None or not np.array_equal(live.value, last.value)):
+                self._inputs[name] = live
                 data = ros.encode_float32_array(live.value)
                 yield TopicMessage(self.live[name], schema.FLOAT32_MULTI_ARRAY, data)
 
@@ -139,20 +142,10 @@ class ViewerTopics:
         self._last[topic] = value
         return is_news
 
-    def _is_news_of_input(self, name: str, live: Extern, is_due: bool) -> bool:
-        """On change at once; else at most 50 a second, as long as new ones arrive."""
-        last = self._inputs.get(name)
-        is_same = last is not None and np.array_equal(live.value, last.value)
-        if last is not None and is_same and (not is_due or live.arrival_time == last.arrival_time):
-            return False
-        self._inputs[name] = live
-        return True
-
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield those that changed, and all once a second: a volatile subscriber that comes late sees them too.
+        """Yield those that changed, and all once a second for volatile subscribers that come late.
 
-        A controller that failed is a source as well, until it drives again. A source that does not report any more is
-        well: its last status would stand otherwise.
+        A controller that failed is a source too, until it drives again; a source that reports no more is OK.
         """
         self._failed.pop(record.output.control_mode.controller_name, None)
         for fault in record.output.faults:

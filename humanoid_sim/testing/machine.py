@@ -31,10 +31,9 @@ _SKEWS = st.sampled_from([0.0, 0.0, -0.01, -0.06, -0.2, 0.01, 3.0, -100.0])  # s
 
 
 class StackMachine(RuleBasedStateMachine):
-    """One run of a control stack. Healthy rules take it deep, hostile rules attack it there; every tick is checked.
+    """One run of a control stack, checked in every tick. Subclass it with `build`; pytest collects its `TestCase`.
 
-    Subclass it and give `build`; `TestCase` of the subclass is what pytest collects. Extend `check` to check more, and
-    add rules that call `feed` to attack more.
+    Extend `check` to check more, and add rules that call `feed` to attack more.
     """
 
     def build(self, policy: ScriptedPolicy) -> Supervisor:
@@ -61,7 +60,6 @@ class StackMachine(RuleBasedStateMachine):
         self.properties = SafetyProperties(self.stack)
         self.time = 10.0
         self.remote: RemoteCommand | None = None
-        self._waited: set[str] = set()
 
     def feed(
         self, given: TickInput, answer: str = "well behaved", *, is_blocked: bool = False, with_twin: bool = True
@@ -85,14 +83,11 @@ class StackMachine(RuleBasedStateMachine):
         self.check(given, output)
         self.memory, self.remote = memory, given.remote or self.remote
         if not is_blocked:
-            self.joints = self._follow(output.command)
+            position, guards = output.command.position, self.stack.guards
+            if guards is not None:
+                position = np.clip(position, guards.lower, guards.upper)
+            self.joints = np.where(output.command.stiffness > 0.0, position, self.joints)
         return output
-
-    def _follow(self, command: MITCommand) -> FloatArray:
-        position, guards = command.position, self.stack.guards
-        if guards is not None:
-            position = np.clip(position, guards.lower, guards.upper)
-        return np.where(command.stiffness > 0.0, position, self.joints)
 
     def healthy(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickInput:
         """Return a tick of the healthy robot at the present time, with `remote` or the last remote command."""
@@ -141,12 +136,10 @@ class StackMachine(RuleBasedStateMachine):
 
     @rule(pose=_POSES, begin=st.none() | _STARTS)
     def start(self, pose: Intent, begin: Intent | None) -> None:
-        """To a pose, and on into LOCOMOTION or REMOTE."""
         self.go(pose, begin)
 
     @rule(data=st.data(), wanted=strategies.intents())
     def press(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
-        """Request some intents, or none; and a policy, or one that is not loaded."""
         self.time += PERIOD
         name = data.draw(st.sampled_from(["", "", *self.stack.policies, "unheard_of"]))
         self.feed(replace(self.healthy(*wanted), policy=name))
@@ -154,7 +147,6 @@ class StackMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.memory.controller == REMOTE_POLICY)
     @rule(data=st.data(), steps=st.lists(st.tuples(_SMALL_JUMPS, st.none() | _SKEWS), min_size=1, max_size=25))
     def commands_arrive(self, data: DataObject, steps: list[tuple[float, float | None]]) -> None:
-        """Each step is a jump of the clock, and the skew of a new command's stamp or None for a silent sender."""
         n = self.joint_count
         kinds = [strategies.valid_commands(n), strategies.any_commands(n), strategies.valid_commands(n + 1)]
         commands = st.sampled_from([kinds[0], *kinds]).flatmap(lambda kind: st.lists(kind, min_size=1, max_size=3))
@@ -164,26 +156,17 @@ class StackMachine(RuleBasedStateMachine):
             new = None if skew is None else RemoteCommand(sent[i % len(sent)], self.time + skew)
             self.feed(self.healthy(remote=new))
 
-    @precondition(lambda self: self.memory.controller not in self._waited)
-    @rule(ticks=st.sampled_from([100, 300, 1000]), sends=st.booleans())
-    def time_passes(self, ticks: int, sends: bool) -> None:
-        """Hundreds of ticks without an intent: some mistakes need time."""
-        self._waited.add(self.memory.controller)
-        self.pass_time(ticks, sends=sends)
-
     # --- the attacks ---
 
     @precondition(lambda self: self.memory.controller == RL_POLICY)
     @rule(answer=_ANSWERS, ticks=st.integers(1, 3))
     def the_policy_misbehaves(self, answer: str, ticks: int) -> None:
-        """Let the policy answer what it must not."""
         for _ in range(ticks):
             self.time += PERIOD
             self.feed(self.healthy(), answer)
 
     @rule(ticks=st.integers(1, 60), wanted=st.none() | _POSES, speed=st.sampled_from([0.0, 0.0, 40.0, -200.0]))
     def the_joints_are_blocked(self, ticks: int, wanted: Intent | None, speed: float) -> None:
-        """Nothing moves, whatever is commanded; or the joints race, whatever is commanded."""
         for i in range(ticks):
             self.time += PERIOD
             given = self.healthy(*[wanted] if wanted and i == 0 else ())
@@ -192,7 +175,6 @@ class StackMachine(RuleBasedStateMachine):
 
     @rule(data=st.data(), wanted=strategies.intents())
     def the_state_is_odd(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
-        """Joints that are elsewhere or unknown; NaN; live inputs that are missing or late; other widths."""
         self.time += PERIOD
         n = self.joint_count
         kinds = [
@@ -206,7 +188,6 @@ class StackMachine(RuleBasedStateMachine):
 
     @rule(jump=strategies.clock_jumps())
     def the_clock_jumps(self, jump: float) -> None:
-        """Backwards, ahead, to no number at all."""
         before, self.time = self.time, self.time + jump
         self.feed(self.healthy())
         if not abs(self.time) <= _FURTHEST_TIME:
@@ -214,11 +195,9 @@ class StackMachine(RuleBasedStateMachine):
 
     @rule(safety=strategies.safety_statuses(), wanted=strategies.intents())
     def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
-        """Any status of any source, together with any intents."""
         self.time += PERIOD
         self.feed(replace(self.healthy(*wanted), safety=safety))
 
     @rule(data=st.data(), answer=_ANSWERS, jump=strategies.clock_jumps())
     def everything_at_once(self, data: DataObject, answer: str, jump: float) -> None:
-        """Whatever a tick may hold, and a policy that may misbehave."""
         self.feed(data.draw(strategies.any_tick_inputs(self.joint_count, self.time + jump)), answer)
