@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-from msgspec.structs import astuple
-
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.sito import protocol
@@ -79,7 +77,8 @@ class SitoMotor:
         limit = self.model.peak_torque
         if not self.is_running:
             return Drive(limit=limit, origin=self.origin)
-        return Drive(*astuple(self.command)[1:], *astuple(self.gains)[1:], limit, self.origin)
+        goal = self.command.position, self.command.velocity, self.command.effort
+        return Drive(*goal, self.gains.stiffness, self.gains.damping, limit, self.origin)
 
     def faults(self) -> str:
         """Return its faults in words; empty without any."""

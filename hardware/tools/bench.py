@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import complain
@@ -135,5 +136,5 @@ def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """Return a table of these rows."""
     table = Table(*headings, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     return table

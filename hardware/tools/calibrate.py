@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from rich.live import Live
-from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus, complain
@@ -31,8 +30,8 @@ _LATE = 0.1  # s without feedback after which a limp motor's position counts as 
 _SILENT = 1.0  # s without a position after which a motor counts as silent
 _PERIOD = 0.04  # s between two readings of all positions, and between two frames of a limp motor's feedback
 _WHY_NOT = {
-    Verdict.INCOMPLETE: "less than its range: reach both stops, or raise --tolerance",
-    Verdict.BEYOND: "more than its range: its stops are not its limits (--tolerance), or another motor has its id",
+    Verdict.INCOMPLETE: "swept less than its range: reach both stops, or raise --tolerance",
+    Verdict.BEYOND: "swept more than its range: its stops are not its limits, or another motor has its id",
     Verdict.FLIPPED: "outside its limits: its direction in the robot file is wrong, or its zero not set (--any-offset)",
 }
 _Judge = Callable[[int, Sweep], tuple[Verdict, float | None]]
@@ -52,7 +51,7 @@ def calibrate(config: Calibrate) -> int:
     output_file(config.output, "--output")
     if limp := [wiring.names[i] for i in chosen if i in wiring.unasked]:
         print(f"{', '.join(limp)}: report nothing before they are enabled, and are enabled limp for the sweep")
-        bench.confirm("Are the joints supported?", config.yes, "not enabled")
+        bench.confirm("Are the joints supported?", False, "not enabled")
 
     def judge(i: int, sweep: Sweep) -> tuple[Verdict, float | None]:
         joint, direction = description.joints[i], int(wiring.direction[i])
@@ -71,8 +70,7 @@ def calibrate(config: Calibrate) -> int:
             entries[name] = CalibrationEntry(motor.can_id, motor.direction, offset, is_confirmed)
         elif verdict in _WHY_NOT:
             failed = True
-            bounds = f"{wiring.lower[i]:g} to {wiring.upper[i]:g} rad"
-            complain(f"warning: {name}: not used: swept {sweep.width:.2f} rad of {bounds}: {_WHY_NOT[verdict]}")
+            complain(f"warning: {name}: not used: {_WHY_NOT[verdict]}")
     if swept:
         save_calibration(config.output, entries, wiring.names)
         print(f"wrote {config.output}: {swept} joint{'s' * (swept > 1)} calibrated, {len(entries) - swept} kept")
@@ -86,12 +84,9 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
     sweeps = {i: Sweep() for i in chosen}
     unasked = [i for i in chosen if i in wiring.unasked]
     asked = [i for i in chosen if i not in unasked]
-    with contextlib.ExitStack() as stack:
-        limp = None
-        if unasked:
-            terms = LinkTerms(0.0, _PERIOD, np.zeros(len(unasked)))
-            limp = stack.enter_context(bench.limp_motors(link, wiring.select(unasked), terms))
-        live = stack.enter_context(Live(console=bench.make_console(), auto_refresh=False))
+    terms = LinkTerms(0.0, _PERIOD, np.zeros(len(unasked)))
+    limp_motors = bench.limp_motors(link, wiring.select(unasked), terms) if unasked else contextlib.nullcontext()
+    with limp_motors as limp, Live(console=bench.make_console(), auto_refresh=False) as live:
         received = dict.fromkeys(chosen, time.monotonic())
         while not _is_over():
             bench.check_channels(link)
@@ -128,5 +123,5 @@ def _table(wiring: Wiring, sweeps: Mapping[int, Sweep], judge: _Judge) -> Table:
         numbers = (sweep.lowest, sweep.highest, sweep.width, wiring.upper[i] - wiring.lower[i])
         figures = [f"{number:.2f}" for number in numbers]
         written = "" if offset is None else f"{offset:.3f}"
-        rows.append([escape(wiring.names[i]), str(wiring.motor_id[i]), *figures, written, verdict.value])
+        rows.append([wiring.names[i], str(wiring.motor_id[i]), *figures, written, verdict.value])
     return bench.make_table(("joint", "id", "low", "high", "swept", "range", "offset", ""), rows)

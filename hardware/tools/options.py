@@ -93,7 +93,6 @@ class Calibrate:
     """rad by which a sweep may differ from the joint's range."""
     any_offset: bool = False
     """Accept any zero, for motors whose zeros were never set: a sweep outside the limits is not a flipped direction."""
-    yes: _Yes = False
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,6 @@ import contextlib
 import math
 from collections.abc import Iterator
 
-from rich.markup import escape
-
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.can_bus import parse_address, parse_addresses
@@ -53,7 +51,7 @@ def discover(config: Discover) -> int:
                 missing.append(f"{name} (motor {motor_id} on {addresses[channel]})")
     if found:
         rows = [
-            (escape(str(addresses[channel])), str(motor_id), uid, escape(joints.get((channel, motor_id), "")))
+            (str(addresses[channel]), str(motor_id), uid, joints.get((channel, motor_id), ""))
             for channel, motor_id, uid in found
         ]
         bench.make_console().print(bench.make_table(("channel", "id", "unique id", "joint"), rows))
@@ -157,15 +155,6 @@ def _only_motor(channel: str) -> Iterator[tuple[RobstrideLink, int, bytes]]:
         yield link, motor_id, uid
 
 
-def _save(link: RobstrideLink, motor_id: int, uid: bytes) -> None:
-    """Let the motor keep its values beyond power-off, and check that it is still the one that answers."""
-    motor = EVERY_ID.index(motor_id)
-    _command(link, motor, FrameType.SAVE_PARAMETERS, SAVE)
-    found = answer_of(link, motor, link.read_uids([motor]))
-    if found != uid:
-        raise RobotError(f"{link.motors.names[motor]}: unique id {found.hex()} answers, expected {uid.hex()}")
-
-
 def set_id(config: SetId) -> int:
     """Ask for confirmation, set the id, verify it, save it, and return the exit status."""
     new_id = config.new_id
@@ -180,14 +169,14 @@ def set_id(config: SetId) -> int:
         if found != {(new_id, uid)}:
             ids = ", ".join(str(motor_id) for motor_id, _ in sorted(found)) or "none"
             raise RobotError(f"motor {old_id} did not become {new_id}: ids that answer now: {ids}")
-        _save(link, new_id, uid)
+        _command(link, EVERY_ID.index(new_id), FrameType.SAVE_PARAMETERS, SAVE)
         print(f"motor {old_id} is now {new_id}, read back and saved")
     return 0
 
 
 def set_zero(config: SetZero) -> int:
     """Ask for confirmation, set the zero, verify it, save it, and return the exit status."""
-    with _only_motor(config.channel) as (link, motor_id, uid):
+    with _only_motor(config.channel) as (link, motor_id, _):
         motor = EVERY_ID.index(motor_id)
         before = _value(link, motor, _POSITION)
         print(f"its position is {before:.3f} rad; a calibration of its joint is void afterwards")
@@ -196,6 +185,6 @@ def set_zero(config: SetZero) -> int:
         after = _value(link, motor, _POSITION)
         if not abs(after) <= _NEAR:
             raise RobotError(f"motor {motor_id}: reads {after} rad after its zero was set, expected 0: hold it still")
-        _save(link, motor_id, uid)
+        _command(link, motor, FrameType.SAVE_PARAMETERS, SAVE)
         print(f"its position is now {after:.3f} rad, read back and saved")
     return 0

@@ -114,7 +114,7 @@ def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path
     _seen(monkeypatch, Sweep(-0.01, 2.37))
     status, printed, complained = _calibrate(run, path)
     assert status == 1
-    assert all(words in complained for words in ("left_elbow_pitch", "-2.35619 to 0 rad", "direction", "--any-offset"))
+    assert all(words in complained for words in ("left_elbow_pitch", "direction", "--any-offset"))
     assert f"{path}: not written, no joint was calibrated" in printed
     assert not path.exists()
     assert _calibrate(run, path, "--any-offset")[0] == 0
@@ -124,8 +124,8 @@ def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path
 @pytest.mark.parametrize(
     ("sweep", "words", "why"),
     [
-        (Sweep(-1.9, 0.0), (), "1.90 rad of"),
-        (Sweep(-2.4, 6.2), ("--any-offset",), "8.60 rad of"),
+        (Sweep(-1.9, 0.0), (), "less"),
+        (Sweep(-2.4, 6.2), ("--any-offset",), "more"),
     ],
 )
 def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, path, sweep, words, why):
@@ -170,7 +170,8 @@ def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, types, pat
         status, _, complained = run(*words)
         assert (status, complained, log) == (2, "error: not enabled: not confirmed\n", [])
         lead(motors, *_stops(robot, "left_wrist_roll"))
-        status, printed, complained = run(*words, "--yes")
+        types("yes")
+        status, printed, complained = run(*words)
         until(lambda: "left_wrist_roll: disabled" in log)
     assert status == 0, printed + complained
     assert abs(load_calibration(path, robot).entries["left_wrist_roll"].homing_offset) < 0.1
