@@ -247,10 +247,7 @@ class HardwareRobot:
         self._why_not = "not enabled"
 
     def _give_up(self, error: BaseException) -> None:
-        """After a refusal, stop the motors, unless another master drives them, whose arms would fall.
-
-        Raises `RobotError` in place of one where motors of an earlier activation do not confirm it.
-        """
+        """After a refusal, stop the motors, unless another master drives them, whose arms would fall."""
         line = self._line
         is_ours = line is not None and (self._may_run or all(each.intruder is NEVER for each in line.channels))
         if line is not None and is_ours:
@@ -259,12 +256,10 @@ class HardwareRobot:
         for link, _ in self._links:
             link.close()
         reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
-        head = "the motors are off" if is_ours and not self._may_run else "no motor is driven"
+        head = "the motors are off" if is_ours else "no motor is driven"
+        if self._may_run:
+            head = f"not confirmed to be disabled: {', '.join(self.joints[i] for i in sorted(self._may_run))}"
         self._why_not = f"{head}: {reason}; fix that, then {HOW_TO_REACTIVATE}"
-        if isinstance(error, RobotError) and self._may_run:
-            for i in sorted(self._may_run):
-                self.checks.problem(self.joints[i], "does not confirm that it is disabled")
-            self.checks.refuse()
 
     # --- the control loop
 
