@@ -9,12 +9,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import FloatArray, MITState
 
 SOURCE = "imu"
 OK = SafetyStatus(source=SOURCE)
-LABEL_UP = (0.0, 1.0, 0.0, 0.0)  # the mounting, w x y z, of a device that lies with its label up and its x axis forward
 
 
 class ImuReading(NamedTuple):
@@ -36,17 +35,12 @@ class Imu(Protocol):
         """Return the latest reading at `time`, s, robot's clock. Never waits and never raises."""
 
     def close(self) -> None:
-        """Release the device and its thread. May be called twice."""
+        """Release the device. May be called twice."""
 
 
 def upright_at_rest(status: SafetyStatus) -> ImuReading:
     """Return a substitute for a reading that does not exist."""
     return ImuReading(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]), status)
-
-
-def silent(message: str) -> SafetyStatus:
-    """Return the status of an IMU that sends nothing."""
-    return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
 
 
 class SimulatedImu(Imu):
@@ -67,12 +61,7 @@ class SimulatedImu(Imu):
 
 
 def make_imu(text: str, mounting: Sequence[float]) -> Imu | None:
-    """Return the IMU of `--imu`, not opened yet; None for `none`.
-
-    Args:
-        text: `none`, `microstrain:PORT` or `microstrain:PORT@BAUD`.
-        mounting: w x y z, the device's axes in the robot's IMU frame.
-    """
+    """Return the IMU of `--imu`, not opened yet; None for `none`. `mounting`: w x y z, see `MicrostrainImu`."""
     if text == "none":
         return None
     kind, _, rest = text.partition(":")

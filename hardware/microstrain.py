@@ -20,7 +20,8 @@ import serial
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.imu import LABEL_UP, OK, Imu, ImuReading, silent, upright_at_rest
+from humanoid_sim.hardware.imu import OK, SOURCE, Imu, ImuReading, upright_at_rest
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
 Packet: TypeAlias = tuple[int, Mapping[int, bytes]]
@@ -89,8 +90,8 @@ class MicrostrainImu(Imu):
     def __init__(
         self,
         port: str,
-        baudrate: int = 115200,  # bit/s; devices on USB ignore it
-        mounting: Sequence[float] = LABEL_UP,  # w x y z, the device's axes in the robot's IMU frame
+        baudrate: int,  # bit/s; devices on USB ignore it
+        mounting: Sequence[float],  # w x y z, the device's axes in the robot's IMU frame; 0 1 0 0: label up, x forward
     ) -> None:
         """Open nothing yet."""
         self._port, self._baudrate = port, baudrate
@@ -123,7 +124,9 @@ class MicrostrainImu(Imu):
             problem = f"cannot be read any more: {error}"
         if time - self._received <= _TIMEOUT:
             return self._latest
-        return self._latest._replace(status=silent(f"{self._port}: the IMU {problem}"))
+        message = f"{self._port}: the IMU {problem}"
+        status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
+        return self._latest._replace(status=status)
 
     def _receive(self, port: serial.Serial, time: float) -> bool:
         """Take what has come, or wait a little for it; True if there was a sample."""

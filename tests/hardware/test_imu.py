@@ -14,10 +14,12 @@ from waiting import until
 
 from humanoid_sim.controllers.rotation import gravity_direction
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.imu import LABEL_UP, make_imu
+from humanoid_sim.hardware.imu import make_imu
 from humanoid_sim.hardware.microstrain import MicrostrainImu, encode_packet, reading_of, take_packets
 from humanoid_sim.messages import SafetyFlag, SafetyLevel
 
+UP = np.array([0.0, 1.0, 0.0, 0.0])
+"""Mounted with the label up."""
 PRINTED = {
     # As printed in the manufacturer's manuals of the 3DM-CV7 (the first) and the 3DM-GX5.
     "75 65 80 0E 0E 04 3E 7A 63 A0 BB 8E 3B 29 7F E5 BF 7F 84 EE": (0x80, 0x04, "3E7A63A0BB8E3B297FE5BF7F"),
@@ -36,7 +38,7 @@ def device():
 
 @pytest.fixture
 def imu(device):
-    driver = MicrostrainImu(device.port)
+    driver = MicrostrainImu(device.port, 115200, UP)
     yield driver
     driver.close()
 
@@ -116,7 +118,6 @@ def test_a_refused_command_is_named(device, imu, name, error):
 
 
 HALF = math.sqrt(0.5)
-UP = np.array(LABEL_UP)
 
 
 def packet(attitude=(1, 0, 0, 0), rate=(0, 0, 0), force=(0, 0, -1)):

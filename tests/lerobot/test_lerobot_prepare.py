@@ -116,6 +116,6 @@ def test_a_dataset_that_was_fetched_before(tmp_path, monkeypatch):
 def test_wandb_without_a_network(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("WANDB_BASE_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("WANDB_API_KEY", "0" * 40)
-    monkeypatch.setattr("humanoid_sim.prepare.wandb_run.WAIT", 4.0)
+    monkeypatch.setattr("humanoid_sim.prepare.wandb_run._WAIT", 4.0)
     assert run_program(main, ["--wandb-run-path", "lab/arms/7xk2", "--output", str(tmp_path / "out")]) == 2
     assert "--wandb-run-path: run lab/arms/7xk2 cannot be read" in capsys.readouterr().err

@@ -172,14 +172,6 @@ def test_a_run_becomes_a_dataset_that_replays(tmp_path):
     assert np.abs(commanded - action[-2]).max(axis=1).min() < 0.02
 
 
-def test_connect_names_the_mode_that_is_missing(recorded, tmp_path):
-    with session(tmp_path / "run.mcap", "damp; hold 900", Mode.DAMPING) as feed:
-        status, printed = replay(recorded / "reach")
-        assert status != 0
-        assert "is in DAMPING, expected REMOTE; an operator enters it from STANDBY" in printed
-        assert mode_of(feed) is Mode.DAMPING
-
-
 @pytest.mark.parametrize("fate", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_client_that_is_lost_leaves_the_passive_hold(fate, tmp_path):
     teleoperate = ("teleoperate", ROBOT, "--teleop.type=humanoid_sim", "--fps=30")
