@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from humanoid_sim import messages
 from humanoid_sim.mit import Extern, MITCommand, MITState
@@ -84,14 +83,6 @@ def write_recording(path, ticks, header=None, events=()) -> None:
         recorder.event(messages.Event(time, text))
     recorder.close()
     assert recorder.error is None
-
-
-def chunks(path) -> list[tuple[int, int]]:
-    """Where the content of each chunk of a recording lies, in bytes of the file."""
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    return [(c.chunk_start_offset + 60, c.chunk_start_offset + c.chunk_length) for c in summary.chunk_indexes]
 
 
 any_float = st.binary(min_size=8, max_size=8).map(lambda data: struct.unpack("<d", data)[0])

@@ -1,4 +1,4 @@
-"""A recording's links: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
+"""A recording's links, against MuJoCo's forward kinematics of the robot's own model."""
 
 from dataclasses import replace
 
@@ -18,86 +18,58 @@ from humanoid_sim.stack import run_header
 
 
 def tick_of(description, index, position, qpos):
-    """A tick at 50 Hz in which the robot has these joint positions."""
+    """A tick in which the robot has these joint positions."""
     n = description.joint_count
-    zeros = np.zeros(n)
-    state = MITState(
-        0.02 * index, position, zeros, zeros, zeros, np.array([0.8, 0.0, 0.6, 0.0]), np.zeros(3), np.zeros(3)
-    )
-    output = replace(
-        make_tick(0).output, command=MITCommand(zeros, zeros, zeros, zeros, zeros), policy_step=None, standby=None
-    )
+    zeros, imu = np.zeros(n), np.array([0.8, 0.0, 0.6, 0.0])
+    state = MITState(0.02 * index, position, zeros, zeros, zeros, imu, np.zeros(3), np.zeros(3))
+    output = replace(make_tick(0).output, command=MITCommand.zeros(n), policy_step=None, standby=None)
     return TickRecord(index, TickInput(state), output, 0.001, False, qpos)
 
 
-def topics(path):
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
-    return found
-
-
-def tree(message):
-    """By child its parent and the transform (4, 4)."""
-    found = {}
-    for stamped in message.transforms:
-        moved, turned = stamped.transform.translation, stamped.transform.rotation
-        pose = np.eye(4)
-        pose[:3, :3] = matrix(np.array([turned.w, turned.x, turned.y, turned.z]))
-        pose[:3, 3] = moved.x, moved.y, moved.z
-        found[stamped.child_frame_id] = stamped.header.frame_id, pose
-    return found
-
-
-def in_world(links, name):
-    pose = np.eye(4)
+def in_world(links, poses, name):
+    places = dict(zip([*links.frames, *links.fixed_frames], [*poses, *links.fixed_poses], strict=True))
+    parents = {child: parent for parent, child in places}
+    found = np.eye(4)
     while name != "world":
-        name, step = links[name]
-        pose = step @ pose
-    return pose
+        place, step = places[parents[name], name], np.eye(4)
+        step[:3, :3], step[:3, 3] = matrix(place[3:]), place[:3]
+        found, name = step @ found, parents[name]
+    return found
 
 
-@pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_links_are_where_mujoco_has_them(name, tmp_path):
+@pytest.mark.parametrize("name", ["lite", "lite_piano", "lite_biped"])
+def test_links_are_where_mujoco_has_them(name):
     description = load_robot(name)
     model, rng = bare_model(description), np.random.default_rng(7)
-    data, ticks, expected = mujoco.MjData(model), [], []
+    data, links = mujoco.MjData(model), Links.of(run_header(description, 0.02, None, settings={}))
     addresses = [int(model.joint(joint).qposadr[0]) for joint in description.joint_names]
-    for index in range(3):
-        if description.is_floating:
-            data.qpos[:3], data.qpos[3:7] = rng.normal(size=3), rng.normal(size=4)
-            data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
-        data.qpos[addresses] = rng.uniform(-1.0, 1.0, len(addresses))
-        mujoco.mj_kinematics(model, data)
-        expected.append(data.xmat.copy().reshape(-1, 3, 3))
-        ticks.append(tick_of(description, index, data.qpos[addresses].copy(), data.qpos.copy()))
-    write_recording(tmp_path / "run.mcap", ticks, run_header(description, 0.02, None, settings={}))
-    found = topics(tmp_path / "run.mcap")
-    assert len(found["/tf"]) == 3
-    assert len(found["/tf_static"]) == len(found["/robot_description"]) == 1
-    assert found["/robot_description"][0].data.startswith("<robot")
-    static = tree(found["/tf_static"][0])
-    for i, message in enumerate(found["/tf"]):
-        links = static | tree(message)
-        for body in range(1, model.nbody):
-            pose = in_world(links, model.body(body).name)
-            assert np.abs(pose[:3, :3] - expected[i][body]).max() < 1e-6
     if description.is_floating:
-        pose = found["/base_pose"][2].pose
-        assert [pose.position.x, pose.position.y, pose.position.z] == data.qpos[:3].tolist()
-        assert [pose.orientation.w, pose.orientation.x] == data.qpos[3:5].tolist()
-    else:
-        assert "/base_pose" not in found
-    assert "offered_qos_profiles" not in found
+        data.qpos[:7] = rng.normal(size=7)
+    data.qpos[addresses] = rng.uniform(-1.0, 1.0, len(addresses))
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    mujoco.mj_kinematics(model, data)
+    beside = np.append(data.qpos, 9.0)  # something else is simulated too
+    record = tick_of(description, 0, data.qpos[addresses], beside)
+    poses = links.poses(record)
+    for body in range(1, model.nbody):
+        found = in_world(links, poses, model.body(body).name)
+        assert np.abs(found[:3, :3] - data.xmat[body].reshape(3, 3)).max() < 1e-6
+    assert (links.base is not None) == description.is_floating
+    if description.is_floating:
+        assert links.knows_base(record)
+        assert np.abs(poses[links.base] - data.qpos[:7]).max() < 1e-9
 
 
 def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path):
-    lite = load_robot("lite")
+    lite, found = load_robot("lite"), {}
     ticks = [tick_of(lite, index, np.zeros(14), None) for index in range(40)]
     write_recording(tmp_path / "run.mcap", ticks, run_header(lite, 0.005, None, settings={}))
-    found = topics(tmp_path / "run.mcap")
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
     assert (len(found["/tf"]), len(found["/tf_static"]), len(found["/robot_description"])) == (10, 1, 1)
+    assert found["/robot_description"][0].data.startswith("<robot")
+    assert "/base_pose" not in found
 
 
 def test_without_a_simulation_the_imu_turns_the_base():
@@ -105,6 +77,5 @@ def test_without_a_simulation_the_imu_turns_the_base():
     links = Links.of(run_header(biped, 0.02, None, settings={}))
     record = tick_of(biped, 0, np.zeros(biped.joint_count), None)
     assert bare_model(biped).site(biped.imu).quat.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
-    assert links.frames[links.base][0] == "world"
     assert np.abs(links.poses(record)[links.base, 3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
     assert not links.knows_base(record)

@@ -55,64 +55,45 @@ def test_a_fresh_start_is_repeated_with_its_reason(sample, kind, begins_again):
     assert (report.difference is None, report.ticks) == (begins_again, 1 + begins_again)
 
 
-def with_output(ticks, index, output):
-    """The run with another output in one tick."""
-    return [*ticks[:index], replace(ticks[index], output=output), *ticks[index + 1 :]]
-
-
-def flipped(array, index, bit=0):
-    """A copy with one bit of one value flipped."""
+def flipped(array):
+    """A copy with one bit of its sixth value flipped."""
     copy = np.array(array)
-    copy.view(np.uint32 if copy.itemsize == 4 else np.uint64)[index] ^= 1 << bit
+    copy.view(np.uint32 if copy.itemsize == 4 else np.uint64)[5] ^= 1
     return copy
 
 
-def changed_output(name, output):
-    """An output with one bit of one field changed."""
-    step, mode, standby = output.policy_step, output.control_mode, output.standby
-    part, _, field = name.partition(".")
-    if part == "command":
-        return replace(output, command=replace(output.command, **{field: flipped(getattr(output.command, field), 5)}))
-    if part == "policy_step":
-        value = step.frame + 1 if field == "frame" else flipped(getattr(step, field), 5)
-        return replace(output, policy_step=replace(step, **{field: value}))
-    if part == "control_mode":
-        values = {"mode": Mode.REMOTE, "controller_name": "another_controller", "status_message": "another message"}
-        return replace(output, control_mode=replace(mode, **{field: values[field]}))
-    if part == "standby" and field:
-        changed = {
-            "progress": np.nextafter(standby.progress, 2.0),
-            "is_finished": not standby.is_finished,
-            "current_segment": standby.current_segment ^ 1,
-            "total_segments": standby.total_segments ^ 1,
-        }
-        return replace(output, standby=replace(standby, **{field: changed[field]}))
-    values = {
-        "quit": not output.quit,
-        "faults": (*output.faults, FaultReport("a", "b", "c")),
-        "refusals": (*output.refusals, "no"),
-        "policy_error": "out of memory",
-        "standby": None,
-        "policy_step": None,
-    }
-    return replace(output, **{name: values[name]})
+def within(name, **changes):
+    """A change of some fields of a part of an output, each a function of its value."""
+
+    def change(output):
+        part = getattr(output, name)
+        values = {field: new(getattr(part, field)) for field, new in changes.items()}
+        return replace(output, **{name: replace(part, **values)})
+
+    return change
 
 
 IN_STANDBY, IN_LOCOMOTION = 100, 220
-FIELDS = [
-    *((f"command.{field}", IN_LOCOMOTION) for field in COMMAND_FIELDS),
-    *((f"control_mode.{field}", IN_STANDBY) for field in ("mode", "controller_name", "status_message")),
-    *((f"standby.{field}", IN_STANDBY) for field in ("progress", "is_finished", "current_segment", "total_segments")),
-    *((f"policy_step.{field}", IN_LOCOMOTION) for field in ("frame", "observation")),
-    *((field, IN_STANDBY) for field in ("quit", "faults", "refusals", "policy_error", "standby")),
-]
+CHANGES = {  # by field: a tick, and a change of its output
+    **{f"command.{field}": (IN_LOCOMOTION, within("command", **{field: flipped})) for field in COMMAND_FIELDS},
+    "control_mode.mode": (IN_STANDBY, within("control_mode", mode=lambda _: Mode.REMOTE)),
+    "control_mode.status_message": (IN_STANDBY, within("control_mode", status_message=lambda _: "another")),
+    "standby.progress": (IN_STANDBY, within("standby", progress=lambda value: np.nextafter(value, 2.0))),
+    "standby.current_segment": (IN_STANDBY, within("standby", current_segment=lambda value: value ^ 1)),
+    "standby": (IN_STANDBY, lambda output: replace(output, standby=None)),
+    "policy_step.frame": (IN_LOCOMOTION, within("policy_step", frame=lambda value: value + 1)),
+    "policy_step.observation": (IN_LOCOMOTION, within("policy_step", observation=flipped)),
+    "quit": (IN_STANDBY, lambda output: replace(output, quit=True)),
+    "faults": (IN_STANDBY, lambda output: replace(output, faults=(FaultReport("a", "b", "c"),))),
+    "refusals": (IN_STANDBY, lambda output: replace(output, refusals=("no",))),
+    "policy_error": (IN_STANDBY, lambda output: replace(output, policy_error="out of memory")),
+}
 
 
-@pytest.mark.parametrize(("field", "index"), FIELDS)
-def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index):
+@pytest.mark.parametrize(("field", "index", "change"), [(field, *rest) for field, rest in CHANGES.items()], ids=CHANGES)
+def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index, change):
     header, ticks = sample
-    assert ticks[index].output.policy_step is not None or index != IN_LOCOMOTION
-    changed = with_output(ticks, index, changed_output(field, ticks[index].output))
+    changed = [*ticks[:index], replace(ticks[index], output=change(ticks[index].output)), *ticks[index + 1 :]]
     assert replay([str(recorded(header, changed)), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert (result["tick"], result["ticks"]) == (index, index)
