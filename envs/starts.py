@@ -30,7 +30,7 @@ class EpisodeStarts:
 
     def __init__(self, config: PolicyEnvConfig, context: StepContext, model: mujoco.MjModel, task: Task) -> None:
         self._config, self._context, self._task = config, context, task
-        self._joints = joint_addresses(model, context.description.joint_names)
+        self._joints, self._nv = joint_addresses(model, context.description.joint_names), model.nv
         self._pose = StartPose(model, context.description)
         self.standing_height = self._pose.standing_height
         """m, of the centre of mass above the floor; 0 for a fixed base."""
@@ -43,8 +43,8 @@ class EpisodeStarts:
         position, velocity, turn, commands = np.split(numbers, self._splits, axis=-1)
         c, joints, dof = self._context, self._joints.qpos, self._joints.dof
         yaw = np.pi * (2.0 * turn[..., 0] - 1.0)
-        qpos, qvel = self._pose.arrays(numbers.shape[:-1], joint_position=c.default_pose, base_yaw=yaw)
+        qpos, qvel = self._pose.qpos(numbers.shape[:-1], yaw), np.zeros((*numbers.shape[:-1], self._nv))
         off = self._config.joint_noise * (2.0 * position - 1.0)
-        qpos[..., joints] = np.clip(qpos[..., joints] + off, c.lower, c.upper)
-        qvel[..., dof] += self._config.velocity_noise * (2.0 * velocity - 1.0)
+        qpos[..., joints] = np.clip(c.default_pose + off, c.lower, c.upper)
+        qvel[..., dof] = self._config.velocity_noise * (2.0 * velocity - 1.0)
         return Start(qpos, qvel, self._task.commands(commands))

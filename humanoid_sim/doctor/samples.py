@@ -154,7 +154,8 @@ class Samples:
         model, free = robots.model(0), 7 if description.is_floating else 0
         names = self._file["joint_names"].astype(str).tolist()
         own = joint_addresses(model, names[len(names) - (qpos.shape[1] - free) :])
-        positions, velocities = robots.start_pose.arrays((len(steps),))
+        positions = robots.start_pose.qpos((len(steps),))
+        velocities = np.zeros((len(steps), robots.qvel.shape[1]))
         if free:
             place, turn, linear, angular = base_addresses(model, description)
             positions[:, place], positions[:, turn] = qpos[:, :3], qpos[:, 3:7]

@@ -145,7 +145,7 @@ class Simulations:
             loaded = self._subject.load(contract)
             bodies = contract.body_names if "motion_body_pos_b" in loaded.reference.terms else ()
             robot = self.robots(contract, 1, bodies)
-            robot.reset(base_yaw=np.array([_YAW]))
+            robot.reset(qpos=robot.start_pose.qpos((1,), np.array([_YAW])))
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
             bounds = np.array([[-np.inf, np.inf]] * 3) if contract.command_ranges is None else contract.command_ranges

@@ -69,7 +69,7 @@ class BatchSim:
         DampingStability(model, description).check_description()
         self._sensors = Sensors(model, description, config, count=count, threads=self.threads)
         self.extern = self._sensors.widths
-        self.start_pose = StartPose(model, description)  # pose in which a robot starts, for any joint positions
+        self.start_pose = StartPose(model, description)  # pose in which a robot starts
         self._base_body = base_body(model, description)
         self._random_pushes: RandomPushes | None = None
         if self.randomisation.push[1] > 0.0:
@@ -155,18 +155,16 @@ class BatchSim:
         *,
         qpos: FloatArray | None = None,
         qvel: FloatArray | None = None,
-        **pose: Any,
     ) -> None:
         """Start robots `indices`, (k,) or all, anew at time 0, as `SimRobot.reset`.
 
-        They start at `qpos`, (k, nq), and `qvel`, (k, nv), or at a pose as `StartPose.arrays` takes it, shape (k, …).
+        They start at `qpos`, (k, nq), and `qvel`, (k, nv), or else at `start_pose`, at rest.
         """
         where, batch = self._where(indices), self._batch
-        position, velocity = self.start_pose.arrays(where.shape, **pose)
-        position = position if qpos is None else qpos
+        position = self.start_pose.qpos(where.shape) if qpos is None else qpos
         ids = np.sort(where)
         batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        batch.qpos[where], batch.qvel[where] = position, velocity if qvel is None else qvel
+        batch.qpos[where], batch.qvel[where] = position, 0.0 if qvel is None else qvel
         self._gains[where] = 0.0
         batch.forward(ids)
         self._targets[:, where] = 0.0

@@ -201,13 +201,12 @@ def support_in_mode(robot: Supported, mode: Mode) -> str:
 
 
 class StartPose:
-    """A robot that stands on its feet, or hangs on its fixed base, with its joints anywhere, in MuJoCo's arrays."""
+    """A robot that stands on its feet, or hangs on its fixed base, in MuJoCo's arrays."""
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         """Find the description's own start; the model is from `build_model`."""
         data = mujoco.MjData(model)
-        self._joints, self._nv = joint_addresses(model, description.joint_names), model.nv
-        data.qpos[self._joints.qpos] = description.initial_position
+        data.qpos[joint_addresses(model, description.joint_names).qpos] = description.initial_position
         Support(model, data, description).start(held=False)
         self._qpos: FloatArray = data.qpos.copy()
         self._quaternion: slice | None = None
@@ -216,28 +215,14 @@ class StartPose:
             self._quaternion = base_addresses(model, description)[1]
             self.standing_height = BaseObserver(model, description).standing_height(self._qpos)
 
-    def arrays(
-        self,
-        batch: tuple[int, ...] = (),
-        /,
-        *,
-        joint_position: FloatArray | None = None,
-        joint_velocity: FloatArray | None = None,
-        base_yaw: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return MuJoCo's generalised position (..., nq) and velocity (..., nv) for a `batch` of (...).
+    def qpos(self, batch: tuple[int, ...] = (), yaw: FloatArray | None = None) -> FloatArray:
+        """Return MuJoCo's generalised position (..., nq) for a `batch` of (...).
 
-        Joints are (..., n), rad and rad/s; None for the description's initial position, and for rest. `base_yaw`,
-        (...), rad, turns a floating base about the vertical.
+        `yaw`, (...), rad, turns a floating base about the vertical.
         """
         qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
-        qvel = np.zeros((*batch, self._nv))
-        if joint_position is not None:
-            qpos[..., self._joints.qpos] = joint_position
-        if joint_velocity is not None:
-            qvel[..., self._joints.dof] = joint_velocity
-        if base_yaw is not None and self._quaternion is not None:
-            half, none = 0.5 * np.asarray(base_yaw), np.zeros(batch)
+        if yaw is not None and self._quaternion is not None:
+            half, none = 0.5 * yaw, np.zeros(batch)
             turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
             qpos[..., self._quaternion] = multiply(turn, self._qpos[self._quaternion])
-        return qpos, qvel
+        return qpos

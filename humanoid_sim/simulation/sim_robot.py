@@ -118,7 +118,7 @@ class SimRobot:
 
     @cached_property
     def start_pose(self) -> StartPose:
-        """Pose in which a robot without support starts, for any joint positions."""
+        """Pose in which a robot without support starts."""
         return StartPose(self.model, self.description)
 
     def activate(self) -> None:
@@ -145,7 +145,7 @@ class SimRobot:
         """
         self._step = 0
         self._begin()
-        self.data.qpos[:] = self.start_pose.arrays()[0] if qpos is None else qpos
+        self.data.qpos[:] = self.start_pose.qpos() if qpos is None else qpos
         self.data.qvel[:] = 0.0 if qvel is None else qvel
         self.data.qacc_warmstart[:] = 0.0 if warmstart is None else warmstart
         mujoco.mj_forward(self.model, self.data)

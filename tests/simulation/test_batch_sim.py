@@ -82,7 +82,7 @@ def test_a_shipped_robot_moves_as_the_reference_does(name):
         if step % 20 == 19:
             assert_equal(batch, 1, alone)
     assert not batch.fault.any()
-    assert np.abs(batch.qpos[1] - np.array(alone.start_pose.arrays()[0])).max() > 0.05
+    assert np.abs(batch.qpos[1] - alone.start_pose.qpos()).max() > 0.05
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])
@@ -124,7 +124,7 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypa
     robot = load_robot("lite")
     batch, alone = BatchSim(robot, 4, threads=2), SimRobot(robot)
     alone.reset()
-    batch.reset([1], joint_velocity=np.full((1, 14), 1e12))
+    batch.reset([1], qvel=np.full((1, 14), 1e12))
     for step in range(3):
         command, before = rows(waving(robot, step), 4), batch.qpos.copy()
         position = command.position.copy()

@@ -84,7 +84,7 @@ def test_a_batch_has_the_hardest_touch_of_every_physics_step():
     config = SimConfig(control_period=0.02)
     one, batch = SimRobot(ROBOT, config), BatchSim(ROBOT, 2, config, threads=1)
     one.reset(np.concatenate([above, np.zeros(88)]))
-    batch.reset(joint_position=np.stack([above, above]))
+    batch.reset(qpos=np.tile(np.concatenate([above, np.zeros(88)]), (2, 1)))
     assert batch.key_force.tolist() == [0.0, 0.0]
     zeros, forces = np.zeros(14), []
     for _ in range(8):
