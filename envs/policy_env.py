@@ -14,7 +14,7 @@ from humanoid_sim.envs.display import RENDER_MODES, Display
 from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.randomisation import Randomisation
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -94,7 +94,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         fault = self.robot.fault or loop.wiring.observation_problem(loop.observation)
         if fault:
             return self._fault(fault, frame)
-        judgement = task.judge(sample_step(loop, self.robot, self._steps))
+        judgement = task.judge(loop.sample(self._steps))
         require_finite(judgement.reward, judgement.terms)
         self._observation = loop.observation
         self._display.show(self.robot.data.qpos)

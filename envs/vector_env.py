@@ -15,7 +15,7 @@ from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario, policy_con
 from humanoid_sim.envs.spaces import action_space, observation_space, raw_action, reset_options, velocity_option
 from humanoid_sim.envs.tasks import require_finite
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.randomisation import Randomisation
@@ -138,7 +138,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         sound = moving.copy()
         sound[list(faults)] = False
 
-        judgement = task.judge(sample_step(loop, self.simulation, np.maximum(self.episode_steps, 1)))
+        judgement = task.judge(loop.sample(np.maximum(self.episode_steps, 1)))
         reward = np.where(sound, judgement.reward, 0.0)
         require_finite(reward, judgement.terms)
         terminated = np.where(sound, judgement.terminated, ~starting)

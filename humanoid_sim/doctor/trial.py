@@ -17,7 +17,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.failure import has_run_away, rms
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.step import StepContext
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
 from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray
@@ -159,7 +159,7 @@ class Simulations:
         names = _OF_WALKING if contract.task_type == "locomotion" else _OF_MOTIONS
         metrics = {name: METRICS[name] for name in names if context.has(METRICS[name].needs)}
         rows: list[dict[str, Any]] = []
-        sample = sample_step(loop, robot, 0)
+        sample = loop.sample(0)
         steps = round(_SECONDS / contract.policy_dt)
         if self._subject.motion is not None:
             steps = min(steps, loaded.reference.frame_count)
@@ -174,7 +174,7 @@ class Simulations:
                 reason = inferred.message if isinstance(inferred, Fault) and not lost else lost
                 return Outcome(step * contract.policy_dt, _errors(contract, command, rows), reason)
             sent = loop.act(inferred.action[None])
-            sample = sample_step(loop, robot, step + 1)
+            sample = loop.sample(step + 1)
             row = {name: metric.values(context, sample)[0] for name, metric in metrics.items()}
             if sample.base is not None:
                 row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0]}

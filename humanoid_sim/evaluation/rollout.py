@@ -33,11 +33,7 @@ class ClosedLoop:
     """A policy's wiring around robots that advance by one policy step at a time. Not thread-safe."""
 
     def __init__(
-        self,
-        robots: Robots,
-        wiring: PolicyWiring,
-        velocity: FloatArray,
-        guards: Guards | None = None,
+        self, robots: Robots, wiring: PolicyWiring, velocity: FloatArray, guards: Guards | None = None
     ) -> None:
         """Begin where the robots now are, at the start of an episode.
 
@@ -107,29 +103,28 @@ class ClosedLoop:
         self.observation, self.memory = self.wiring.observe(memory, self.state)
         return command
 
+    def sample(self, step: int | npt.NDArray[np.integer]) -> StepSample:
+        """Return the latest step. `step`, shape (...), counts the policy steps since the start."""
+        position, quaternion = self.robots.body_poses(in_base=True)
+        return StepSample(
+            state=self.robots.state(),
+            frame=self.memory.frame,
+            action=self.action,
+            previous_action=self.previous,
+            torque=self.robots.effort,
+            step=step,
+            body_position=position,
+            body_quaternion=quaternion,
+            command=self.command,
+            base=self.robots.base,
+            alignment=self.memory.alignment,
+        )
+
     def _read(self) -> MITState:
         state = self.robots.state()
         if self.wiring.takes_velocity_command:
             state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
         return state
-
-
-def sample_step(loop: ClosedLoop, robots: Robots, step: int | npt.NDArray[np.integer]) -> StepSample:
-    """Return the latest step. `step`, shape (...), counts the policy steps since the start."""
-    position, quaternion = robots.body_poses(in_base=True)
-    return StepSample(
-        state=robots.state(),
-        frame=loop.memory.frame,
-        action=loop.action,
-        previous_action=loop.previous,
-        torque=robots.effort,
-        step=step,
-        body_position=position,
-        body_quaternion=quaternion,
-        command=loop.command,
-        base=robots.base,
-        alignment=loop.memory.alignment,
-    )
 
 
 def state_rows(state: MITState, indices: IndexArray | int) -> MITState:

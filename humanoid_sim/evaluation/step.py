@@ -50,16 +50,9 @@ class StepContext:
         description: RobotDescription,
         contract: PolicyContract,
         reference: MotionReference,
-        *,
         standing_height: float = 0.0,
-        joint_target: FloatArray | None = None,
     ) -> None:
-        """Prepare for a robot.
-
-        Args:
-            standing_height: m, of the centre of mass above the floor where the robot stands; 0 for a fixed base.
-            joint_target: shape (F, n), rad, robot's order, by frame; None: the reference's joints.
-        """
+        """Prepare for a robot. `standing_height`, m, is that of the centre of mass above the floor; 0 for a fixed base."""
         self.description, self.contract, self.reference = description, contract, reference
         self.standing_height = standing_height
         self.lower, self.upper = np.array(description.lower), np.array(description.upper)
@@ -69,10 +62,9 @@ class StepContext:
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
         self.default_pose = np.clip(contract.default_joint_pos[order], self.lower, self.upper)
         """Shape (n,), rad, robot's order, within the limits."""
-        terms = reference.terms
-        if joint_target is None and "reference_joint_pos" in terms:
-            joint_target = terms["reference_joint_pos"][:, order].astype(np.float64)
-        self.joint_target = joint_target
+        terms, joints = reference.terms, "reference_joint_pos"
+        self.joint_target = terms[joints][:, order].astype(np.float64) if joints in terms else None
+        """Shape (F, n), rad, robot's order, by frame."""
         self.tracked = contract.body_names if "motion_body_pos_b" in terms else ()
         """Bodies that the motion has in the base frame, b of them."""
         hands = [i for i, name in enumerate(self.tracked) if name in description.hands]
@@ -85,6 +77,7 @@ class StepContext:
         known = {
             "": True,
             "motion": bool(self.tracked) or has_anchor,
+            "motion of bodies": bool(self.tracked),
             "motion with joints": self.joint_target is not None,
             "motion with an anchor": has_anchor,
             "floating base": self.description.is_floating,

@@ -30,7 +30,9 @@ from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
 Values = Callable[[StepContext, StepSample], FloatArray]
-Needs = Literal["", "motion", "motion with joints", "motion with an anchor", "floating base", "song"]
+Needs = Literal[
+    "", "motion", "motion of bodies", "motion with joints", "motion with an anchor", "floating base", "song"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +105,12 @@ def body_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(body_angle(c, s)) if c.tracked else anchor_orientation_error(c, s)
 
 
-@metric("m", "rms distance from the motion of those tracked bodies that are hands", "motion")
+@metric("m", "rms distance from the motion of those tracked bodies that are hands", "motion of bodies")
 def hand_position_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(body_distance(c, s)[..., c.hands])
 
 
-@metric("rad", "rms angle to the motion of those tracked bodies that are hands", "motion")
+@metric("rad", "rms angle to the motion of those tracked bodies that are hands", "motion of bodies")
 def hand_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
     return rms(body_angle(c, s)[..., c.hands])
 

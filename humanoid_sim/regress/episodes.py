@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from humanoid_sim.evaluation.failure import length, rms
 from humanoid_sim.evaluation.feet import find_feet
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITCommand
@@ -93,7 +93,7 @@ class EpisodeBatch:
             for i in np.flatnonzero(alive & simulation.fault).tolist():
                 failures[i] = "fault", "the simulation diverged: its state is no longer finite"
             alive = alive & ~simulation.fault
-            sample = sample_step(loop, simulation, np.full(count, step + 1))
+            sample = loop.sample(np.full(count, step + 1))
             measured.append(self._step_rows(sample, command))
             steps += alive
             lost = alive & task.failed(sample)

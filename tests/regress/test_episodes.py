@@ -10,10 +10,10 @@ from regress_runs import SAMPLE, WALKER, changed_copy, prepared, yaml_suite
 
 from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.piano_score import PlayedKeys
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.run_figures import MotionErrors
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.regress import episodes
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.preparation import prepare_suite
 from humanoid_sim.regress.run import run_seeds
@@ -35,13 +35,13 @@ def quiet(case, **changes):
 @pytest.fixture
 def samples(monkeypatch):
     """Every policy step of the episodes of a test, as they are measured."""
-    found, sampled = [], episodes.sample_step
+    found, sampled = [], ClosedLoop.sample
 
-    def watched(loop, robots, step):
-        found.append(sampled(loop, robots, step))
+    def watched(loop, step):
+        found.append(sampled(loop, step))
         return found[-1]
 
-    monkeypatch.setattr(episodes, "sample_step", watched)
+    monkeypatch.setattr(ClosedLoop, "sample", watched)
     return found
 
 
