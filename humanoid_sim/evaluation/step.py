@@ -52,7 +52,7 @@ class StepContext:
         reference: MotionReference,
         standing_height: float = 0.0,
     ) -> None:
-        """Prepare for a robot. `standing_height`, m, is that of the centre of mass above the floor; 0 for a fixed base."""
+        """Prepare for a robot whose centre of mass stands `standing_height`, m, above the floor; 0 for a fixed base."""
         self.description, self.contract, self.reference = description, contract, reference
         self.standing_height = standing_height
         self.lower, self.upper = np.array(description.lower), np.array(description.upper)

@@ -1,7 +1,6 @@
 """The space of single edits, on small contracts that have every kind of term."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from models import contract_of
 from plants import alike, at_rate, gains_listed, multiplied, no_pose, relabelled, swapped, term, terms_swapped, turned
 
 from humanoid_sim.controllers.contract import PhaseRule, Term
-from humanoid_sim.doctor.edits import asymmetry, isaac_order, single_edits, wiring_values
+from humanoid_sim.doctor.edits import asymmetry, isaac_order, single_edits
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 
@@ -47,12 +46,10 @@ TRACKER = contract_of(
 
 PLANTS = {
     "two joints swapped": swapped("left_hip_roll", "left_hip_yaw"),
-    "mirror images swapped": swapped("left_knee_pitch", "right_knee_pitch"),
     "order of all joints": relabelled(isaac_order(ROBOT)),
     "sign of a joint": turned("right_knee_pitch"),
     "gains x 2": multiplied(2.0, "joint_stiffness", "joint_damping"),
     "action scale x 0.5": multiplied(0.5, "action_scale"),
-    "action scale x 2": multiplied(2.0, "action_scale"),
     "default pose zero": no_pose,
     "gravity sign": term("projected_gravity", scale=-1.0),
     "quaternion order": term("imu_quaternion", quaternion="xyzw"),
@@ -60,7 +57,6 @@ PLANTS = {
     "velocity of the IMU": term("base_lin_vel", at="imu"),
     "absolute joint positions": term("joint_pos", relative=False),
     "last action scaled": term("last_action", form="scaled"),
-    "scale of a term": term("base_ang_vel", scale=1.0),
     "two terms swapped": terms_swapped("joint_pos", "joint_vel"),
     "25 Hz": at_rate(25.0),
     "gains in another order": gains_listed(isaac_order(ROBOT)),
@@ -76,7 +72,6 @@ OF_MOTIONS = {
     "anchor body": lambda contract: replace(contract, anchor_body="pelvis"),
     "heading": lambda contract: replace(contract, align_reference=False),
     "the motion's quaternions": lambda contract: replace(contract, reference_quaternion="xyzw"),
-    "two rows": term("motion_anchor_ori_b", layout="two_rows"),
     "column by column": term("motion_anchor_ori_b", layout="columns"),
     "inverse rotation": term("motion_anchor_ori_b", inverse=True),
     "anchor in the world frame": term("motion_anchor_pos_b", frame="world"),
@@ -95,23 +90,8 @@ def test_one_edit_undoes_a_usual_mistake(right, plant):
     assert any(alike(edit.contract, right) for edit in single_edits(wrong, ROBOT, MOTION))
 
 
-@pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])
-def test_no_contract_is_tried_twice(contract):
-    edits = single_edits(contract, ROBOT, MOTION, all_pairs=True)
-    wirings = [wiring_values(each) for each in (contract, *(edit.contract for edit in edits))]
-    assert not any(one == other for one, other in combinations(wirings, 2))
-    assert len({edit.name for edit in edits}) == len(edits)
-
-
 def test_gains_that_break_the_symmetry_of_the_robot_are_not_proposed():
     assert asymmetry(WALKER) == 0
     gains = [edit for edit in single_edits(WALKER, ROBOT) if edit.family == "gains"]
     assert gains
     assert all(asymmetry(edit.contract) == 0 for edit in gains)
-
-
-def test_a_flipped_sign_is_named_as_such_and_not_as_a_set_of_scales():
-    plain = replace(WALKER, observation=tuple(replace(item, scale=1.0) for item in WALKER.terms))
-    wrong = term("projected_gravity", scale=-1.0)(plain)
-    (answer,) = [edit for edit in single_edits(wrong, ROBOT, MOTION) if alike(edit.contract, plain)]
-    assert answer.family == "convention"
