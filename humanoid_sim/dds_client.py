@@ -69,8 +69,8 @@ class RobotClient:
         """
         self._participant = Participant(domain, interface)
         self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
-        names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC)
-        names = (*names, ros.DESCRIPTION_TOPIC)
+        names = [ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC]
+        names.append(ros.DESCRIPTION_TOPIC)
         self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
         self._safety: dict[str, SafetyStatus] = {}
         self.joint_names: tuple[str, ...] = ()

@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if config.list:
             return _list(pads)
         with attached(config.session, "gamepad") as attachment:
-            speeds, hardware = policy_speeds(attachment.walking_contract), attachment.is_hardware
+            speeds, hardware = policy_speeds(attachment.header), attachment.is_hardware
             driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware)
             print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
             run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)

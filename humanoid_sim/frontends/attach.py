@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.client import Feed, Intake, SessionError, SessionInfo, find_session, monotonic_ns
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand
@@ -25,7 +24,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.session.realtime import punctual_threads
-from humanoid_sim.stack import recorded_contract, recorded_contracts
 
 _LATE = 0.2  # s after which a tick is the past, or three control periods
 _STATUS_WITHIN = 0.6  # s that the session's status is waited for, which it sends twice a second
@@ -102,16 +100,6 @@ class Attachment(Source):
 
     def __str__(self) -> str:
         return str(self.session)
-
-    @cached_property
-    def contract(self) -> PolicyContract | None:
-        """The policy's; None without one."""
-        return recorded_contract(self.header)
-
-    @property
-    def walking_contract(self) -> PolicyContract | None:
-        """Contract of the first policy that takes a velocity command; None if none does."""
-        return next((one for one in recorded_contracts(self.header) if one.takes_velocity_command), None)
 
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
         if timeout > 0.0:

@@ -10,11 +10,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import FieldError, blaming, require_known
 from humanoid_sim.frontends.pads import BUTTON_COUNT
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.stack import recorded_contracts
 from humanoid_sim.strict_yaml import read_yaml
 
 _MODEST = ((-0.3, 0.5), (-0.2, 0.2), (-0.5, 0.5))  # m/s, m/s, rad/s: for a policy that does not say which it knows
@@ -22,9 +23,13 @@ _DEAD_ZONE = 0.15  # part of a stick's way, from its middle, that counts as none
 _FORWARD, _LEFT, _TURN = 1, 0, 2  # axes: left stick up, left stick left, right stick left, where they are -1
 
 
-def policy_speeds(contract: PolicyContract | None) -> FloatArray | None:
-    """Return lowest and highest vx, vy (m/s) and yaw rate (rad/s), shape (3, 2); None if the policy takes none."""
-    if contract is None or not contract.takes_velocity_command:
+def policy_speeds(header: SessionHeader) -> FloatArray | None:
+    """Return lowest and highest vx, vy (m/s) and yaw rate (rad/s), shape (3, 2), of a run's first policy that walks.
+
+    None if no policy takes a velocity.
+    """
+    contract = next((one for one in recorded_contracts(header) if one.takes_velocity_command), None)
+    if contract is None:
         return None
     known = np.array(_MODEST if contract.command_ranges is None else contract.command_ranges, dtype=np.float64)
     return np.stack([np.minimum(known[:, 0], 0.0), np.maximum(known[:, 1], 0.0)], axis=1)

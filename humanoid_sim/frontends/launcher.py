@@ -18,8 +18,6 @@ from humanoid_sim.session.sinks import Sink
 
 _STATUS_PERIOD = 0.5  # s
 _READY = 30.0  # s that children get to print their first line; the session begins without those that do not
-_ERROR = "error: "
-"""Beginning of the line with which a failed program ends."""
 _GRACE = 2.0  # s that a child gets to end after SIGTERM
 
 
@@ -112,7 +110,7 @@ class FrontEnds(Sink):
                 if text:
                     child.last = text
                     self._show(f"{child.name}: {text}")
-                    if not text.startswith(_ERROR):
+                    if not text.startswith("error: "):  # the line with which a failed program ends
                         child.is_ready.set()
         status = child.process.wait()
         child.is_ready.set()
@@ -128,7 +126,7 @@ class FrontEnds(Sink):
                 pass
             if child.process.poll() is not None:
                 self.close()
-                reason = child.last.removeprefix(_ERROR) or f"status {child.process.returncode}"
+                reason = child.last or f"status {child.process.returncode}"
                 raise InputError(f"front end {child.name}: ended before the session began: {reason}")
             if not child.is_ready.is_set():
                 self._note(f"front end {child.name} is not ready")

@@ -54,7 +54,7 @@ def test_they_end_with_the_session_however_stubborn(launch, local, monkeypatch):
 
 
 def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launch):
-    with pytest.raises(InputError, match="front end fake_1: ended before the session began: no display"):
+    with pytest.raises(InputError, match="front end fake_1: ended before the session began: error: no display"):
         launch(STAYS, "import sys; print('error: no display', file=sys.stderr); sys.exit(2)")
     with pytest.raises(InputError, match="front end fake_0: ended before the session began: status 3"):
         launch("raise SystemExit(3)")

@@ -44,7 +44,7 @@ class Operator:
         self._token = ""
         self.answer = ""
         """The latest answer of the session, or why something is refused or has ended."""
-        self.speeds = policy_speeds(attachment.walking_contract)
+        self.speeds = policy_speeds(attachment.header)
         """Shape (3, 2): lowest and highest velocity, m/s, m/s, rad/s; None where no policy takes one."""
         self.velocity: FloatArray = np.zeros(3)
         """Shape (3,), m/s, m/s, rad/s: what this console commands."""

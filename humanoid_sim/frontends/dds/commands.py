@@ -23,6 +23,7 @@ from humanoid_sim.ros2.messages import (
 )
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC, TOPICS, Topic
 from humanoid_sim.session.sources import remote_problem
+from humanoid_sim.stack import recorded_contract
 
 _SUSPENDED = 0.05  # s between two polls beyond which the process was suspended
 _SETTLE = 0.1  # s for which commands are dropped after that: what lay in sockets meanwhile is old
@@ -83,8 +84,9 @@ class CommandReader:
         self._commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=_DEPTH)
         self._statuses = _readers(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC]) if is_local else []
         self._live: list[tuple[str, int, Reader]] = []
+        contract = recorded_contract(attachment.header)
         for name, width in attachment.live_inputs.items() if is_local else ():
-            topic = live_topic(attachment.contract, name)
+            topic = live_topic(contract, name)
             if topic is not None:
                 kind = LIVE_INPUT._replace(latched=topic.timeout == math.inf)  # one from before the bridge counts too
                 self._live += [(name, width, reader) for reader in _readers(participant, topic.name, kind)]

@@ -57,7 +57,6 @@ class Desk:
             session=None,
             header=SimpleNamespace(joint_names=LITE.joint_names),
             description=LITE,
-            walking_contract=None,
             latest=None,
             status=lambda: {"owners": self.owners},
             send=self.send,
