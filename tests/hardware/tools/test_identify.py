@@ -1,6 +1,5 @@
 """`hardware identify` on mock motors: what it moves, what it stores, and how it ends."""
 
-import threading
 import time
 from types import SimpleNamespace
 
@@ -117,19 +116,3 @@ def test_a_motor_without_a_timeout_is_moved_with_leave_only(run):
         until(lambda: "left_wrist_roll: disabled" in log)  # motors on a busy machine are late
     assert status == 0, printed + complained
     assert [text for text in log if "abled" in text] == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
-
-
-@pytest.mark.soak
-def test_lost_answers_do_not_make_the_motor_time_out(run, motors, log, monkeypatch):
-    """Commands go on meanwhile; without one for 0.1 s it would stop by itself."""
-    monkeypatch.setattr(tool, "CAN_TIMEOUT", 0.1)
-
-    def lose_answers():
-        until(lambda: "left_wrist_yaw: enabled" in log)
-        motors.inject(Fault("silent", ("left_wrist_yaw",), motors.clock() + 0.2, 0.25))
-
-    thread = threading.Thread(target=lose_answers)
-    thread.start()
-    status, _, complained = run(*WRIST, "--yes")
-    thread.join()
-    assert status == 0, complained
