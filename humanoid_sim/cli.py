@@ -73,7 +73,6 @@ class ExitStatus(IntEnum):
 
     @classmethod
     def of(cls, passed: bool) -> ExitStatus:
-        """Return the exit status of a verdict."""
         return cls.OK if passed else cls.FAILED
 
 

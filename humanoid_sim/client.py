@@ -18,7 +18,6 @@ import ctypes
 import fcntl
 import json
 import os
-import queue
 import re
 import socket
 import stat
@@ -28,7 +27,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -54,7 +53,7 @@ VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; i
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
 LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is stale, unless its contract says otherwise
 _KEPT = 256  # ticks that a feed keeps
-_LONGEST_WORD = 200  # characters of a request
+_LONGEST_WORD = 4000  # characters of a request
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2  # s that a full socket is waited for: for data, and for intents
 _NAMES = count()
 
@@ -277,65 +276,47 @@ class Feed:
             return self._status
 
 
-_PRIMITIVES = {
-    "bool": "?",
-    "uint8": "B",
-    "int8": "b",
-    "uint16": "H",
-    "int16": "h",
-    "uint32": "I",
-    "int32": "i",
-    "uint64": "Q",
-    "int64": "q",
-    "float32": "f",
-    "float64": "d",
-}
+_PRIMITIVES = {"bool": "?", "float32": "f", "float64": "d"}  # codes of `struct` by type
+for _bits, _code in ((8, "b"), (16, "h"), (32, "i"), (64, "q")):
+    _PRIMITIVES |= {f"int{_bits}": _code, f"uint{_bits}": _code.upper()}
 _FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[(\d*)\])?\s+([a-z][a-z0-9_]*)\s*(?:#.*)?$")
 
 
 class Decoder:
-    """Little-endian CDR by a `ros2msg` definition."""
+    """Little-endian CDR by a `ros2msg` definition; for one thread at a time."""
 
     def __init__(self, definition: str) -> None:
         first, *others = re.split(r"^=+\nMSG: ", definition, flags=re.MULTILINE)
-        self._types = {"": self._fields(first)}
+        self._types = {"": _fields(first)}
         for text in others:
             name, _, body = text.partition("\n")
-            self._types[name.strip()] = self._fields(body)
-
-    @staticmethod
-    def _fields(text: str) -> list[tuple[str, str, str | None]]:
-        matches = (_FIELD.match(line) for line in text.splitlines())
-        return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
+            self._types[name.strip()] = _fields(body)
+        self._data, self._offset = b"", 0
 
     def __call__(self, message: bytes) -> dict[str, Any]:
         """Decode a message into a dict with the definition's names. Raises `SessionError` if it is not one."""
+        self._data, self._offset = message[4:], 0
         try:
-            return _Cursor(message).struct("", self._types)
+            return self._struct("")
         except (struct.error, ValueError, KeyError) as error:
             raise SessionError(f"a message that does not fit its definition: {error}") from None
 
+    def _struct(self, name: str) -> dict[str, Any]:
+        return {label: self._value(kind, length) for label, kind, length in self._types[name]}
 
-class _Cursor:
-    def __init__(self, message: bytes) -> None:
-        self._data, self._offset = message[4:], 0
-
-    def struct(self, name: str, types: Mapping[str, Sequence[tuple[str, str, str | None]]]) -> dict[str, Any]:
-        return {label: self._value(kind, length, types) for label, kind, length in types[name]}
-
-    def _value(self, kind: str, length: str | None, types: Mapping[str, Any]) -> Any:
+    def _value(self, kind: str, length: str | None) -> Any:
         if length is None:
-            return self._one(kind, types)
+            return self._one(kind)
         number = int(length) if length else self._number("I")
         if kind in _PRIMITIVES:
             return self._array(_PRIMITIVES[kind], number)
-        return [self._one(kind, types) for _ in range(number)]
+        return [self._one(kind) for _ in range(number)]
 
-    def _one(self, kind: str, types: Mapping[str, Any]) -> Any:
+    def _one(self, kind: str) -> Any:
         if kind in _PRIMITIVES:
             return self._number(_PRIMITIVES[kind])
         if kind != "string":
-            return self.struct(kind, types)
+            return self._struct(kind)
         size = self._number("I")
         start, self._offset = self._offset, self._offset + size
         return self._data[start : self._offset - 1].decode("utf-8", "surrogatepass")
@@ -351,11 +332,15 @@ class _Cursor:
         import numpy as np  # noqa: PLC0415 - sending an intent needs none, and must be quick
 
         size = struct.calcsize(f"<{code}")
-        if not number:
-            return np.zeros(0, np.dtype(f"<{code}"))
-        start = self._offset + -self._offset % size
+        start = self._offset + (-self._offset % size if number else 0)
         self._offset = start + number * size
-        return np.frombuffer(self._data, np.dtype(f"<{code}"), number, start)
+        return np.frombuffer(self._data[start : self._offset], np.dtype(f"<{code}"), number)
+
+
+def _fields(text: str) -> list[tuple[str, str, str | None]]:
+    """Return name, type and length of each field; length '' for as many as the message says, None for no array."""
+    matches = (_FIELD.match(line) for line in text.splitlines())
+    return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
 
 
 # The intake.
@@ -443,16 +428,14 @@ class Intake:
             "stamp": monotonic_ns() if stamp is None else int(stamp),
             "message": " ".join(str(message).split())[:300],
         }
-        return self._post(f"safety {json.dumps(status, ensure_ascii=False)}", None)
+        return self.post(f"safety {json.dumps(status)}")
 
     def post(self, word: str, *, seen: int | None = None) -> str:
         """Request as `ask` does without waiting; returns what `answer` takes."""
-        return self._post(" ".join(word.splitlines())[:_LONGEST_WORD], seen)  # a mark's text is a line
-
-    def _post(self, word: str, seen: int | None) -> str:
         token = f"{next(_NAMES)}"
         seen = monotonic_ns() if seen is None else int(seen)
-        message = "\n".join((word, f"{self.producer} ({self._process})", token, str(seen))).encode()
+        line = " ".join(word.splitlines())[:_LONGEST_WORD]  # a mark's text is a line
+        message = "\n".join((line, f"{self.producer} ({self._process})", token, str(seen))).encode()
         try:
             self._intents.settimeout(None)
             # Not connected: it takes answers from whatever socket the session sends them by.
@@ -528,29 +511,24 @@ class Intake:
 def ask_sessions(
     word: str, process: int | None, *, producer: str, timeout: float = 2.0, seen: int | None = None
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
-    """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, none waiting for another.
+    """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, before any answer is awaited.
 
-    Yields each session with its answer, or with the error in its place, as they arrive. Raises `SessionError` if no
-    such session runs.
+    Yields each session with its answer, or with the error in its place. Raises `SessionError` if no such session runs.
     """
     sessions = running_sessions() if word == "damp" and process is None else []
-    sessions = sessions or [find_session(process)]
-    answers: queue.SimpleQueue[tuple[SessionInfo, Answer | SessionError]] = queue.SimpleQueue()
-
-    def ask(session: SessionInfo) -> None:
-        try:
-            with Intake(session, producer) as intake:
-                answers.put((session, intake.ask(word, timeout, seen=seen)))
-        except SessionError as error:
-            answers.put((session, error))
-
-    threads = [threading.Thread(target=ask, args=(session,)) for session in sessions]
-    for thread in threads:
-        thread.start()
-    for _ in threads:
-        yield answers.get()
-    for thread in threads:
-        thread.join()
+    with ExitStack() as stack:
+        asked = []
+        for session in sessions or [find_session(process)]:
+            try:
+                intake = stack.enter_context(Intake(session, producer))
+                asked.append((session, intake, intake.post(word, seen=seen)))
+            except SessionError as error:
+                yield session, error
+        for session, intake, token in asked:
+            try:
+                yield session, intake.answer(token, timeout)
+            except SessionError as error:
+                yield session, error
 
 
 # The network.

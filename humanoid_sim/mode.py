@@ -51,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _ask(options: ModeOptions) -> int:
-    """Send the intent and print what became of it; returns the exit status."""
     word = f"{options.intent} {options.name}".strip()
     timeout = _REACTIVATE_TIMEOUT if options.intent == "reactivate" else _TIMEOUT
     granted, problems = [], []

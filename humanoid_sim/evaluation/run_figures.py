@@ -54,7 +54,6 @@ class MotionErrors:
         return cls(description, loaded) if "motion_body_pos_b" in terms or "anchor_pos" in terms else None
 
     def update(self, frame: int, state: MITState) -> None:
-        """Compare the state of a policy step with the frame that it was shown."""
         last = self._context.reference.frame_count - 1
         was_shown, self._is_last_shown = self._is_last_shown, frame >= last > 0
         sample = None if was_shown and self._is_last_shown else self._sample(frame, state)
@@ -62,7 +61,6 @@ class MotionErrors:
             self._samples.append(np.array([METRICS[name].values(self._context, sample) for name in self._names]))
 
     def _sample(self, frame: int, state: MITState) -> StepSample | None:
-        """Return the step; None while nobody knows how the motion was laid onto the robot."""
         if self._kinematics is not None:
             position, rotation = self._kinematics(state.joint_position)
             return StepSample(state, frame, body_position=position, body_quaternion=quaternion_from_matrix(rotation))
@@ -142,7 +140,6 @@ class RunFigures:
         return ""
 
     def event(self, event: Event) -> None:
-        """Take an event into account."""
         self._remark("events", event.time, [event.text])
 
     def _remark(self, kind: str, time: float, messages: Sequence[str]) -> None:
@@ -184,7 +181,6 @@ class RunFigures:
         }
 
     def _efforts(self) -> list[dict[str, Any]]:
-        """Return the greatest effort of each joint, N·m, the ones closest to their limits first."""
         if self._robot is None:
             return []
         limits = self._robot.effort_limit
@@ -193,7 +189,6 @@ class RunFigures:
         return sorted(found, key=lambda row: row["peak"] / row["limit"], reverse=True)
 
     def _base_summary(self) -> dict[str, Any] | None:
-        """Return the motion of a base that was free, with its mean velocity from 2 s after release on."""
         if self._released is None:
             return None
         mean = (self._speed / self._moving).tolist() if self._moving else None

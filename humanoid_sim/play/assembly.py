@@ -116,7 +116,7 @@ class Run:
         if self.is_hardware:
             if config.needs_gamepad:
                 sources.append(DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
-            self.interruption = Interruption(plan.control_period, _STANDSTILL, self._note)
+            self.interruption = Interruption(_STANDSTILL, self._note)
             sources.append(self.interruption)
         sources.append(intents)
         if self.keyboard is not None:
@@ -153,7 +153,6 @@ class Run:
         )
 
     def _watch(self, console: Console) -> None:
-        """Make what shows, records and judges the run."""
         plan, outputs, first = self.plan, self.plan.outputs, self.plan.policies.first
         is_drawn = outputs.html is not None or outputs.video is not None
         tracking = keys = ghost = None
@@ -218,11 +217,9 @@ class Run:
         self.console.event(Event(self.plan.clock(), text))
 
     def _note(self, text: str) -> None:
-        """Record a line."""
         self.session.event(text)
 
     def _tell(self, event: Event) -> None:
-        """Hand an event that the monitor has found to the other sinks."""
         for sink in (self.console, self.recorder, self.feed, self.poses):
             if sink is not None:
                 sink.event(event)
@@ -239,7 +236,6 @@ class Run:
         }
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """Add the statuses of other programs to the robot's own, and let the script see them."""
         statuses = self._outside_safety(statuses)
         if self.script is not None:
             self.script.note_safety(statuses)

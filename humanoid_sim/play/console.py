@@ -31,7 +31,6 @@ class PlayConsole(Console):
         super().__init__(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty(), quiet=quiet)
 
     def on_broken_pipe(self) -> None:
-        """Print nowhere from here on."""
         mute_output()
 
 
@@ -104,7 +103,6 @@ class ConsoleSink(WorkerSink):
         self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:
-        """Draw the line, ten times a second at most."""
         if self._latest is not None and self._has_line and monotonic() - self._drawn >= _REDRAW:
             self._drawn = monotonic()
             # The last column would make some terminals begin a new line.

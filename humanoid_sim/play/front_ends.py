@@ -56,7 +56,6 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
 
 
 def _one(values: tuple[str, ...] | None, option: str, what: str) -> str:
-    """Return the value of an option that takes at most one; '' for none."""
     if values is not None and len(values) > 1:
         raise InputError(f"{option}: is {' '.join(values)}, expected one {what}")
     return values[0] if values else ""

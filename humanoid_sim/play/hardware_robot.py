@@ -110,7 +110,6 @@ class HardwareSetup(RobotSetup):
         return support_in_mode(self._motors, mode) if self._motors is not None and is_supported else ""
 
     def check_policy(self, contract: PolicyContract) -> list[str]:
-        """Refuse what the motors cannot be told, what cannot be meant, and what nobody measures."""
         suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
         findings = [*suspicious, *motor_findings(contract, self.description)]
         for finding in findings:
@@ -168,7 +167,6 @@ class HardwareSetup(RobotSetup):
 
 
 def _anchor(description: RobotDescription, contracts: Sequence[PolicyContract]) -> AnchorOrientation | None:
-    """Return what measures the anchor body's orientation; None where no policy observes it."""
     oriented = [one for one in contracts if any(one.kind(term).name == "motion_anchor_ori" for term in one.terms)]
     body = shared("anchor_body", [one.anchor_body for one in oriented])
     return None if body is None else AnchorOrientation(description, body)

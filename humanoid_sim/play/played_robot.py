@@ -70,7 +70,6 @@ class RobotSetup:
         return []
 
     def warnings(self) -> list[str]:
-        """Return the warnings of the latest bring-up, one line each."""
         return [f"{subject}: {text}" for verdict, subject, text in self.checks() if verdict == "warning"]
 
     def figures(self) -> dict[str, Any] | None:

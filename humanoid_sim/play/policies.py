@@ -46,7 +46,6 @@ class PolicyChoice:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Fields of a recording's settings."""
         return {
             "policy": self.checkpoint.source,
             "policy_sha256": self.checkpoint.sha256,
@@ -70,7 +69,6 @@ class Policies:
 
     @property
     def named(self) -> Mapping[str, LoadedPolicy]:
-        """The policies by name where there are several."""
         return {choice.name: choice.loaded for choice in self.choices} if len(self.choices) > 1 else {}
 
     @property
@@ -80,14 +78,12 @@ class Policies:
 
     @property
     def label(self) -> str:
-        """The policies, and the motions that they follow."""
         files = ((one.checkpoint.source, one.motion_file) for one in self.choices)
         labels = [source if file is None else f"{source}, motion {file.name}" for source, file in files]
         return "; ".join(labels) or NO_POLICY
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Fields of a recording's settings."""
         if self.first is None:
             return {"policy": None, "policy_sha256": None, "motion": None}
         others = {one.name: one.settings for one in self.choices[1:]}
@@ -151,7 +147,6 @@ def _choose(config: PlayConfig, description: RobotDescription, name: str | None)
 
 
 def _notices(checkpoint: Checkpoint, warning: str) -> list[str]:
-    """List what to know about a policy, whatever robot it drives."""
     golden, reading = checkpoint.golden, checkpoint.reading
     if not golden and not warning and not checkpoint.contract.live_inputs:
         golden = "none, so nothing proves that the policy is wired here as it was trained"

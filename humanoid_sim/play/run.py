@@ -186,8 +186,6 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
         proceed(number, frame)
 
     def proceed(_: int, __: FrameType | None) -> None:
-        if interruption is not None:
-            interruption.note_continued()
         if keyboard is not None:
             keyboard.take_terminal()
 

@@ -108,7 +108,6 @@ class DataSocket(ExternSource, Sink):
             self._show_owners()
 
     def close(self) -> None:
-        """Close the socket. May be called twice."""
         self._socket.close()
 
     def _drain(self) -> list[bytes]:
@@ -187,7 +186,6 @@ class DataSocket(ExternSource, Sink):
         return "" if is_owner else f"{name}: belongs to {turn.owner}"
 
     def _show_owners(self) -> None:
-        """Record owners as they change; what is refused from then on is recorded again."""
         for name, turn in self._turns.items():
             before = self.owners[name]
             if turn.owner != before:

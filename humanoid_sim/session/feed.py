@@ -66,7 +66,6 @@ class FeedWriter(Sink):
         self._status = b"{}"
 
     def tick(self, record: TickRecord) -> None:
-        """Send a tick."""
         self._number += 1
         if not self._subscribers or self._number % _ACCEPT_EVERY == 0:
             self._accept()
@@ -91,7 +90,6 @@ class FeedWriter(Sink):
         self._send(STATUS, 0, self._status)
 
     def close(self) -> None:
-        """Close the sockets. May be called twice."""
         self._socket.close()
         while self._subscribers:
             self._subscribers.popitem()[1].close()

@@ -43,7 +43,6 @@ class LimitedLog:
         self._second, self._count = 0, 0
 
     def __call__(self, text: str) -> bool:
-        """Return True if the line was recorded."""
         second = int(self._clock())
         self._count = self._count + 1 if second == self._second else 1
         self._second = second
@@ -172,7 +171,6 @@ class IntentSocket(IntentSource, Sink):
         return intents
 
     def _serve(self, request: _Request, problem: str) -> Answer | None:
-        """Do what is no intent; None if the answer comes later."""
         word, rest = request.word, request.rest
         is_simulated = self._push is not None
         if problem:
@@ -222,7 +220,6 @@ class IntentSocket(IntentSource, Sink):
             self._reactivating.clear()
 
     def close(self) -> None:
-        """Answer all who wait, and close the socket. May be called twice."""
         _send([(request, Answer(True, "the session has ended")) for request in (*self._waiting, *self._reactivating)])
         self._waiting.clear()
         self._reactivating.clear()

@@ -53,7 +53,6 @@ class KeyReader:
         self._unfinished = ""
 
     def keys(self, text: str) -> list[str]:
-        """Return the keys in a piece of input, in order, letters in lower case, arrows as `up`, `down` and so on."""
         text = self._unfinished + text
         unfinished = _UNFINISHED.search(text)
         self._unfinished = unfinished[0] if unfinished else ""
@@ -105,7 +104,6 @@ class Keyboard(IntentSource):
         self._polled = monotonic()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Return the intents of the keys that were pressed; DAMP when the terminal is lost, or another program's."""
         begin, self._polled = self._polled, monotonic()
         if self._is_lost:
             return ()

@@ -14,7 +14,6 @@ from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
 DEVICE_TIMEOUT = 0.2  # s without a heartbeat after which a device is lost
-_LATE = 1.5  # control periods after which a loop whose process was continued has missed a tick
 
 
 class DeviceWatch(IntentSource):
@@ -27,7 +26,6 @@ class DeviceWatch(IntentSource):
         self._polled = self._resumed = -math.inf
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Return DAMP while the device is lost and the robot is not damped."""
         if time - self._polled > DEVICE_TIMEOUT:  # motors were being enabled: heartbeats waited, and are as old as that
             self._resumed = time
         self._polled = time
@@ -56,16 +54,13 @@ def running_time() -> float:
 class Interruption(IntentSource):
     """Requests DAMP in the tick that follows a standstill, and when a terminal wants to suspend the process."""
 
-    def __init__(
-        self, period: float, longest: float, tell: Callable[[str], None], clock: Callable[[], float] = running_time
-    ) -> None:
+    def __init__(self, longest: float, tell: Callable[[str], None], clock: Callable[[], float] = running_time) -> None:
         """Begin at the first tick; beyond `longest` s between two signs of life the loop stood still."""
-        self._period, self._longest, self._tell, self._clock = period, longest, tell, clock
+        self._longest, self._tell, self._clock = longest, tell, clock
         self._last: float | None = None
-        self._continued = self._damps = False
+        self._damps = False
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Return DAMP, once, after a standstill or a refused suspension."""
         self.stood_still()
         damps, self._damps = self._damps, False
         return (Intent.DAMP,) if damps else ()
@@ -74,9 +69,7 @@ class Interruption(IntentSource):
         """Return True if the loop has stood still since the last call."""
         now = self._clock()
         last, self._last = self._last, now
-        limit = min(_LATE * self._period, self._longest) if self._continued else self._longest
-        self._continued = False
-        if last is None or now - last <= limit:
+        if last is None or now - last <= self._longest:
             return False
         self._damps = True
         self._tell(f"the process stood still for {now - last:.2f} s: DAMPING; motors may have stopped by themselves")
@@ -87,10 +80,5 @@ class Interruption(IntentSource):
         self._damps = True
         self._tell("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
 
-    def note_continued(self) -> None:
-        """Note that the process continues: one missed tick is a standstill then."""
-        self._continued = True
-
     def restart(self) -> None:
-        """Start anew: what has just happened was not part of the loop."""
         self._last = None

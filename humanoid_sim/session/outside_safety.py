@@ -32,8 +32,6 @@ def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
 
 
 class _Report(msgspec.Struct):
-    """The JSON that a program sends."""
-
     level: Annotated[int, msgspec.Meta(ge=0)]
     source: str
     flags: int
@@ -74,7 +72,6 @@ class OutsideSafety:
         return (*statuses, *renamed)
 
     def _watched(self, name: str) -> SafetyStatus:
-        """Return the latest status of a watched source, or that it is silent."""
         latest = self._statuses.get(name, SafetyStatus(source=name))
         timeout, reported = self._timeouts[name], self._reported.get(name, 0)
         if self._clock() - reported <= 1e9 * timeout or not latest.is_ok:

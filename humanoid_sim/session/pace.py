@@ -36,7 +36,6 @@ class Pace:
     _deadline: float | None = None
 
     def begin(self) -> float:
-        """Begin a tick; return the time, s."""
         now = perf_counter()
         if self._deadline is not None:
             self.lateness.append(max(now - self._deadline, 0.0))
@@ -52,7 +51,6 @@ class Pace:
         return self._skip_missed(now)
 
     def wait(self) -> None:
-        """Wait for the deadline, if there is one."""
         if self._deadline is None:
             return
         self._skip_missed(perf_counter())  # whatever came after the command has taken its time as well

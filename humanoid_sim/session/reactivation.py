@@ -26,7 +26,6 @@ class Reactivation:
 
     @property
     def is_requested(self) -> bool:
-        """True if a request waits."""
         return bool(self._allowed)
 
     def request(self, *, is_reset: bool = False) -> None:

@@ -34,14 +34,12 @@ class Registration:
                 fcntl.flock(self._lock, fcntl.LOCK_EX)
 
     def register(self, *, robot: str, policy: str, hardware: str) -> None:
-        """Let others find the session, whose sockets are open by now."""
         fields = {"process": os.getpid(), "robot": robot, "policy": policy, "folder": os.getcwd(), "hardware": hardware}
         temporary = self.path / "session"
         temporary.write_text(json.dumps(fields), encoding="utf-8")
         temporary.rename(self.path / "session.json")
 
     def close(self) -> None:
-        """Remove the folder. May be called twice."""
         if not self._lock.closed:
             shutil.rmtree(self.path, ignore_errors=True)
             self._lock.close()

@@ -22,12 +22,11 @@ class RestDetector:
     """Tells when the joints have come to rest: all of them slow, for a while."""
 
     def __init__(self, period: float) -> None:
-        """Start; `period` is the time between two updates, s."""
         self._needed = max(round(_REST_TIME / period), 1)
         self._slow = 0
 
     def update(self, state: MITState) -> bool:
-        """Return True if the joints are at rest; velocities that are not finite say nothing."""
+        """Return True if the joints are at rest."""
         known = np.abs(state.joint_velocity[np.isfinite(state.joint_velocity)])
         answers = bool((state.joint_age <= _OLD).all())
         is_slow = answers and known.size > 0 and bool((known < _REST_VELOCITY).all())
@@ -44,7 +43,7 @@ def damp_without_supervisor(
     longest: float,
     pause: Callable[[float], None] | None,
 ) -> MITState:
-    """Send DAMPING's commands until the joints rest, after something broke; return the last state.
+    """Send DAMPING's command until the joints rest, after something broke; return the last state.
 
     Whatever fails here, the next tick tries again: a bus that lost one frame may take the next, and the exception that
     brought the run here is the one that is reported.
@@ -56,14 +55,15 @@ def damp_without_supervisor(
         longest: s at most; 0 for one command of zero torque, where the robot was without torque before.
         pause: waits between two commands; None not to wait.
     """
-    rest = RestDetector(period)
-    interrupted: BaseException | None = None
+    rest, interrupted = RestDetector(period), None
+    command = MITCommand.zeros(len(robot.joints))
+    if longest > 0.0:
+        with contextlib.suppress(Exception):
+            command = _damped_command(robot.joints, controllers[DAMPING], state) or command
     for _ in range(round(longest / period) + 1):
         try:
             with contextlib.suppress(Exception):
                 state, _ = robot.read()
-            zeros = MITCommand.zeros(len(robot.joints))
-            command = _damped_command(robot.joints, controllers, state) if longest > 0.0 else zeros
             with contextlib.suppress(Exception):
                 robot.write(command)
             if rest.update(state):
@@ -77,13 +77,8 @@ def damp_without_supervisor(
     return state
 
 
-def _damped_command(joints: tuple[str, ...], controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
-    """Return DAMPING's command, captured afresh; zero torque if it cannot be sent."""
+def _damped_command(joints: tuple[str, ...], controller: Controller, state: MITState) -> MITCommand | None:
     tick_input = TickInput(state)
-    with contextlib.suppress(Exception):
-        controller = controllers[DAMPING]
-        memory = controller.activate(tick_input)
-        result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
-        if not isinstance(result, Fault) and not command_problem(result[1], joints):
-            return result[1]
-    return MITCommand.zeros(len(joints))
+    memory = controller.activate(tick_input)
+    result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
+    return None if isinstance(result, Fault) or command_problem(result[1], joints) else result[1]

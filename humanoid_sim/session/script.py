@@ -82,11 +82,9 @@ class Script(IntentSource):
 
     @property
     def finished(self) -> bool:
-        """True if all steps are done, and no operator has taken over."""
         return not self._steps and not self._is_taken_over
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Return the operators' intents, else the one that is due: one per tick, decided on the result of the last."""
         intents = [intent for source in self._operators for intent in source.poll(time, output)]
         if intents or (self._has_begun and output is None):
             self._is_taken_over = True
@@ -112,7 +110,6 @@ class Script(IntentSource):
             self._steps.clear()
 
     def _follow(self, output: TickOutput) -> None:
-        """Take the outcome of the previous tick into account."""
         if output.policy_step is not None:
             self._is_motion_over = output.policy_step.frame >= self._frames[self._policy] - 1
         is_moving = output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
@@ -122,7 +119,6 @@ class Script(IntentSource):
             self._steps.clear()
 
     def _is_due(self, step: ScriptStep, time: float, output: TickOutput | None) -> bool:
-        """Return True if an intent is to be sent, or a pause is over."""
         if step.kind in ("intent", "policy"):
             return True
         if output is None:

@@ -95,7 +95,7 @@ class Session:
 
     @property
     def time(self) -> float:
-        """s, the robot's clock as of the last reading; other threads may read it."""
+        """s, the robot's clock as of the last reading."""
         return float(self.state.time)
 
     @property
@@ -105,11 +105,10 @@ class Session:
 
     @property
     def is_ending(self) -> bool:
-        """True if something has requested the end."""
         return bool(self._stop_reason)
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
-        """Hand something that happened outside the ticks to the sinks, now; may be called from any thread."""
+        """Hand something that happened to the sinks, now; may be called from any thread."""
         self._group.event(text, kind)
 
     def request_stop(self, reason: str) -> None:
@@ -119,14 +118,9 @@ class Session:
         self._stop_reason = self._stop_reason or reason
 
     def run(self) -> SessionResult:
-        """Activate the robot, and loop until the end.
+        """Activate the robot, and loop until the end; whatever ends the run, the robot is damped and closed.
 
-        Whatever ends the run (its duration, QUIT, a signal, an exception), the robot is damped, from ZERO_TORQUE
-        directly, and closed; an exception is raised again afterwards.
-
-        Raises:
-            RobotError: if the robot cannot be activated.
-            InputError: if a sink cannot start.
+        Raises `RobotError` if the robot cannot be activated, `InputError` if a sink cannot start.
         """
         begin = perf_counter()
         # Left in reverse: the robot is closed before any sink may take its time.
@@ -174,7 +168,6 @@ class Session:
                 self._stop_reason = "script finished"
 
     def _begin_afresh(self, reactivation: Reactivation) -> None:
-        """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
         kind = reactivation.serve(self.robot, self.mode)
         answer = reactivation.answer
         assert answer is not None
@@ -190,10 +183,6 @@ class Session:
             self.tick((Intent.DAMP,))
 
     def _rest(self) -> None:
-        """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.
-
-        Also after a QUIT: granted in DAMPING, it may come while the arms still fall.
-        """
         if self._output is None:
             return
         self.event(f"ending: {self._stop_reason}", EventKind.ENDING)
@@ -252,7 +241,6 @@ class Session:
         return tick_input, self._output
 
     def _close_robot(self) -> None:
-        """Close the robot; one that does not confirm it makes the run a failure, but its figures still count."""
         try:
             self.robot.close()
         except RobotError as error:
@@ -260,7 +248,6 @@ class Session:
             self.event(f"failed to close the robot: {error}", EventKind.FAILURE)
 
     def _damp_now(self) -> None:
-        """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""
         self.state = damp_without_supervisor(
             self.robot,
             self.supervisor.controllers,

@@ -26,25 +26,22 @@ class Sink(Protocol):
         return None
 
     def tick(self, record: TickRecord) -> None:
-        """Take in a tick, on the control thread."""
         return
 
     def event(self, event: Event) -> None:
-        """Take in something that happened outside the ticks."""
         return
 
     @property
     def backlog(self) -> int:
-        """Ticks taken but not yet dealt with. A simulated run that need not keep real time waits for a long one."""
+        """Ticks taken but not yet dealt with. A run without deadlines waits for a long one."""
         return 0
 
     @property
     def backlog_limit(self) -> int:
-        """The longest backlog for which such a run does not wait."""
         return BACKLOG_LIMIT
 
     def close(self) -> None:
-        """Deal with what is left after the last tick, release files and threads. Called once; never raises."""
+        """Deal with what is left after the last tick, release files and threads. Called once."""
         return
 
 
@@ -57,7 +54,6 @@ class SinkGroup:
         self.failures: list[str] = []  # sinks that were left out, each with its exception
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
-        """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
         for sink in self._sinks:
             header = sink.start(header) or header
             stack.callback(sink.close)
@@ -70,7 +66,6 @@ class SinkGroup:
                 self._drop(sink, error)
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
-        """Hand out something that happened outside the ticks, now."""
         event = Event(self._clock(), text, kind)
         for sink in self._sinks:
             try:
@@ -79,7 +74,6 @@ class SinkGroup:
                 self._drop(sink, error)
 
     def lags(self) -> bool:
-        """Return True if a sink is so far behind that a run without deadlines waits for it."""
         return any(sink.backlog > sink.backlog_limit for sink in self._sinks)
 
     def _drop(self, sink: Sink, error: Exception) -> None:
@@ -128,7 +122,6 @@ class WorkerSink(Sink):
 
     @property
     def is_alive(self) -> bool:
-        """True if the thread runs, or is stuck."""
         return self._thread.is_alive()
 
     def close(self) -> None:
@@ -142,10 +135,10 @@ class WorkerSink(Sink):
             self._queue.clear()
 
     def handle_tick(self, record: TickRecord) -> None:
-        """Take in a tick, on the worker's thread."""
+        pass
 
     def handle_event(self, event: Event) -> None:
-        """Take in an event, in order with the ticks."""
+        pass
 
     def handle_pause(self) -> None:
         """Use the pause after the queue has been emptied."""

@@ -27,7 +27,6 @@ class IntentSource(Protocol):
 
     @property
     def finished(self) -> bool:
-        """True if this source wants the session to end."""
         return False
 
 
@@ -45,7 +44,6 @@ class PolicySelection:
         self.wanted = ""
 
     def take(self) -> str:
-        """Return what was requested since the last call; '' for nothing."""
         wanted, self.wanted = self.wanted, ""
         return wanted
 
@@ -137,15 +135,12 @@ class VelocityCommand:
 
     @property
     def command(self) -> FloatArray:
-        """Shape (3,)."""
         return self._extern[VELOCITY_COMMAND].value
 
     def latest(self) -> Mapping[str, Extern]:
-        """Return the command, if it is observed."""
         return self._extern if self._is_observed else {}
 
     def press(self, key: str) -> None:
-        """Change the command as one of `VELOCITY_KEYS` says."""
         change = VELOCITY_KEYS[key]
         self.turn.admit(KEYBOARD, math.inf, deliberate=True)
         self._set(self.command + change if any(change) else np.zeros(3), 0.0, math.inf)

@@ -132,7 +132,7 @@ class FakeRun:
         sources: list[IntentSource] = [_Source(intents)]
         interruption = None
         if clock is not None:
-            interruption = Interruption(PERIOD, 0.1, self._note, clock=lambda: clock.now)
+            interruption = Interruption(0.1, self._note, clock=lambda: clock.now)
             sources.insert(0, interruption)
             for module in ("session", "pace"):
                 self._patches.append(patch(f"humanoid_sim.session.{module}.perf_counter", clock.read))
