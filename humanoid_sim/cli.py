@@ -11,12 +11,9 @@ import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from functools import partial
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple
 
 from humanoid_sim.errors import InputError, RobotError, known_names
-
-_Options = TypeVar("_Options")
 
 
 class FrontEnd(NamedTuple):
@@ -76,22 +73,11 @@ class ExitStatus(IntEnum):
         return cls.OK if passed else cls.FAILED
 
 
-@overload
-def parse(
-    options: type[_Options], program: str, arguments: Sequence[str] | None, *, positional: bool = False
-) -> _Options: ...
-
-
-@overload
-def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any: ...
-
-
 def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positional: bool = False) -> Any:
-    """Read a program's options; prints the help and exits with status 0 for --help.
+    """Return a program's options, of a frozen dataclass or a union of those of its commands; exits for --help.
 
-    `options` is a frozen dataclass, or a union of those of its commands; `program` the verb, or else how Python runs
-    it, such as `examples/mine.py`; with `positional` required options are given by their place. Raises `InputError`
-    with what tyro says about options that are not accepted.
+    `program` is the verb, or a file such as `examples/mine.py`; with `positional` required options are given by their
+    place. Raises `InputError` with what tyro says about options that are not accepted.
     """
     import tyro  # noqa: PLC0415 - a DAMP does without it
 
@@ -114,7 +100,7 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
     """Run a program; what its user can fix becomes one line on stderr and exit status 2."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # question marks for characters that the encoding lacks
+            stream.reconfigure(errors="replace")
     try:
         status = program(arguments)
         if sys.stdout is not None:
@@ -155,10 +141,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] in ([], ["-h"], ["--help"], ["--version"]):
         return run_program(_print_page, words)
-    return run_program(partial(_run_verb, words[0]), words[1:])
+    return run_program(_run_verb, words)
 
 
-def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
+def _run_verb(words: Sequence[str] | None) -> int:
+    verb, *arguments = words or ()
     return load_program(verb)(arguments)
 
 

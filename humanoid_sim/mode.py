@@ -47,27 +47,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options = ModeOptions(word)
         case _:
             options = parse(ModeOptions, "mode", words, positional=True)
-    return _ask(options)
-
-
-def _ask(options: ModeOptions) -> int:
     word = f"{options.intent} {options.name}".strip()
     timeout = _REACTIVATE_TIMEOUT if options.intent == "reactivate" else _TIMEOUT
-    granted, problems = [], []
+    passed = True
     try:
         for session, answer in ask_sessions(word, options.session, producer="mode", timeout=timeout):
             if isinstance(answer, SessionError):
-                problems.append(answer)
+                complain(f"error: {answer}")
+                passed = False
             else:
-                granted.append(answer.granted)
                 print(f"{session}: {answer.text}")
+                passed = passed and answer.granted
     except SessionError as error:
-        problems.append(error)
-    if not granted and len(problems) == 1:
-        raise InputError(str(problems[0]))
-    for problem in problems:
-        complain(f"error: {problem}")
-    return ExitStatus.of(all(granted) and not problems)
+        raise InputError(str(error)) from None
+    return ExitStatus.of(passed)
 
 
 if __name__ == "__main__":
