@@ -141,7 +141,7 @@ def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer
             layers += unitree.read_deploy(deploy, robot_joints)
     if other := berkeley.find_berkeley(path):
         with blaming(other, _MALFORMED):
-            layers += berkeley.read_berkeley(other, robot_joints)
+            layers += berkeley.read_berkeley(other)
     return layers
 
 

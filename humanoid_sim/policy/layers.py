@@ -21,7 +21,6 @@ from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.findings import list_joints, shown
 
-ROBOTS_ORDER = "assumed (robot's own order)"
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
 _NEUTRAL: Mapping[str, Any] = {
     **{"joint_stiffness": 1.0, "joint_damping": 1.0, "default_joint_pos": 0.0, "action_scale": 1.0},

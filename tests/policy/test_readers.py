@@ -47,7 +47,6 @@ def test_mjlabs_metadata(tmp_path):
     [
         ({"joint_stiffness": "40,x"}, "joint_stiffness is '40,x', expected numbers separated by commas"),
         ({"observation_terms_scale": "1.000"}, "observation_terms_scale has 1 entries, expected 4"),
-        ({"observation_terms_flatten_history_dim": "0,0,0,0"}, "is False for joint_pos, expected True"),
     ],
 )
 def test_mjlabs_metadata_that_is_wrong(tmp_path, changes, message):
@@ -239,6 +238,7 @@ def test_an_env_yaml_that_cannot_be_read_is_told_and_stops_nothing(tmp_path):
 
 
 BERKELEY = {
+    "joints": list(ROBOT),
     "policy_checkpoint_path": "checkpoints/policy.onnx",
     "joint_kp": [20.0, 30.0, 40.0, 50.0],
     "joint_kd": 2.0,

@@ -12,7 +12,7 @@ from typing import Any
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.layers import ROBOTS_ORDER, Layer
+from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.trainer_files import read_section
 
 _FIELDS = {
@@ -42,7 +42,7 @@ def find_berkeley(checkpoint: Path) -> Path | None:
     return None
 
 
-def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
+def read_berkeley(path: Path) -> list[Layer]:
     """Return what the file states, and the terms that come with the dialect."""
     file = read_section(path)
     values = file.fields(_FIELDS)
@@ -59,7 +59,4 @@ def read_berkeley(path: Path, robot_joints: tuple[str, ...] | None) -> list[Laye
     assumed: dict[str, Any] = {"action_limit": max(_ACTION_LIMIT, values.get("action_clip", 0.0))}
     if history > 1:
         assumed["history_layout"] = "per_step"
-    layers = [Layer("assumed (Berkeley Humanoid Lite)", assumed), Layer(path.name, values)]
-    if "joint_names" not in values and robot_joints is not None:
-        layers.append(Layer(ROBOTS_ORDER, {"joint_names": robot_joints}))
-    return layers
+    return [Layer("assumed (Berkeley Humanoid Lite)", assumed), Layer(path.name, values)]

@@ -22,9 +22,9 @@ _FIELDS = {
 }
 """Key of the metadata to field of the contract."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
-_HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
-_OF_TERMS = (_SCALE, _CLIP, _HISTORY, _FLATTEN)
-_READ = (*_FIELDS, *_OF_TERMS)
+_HISTORY = "observation_terms_history_length"
+_OF_TERMS = (_SCALE, _CLIP, _HISTORY)
+_READ = (*_FIELDS, *_OF_TERMS, "observation_terms_flatten_history_dim")  # flat, or the model's input would not be
 
 GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
     {
@@ -67,16 +67,13 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
             values[f"{field}.clip"] = own[_CLIP]
         if _HISTORY in own:  # 0 stands for a term without a history: it shows the present step alone
             values[f"{field}.history"] = max(int(own[_HISTORY][0]), 1)
-        if _FLATTEN in own and not own[_FLATTEN][0] and values.get(f"{field}.history", 1) > 1:
-            raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")
     others = [key for key in metadata if key not in (*_READ, "run_path", GOLDEN_KEY)]
     unused = tuple(f"metadata key '{key}' is not read{meant(key, _READ)}" for key in others)
     return [Layer("assumed (mjlab)", assumed), Layer("mjlab metadata", values, unused=unused)]
 
 
 def _rows(key: str, text: str, count: int, where: str) -> list[list[float]]:
-    words = {"True": "1", "False": "0"}
-    rows = [csv_numbers(key, words.get(item, item).replace(";", ","), where) for item in csv(text)]
+    rows = [csv_numbers(key, item.replace(";", ","), where) for item in csv(text)]
     if len(rows) != count:
         raise InputError(f"{where}: {key} has {len(rows)} entries, expected {count}, one for each term")
     return rows

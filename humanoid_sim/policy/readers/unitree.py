@@ -11,7 +11,7 @@ import msgspec
 from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.layers import COMMAND_AXES, ROBOTS_ORDER, Layer
+from humanoid_sim.policy.layers import COMMAND_AXES, Layer
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.trainer_files import is_group, isaac_scans, observation_fields, read_section
 
@@ -58,11 +58,10 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
     if any(kind.requires == "phase" for kind in kinds):
         assumed |= {**GAIT_CLOCK, "phase.advance_first": True}
     layers = [Layer("assumed (Unitree)", assumed)]
-    if robot_joints is not None:
+    if robot_joints is not None and places:
         what = f"{path}: joint_ids_map is for another robot: this one has {len(robot_joints)} joints"
-        order = _order(places, len(robot_joints), what) if places else range(len(robot_joints))
-        source = f"{path.name} and the robot" if places else ROBOTS_ORDER
-        layers.append(Layer(source, {"joint_names": [robot_joints[i] for i in order]}))
+        order = _order(places, len(robot_joints), what)
+        layers.append(Layer(f"{path.name} and the robot", {"joint_names": [robot_joints[i] for i in order]}))
     unused, gaps = [], sorted(set(range(max(places, default=0))) - set(places))
     if gaps:
         what = "gains are read as the policy's own, but Unitree's program puts them on motors 0 to"
