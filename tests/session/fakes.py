@@ -7,16 +7,7 @@ from typing import Any
 import numpy as np
 import rig
 
-from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.messages import (
-    Event,
-    EventKind,
-    Intent,
-    SafetyStatus,
-    SessionHeader,
-    TickOutput,
-    TickRecord,
-)
+from humanoid_sim.messages import Event, EventKind, Intent, SafetyStatus, SessionHeader, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
@@ -30,73 +21,39 @@ class BrokenError(Exception):
 
 @dataclass
 class FakeRobot:
-    """Three joints that never move by themselves; `on_read` and `on_write` are called with the number of the call."""
+    """Three joints that never move."""
 
+    joints = rig.JOINTS
     log: list[str] = field(default_factory=list)
-    on_read: Callable[[int], None] = lambda _: None
-    on_write: Callable[[int], None] = lambda _: None
-    velocity: float = 0.0
-    """rad/s, of the first joint."""
     on_activate: Callable[[], object] = lambda: None
-    activation_error: Exception | None = None
-    extern: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.reads = 0
-        self.writes = 0
-        self.commands: list[MITCommand] = []
-        self.is_closed = False
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        return rig.JOINTS
+    writes: int = 0
 
     def activate(self) -> None:
         self.log.append("activate")
         self.on_activate()
-        if self.activation_error:
-            raise self.activation_error
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        self.log.append("read")
-        self.reads += 1
-        self.on_read(self.reads - 1)
-        velocity = np.array([self.velocity, 0.0, 0.0])
-        return rig.state(self.writes * rig.PERIOD, joint_velocity=velocity, extern=self.extern), ()
+        return rig.state(self.writes * rig.PERIOD, joint_velocity=np.zeros(3)), ()
 
     def write(self, command: MITCommand) -> None:
-        self.log.append("write")
+        assert "close robot" not in self.log
         self.writes += 1
-        assert not self.is_closed
-        self.on_write(self.writes - 1)
-        self.commands.append(command)
 
     def close(self) -> None:
         self.log.append("close robot")
-        self.is_closed = True
 
 
 @dataclass
 class FakeSource:
-    """Gives the intents of a tick by its number; `finish_at` is the first poll after which it wants to end."""
+    """Gives the intents of a tick by its number."""
 
     intents: Mapping[int, Sequence[Intent]] = field(default_factory=dict)
-    finish_at: int = 10**9
-    log: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.polls = 0
-        self.seen: list[tuple[float, TickOutput | None]] = []
+    finished = False
+    polls: int = 0
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        self.log.append("poll")
-        self.seen.append((time, output))
         self.polls += 1
         return self.intents.get(self.polls - 1, ())
-
-    @property
-    def finished(self) -> bool:
-        return self.polls > self.finish_at
 
 
 @dataclass
@@ -106,28 +63,24 @@ class FakeSink:
     log: list[str] = field(default_factory=list)
     on_tick: Callable[[TickRecord], None] = lambda _: None
     name: str = "sink"
-
-    def __post_init__(self) -> None:
-        self.records: list[TickRecord] = []
-        self.events: list[str] = []
-        self.kinds: list[EventKind] = []
-        self.waiting: list[int] = []
-        """Backlogs to report, one per question; 0 after the last."""
-        self.questions = 0
+    waiting: list[int] = field(default_factory=list)
+    """Backlogs to report, one per question; 0 after the last."""
+    records: list[TickRecord] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+    kinds: list[EventKind] = field(default_factory=list)
+    questions: int = 0
+    backlog_limit = 2000
 
     def start(self, header: SessionHeader) -> None:
         self.log.append(f"start {self.name}")
 
     def tick(self, record: TickRecord) -> None:
-        self.log.append("hand out")
         self.on_tick(record)
         self.records.append(record)
 
     def event(self, event: Event) -> None:
         self.events.append(event.text)
         self.kinds.append(event.kind)
-
-    backlog_limit = 2000
 
     @property
     def backlog(self) -> int:
@@ -138,8 +91,8 @@ class FakeSink:
         self.log.append(f"close {self.name}")
 
 
-def session(robot: Any, *, supervisor: Supervisor | None = None, **options: Any) -> Session:
+def session(robot: Any, **options: Any) -> Session:
     """A session that does not keep real time, unless told to."""
-    loop = {name: options.pop(name) for name in ("realtime", "duration", "damping_time", "punctual") if name in options}
+    loop = {name: options.pop(name) for name in ("realtime", "duration") if name in options}
     settings = LoopSettings(rig.PERIOD, **{"realtime": False, "damping_time": 2.0, **loop})
-    return Session(robot, supervisor or rig.supervisor(), settings, header=HEADER, **options)
+    return Session(robot, rig.supervisor(), settings, header=HEADER, **options)

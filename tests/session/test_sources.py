@@ -5,7 +5,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import VELOCITY_COMMAND
-from humanoid_sim.session.sources import VELOCITY_KEYS, VelocityCommand, parse_velocity
+from humanoid_sim.session.sources import VelocityCommand, parse_velocity
 
 RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])
 
@@ -18,7 +18,7 @@ QUESTIONED = "0,0,30", np.array([[-0.5, 1.0], [0.0, 0.0], [-1.0, 1.0]])
     [
         *(
             (text, None, f"is '{text}', expected vx,vy,wz")
-            for text in ("", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,inf,0")
+            for text in ("", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,inf,0")
         ),
         ("1.1,0,0", RANGES, "vx is "),
         ("0,-0.6,0", RANGES, "vy is "),
@@ -33,18 +33,6 @@ def test_anything_else_or_beyond_what_is_known_is_refused_and_its_unit_questione
         parse_velocity(text, ranges)
 
 
-def test_every_direction_has_its_keys_and_the_command_does_not_grow_old():
+def test_a_command_that_is_set_here_does_not_grow_old():
     live = VelocityCommand(np.array([0.5, 0.0, 0.0])).latest()[VELOCITY_COMMAND]
     assert live.at(1e6).tolist() == [0.5, 0.0, 0.0]
-    keys = {}
-    for key, change in VELOCITY_KEYS.items():
-        keys.setdefault(change, []).append(key)
-    assert keys == {
-        (0.1, 0.0, 0.0): ["w", "up"],
-        (-0.1, 0.0, 0.0): ["s", "down"],
-        (0.0, 0.1, 0.0): [","],
-        (0.0, -0.1, 0.0): ["."],
-        (0.0, 0.0, 0.1): ["j", "left"],
-        (0.0, 0.0, -0.1): ["k", "right"],
-        (0.0, 0.0, 0.0): ["0"],
-    }
