@@ -42,32 +42,6 @@ _SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")  # of an arro
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")  # the beginning of one
 
 
-class KeyReader:
-    """Turns what a terminal sends into keys.
-
-    An arrow key sends an escape character and letters: `A` for up must not load pose A. Of what comes in one piece with
-    an escape character, beside arrows only DAMP counts, and likewise of a piece that continues an unfinished one.
-    """
-
-    def __init__(self) -> None:
-        self._unfinished = ""
-
-    def keys(self, text: str) -> list[str]:
-        text = self._unfinished + text
-        unfinished = _UNFINISHED.search(text)
-        self._unfinished = unfinished[0] if unfinished else ""
-        text = text[: len(text) - len(self._unfinished)]
-        if "\x1b" not in text:
-            return list(text.lower())
-        found, end = [], 0
-        for sequence in _SEQUENCE.finditer(text):
-            found += [key for key in text[end : sequence.start()].lower() if key in _DAMP_KEYS]
-            end = sequence.end()
-            arrow = sequence[3] or (sequence[2] if not sequence[1] else "")
-            found.append(_ARROWS.get(arrow, ""))
-        return found + [key for key in text[end:].lower() if key in _DAMP_KEYS]
-
-
 def key_of(intent: Intent) -> str:
     """Return the key of an intent, as operators call it."""
     key = next(key for key, meant in KEYS.items() if meant is intent)
@@ -90,7 +64,7 @@ class Keyboard(IntentSource):
             velocity: command that the velocity keys change; None where the robot does not walk.
             tell: shows the operator a line.
         """
-        self._reader = KeyReader()
+        self._unfinished = ""  # beginning of an escape sequence
         self._velocity, self._reactivation, self._tell = velocity, reactivation, tell
         try:
             self._fd = sys.stdin.fileno()
@@ -150,7 +124,7 @@ class Keyboard(IntentSource):
             return True
 
     def _pressed(self, text: str, *, is_late: bool) -> list[Intent]:
-        keys = self._reader.keys(text)
+        keys = self._keys(text)
         if is_late:  # the process stood still: what was typed meanwhile was meant for something else
             termios.tcflush(self._fd, termios.TCIFLUSH)
             keys = [key for key in keys if key in _DAMP_KEYS]
@@ -162,3 +136,24 @@ class Keyboard(IntentSource):
             elif key == REACTIVATE_KEY and self._reactivation is not None:
                 self._reactivation.request()
         return [KEYS[key] for key in keys if key in KEYS]
+
+    def _keys(self, text: str) -> list[str]:
+        """Return the keys in what the terminal sent, in order, letters in lower case, arrows as `up`, `down` and so on.
+
+        An arrow key sends an escape character and letters: `A` for up must not load pose A. Of what comes in one piece
+        with an escape character, beside arrows only DAMP counts, and likewise of a piece that continues an unfinished
+        one.
+        """
+        text = self._unfinished + text
+        unfinished = _UNFINISHED.search(text)
+        self._unfinished = unfinished[0] if unfinished else ""
+        text = text[: len(text) - len(self._unfinished)]
+        if "\x1b" not in text:
+            return list(text.lower())
+        found, end = [], 0
+        for sequence in _SEQUENCE.finditer(text):
+            found += [key for key in text[end : sequence.start()].lower() if key in _DAMP_KEYS]
+            end = sequence.end()
+            arrow = sequence[3] or (sequence[2] if not sequence[1] else "")
+            found.append(_ARROWS.get(arrow, ""))
+        return found + [key for key in text[end:].lower() if key in _DAMP_KEYS]
