@@ -25,7 +25,8 @@ class Sb3VecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> Float32Array:
-        observation, _ = self.envs.reset(seed=self._seeds, options=self._options[0] or None)
+        seeds = None if None in self._seeds else self._seeds
+        observation, _ = self.envs.reset(seed=seeds, options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
         return np.asarray(observation)

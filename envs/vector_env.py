@@ -90,7 +90,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             self.simulation.redraw()
         else:
             seeds = seed + np.arange(self.num_envs) if isinstance(seed, int | np.integer) else np.asarray(seed)
-            if seeds.shape != (self.num_envs,) or seeds.dtype.kind != "i" or (seeds < 0).any():
+            if seeds.shape != (self.num_envs,) or seeds.dtype.kind not in "iu" or (seeds < 0).any():
                 raise InputError(f"reset: seed is {seed!r}, expected a whole number >= 0, or {self.num_envs} of them")
             super().reset(seed=int(seeds[0]))
             self.simulation.reseed(seeds)
