@@ -90,7 +90,6 @@ OFF = "bodies are off"
         ({"body_quat_w": np.roll(TURNS, -1, -1)}, OFF),
         ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
         ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "expected finite values in each frame"),
-        ({"body_quat_w": 0.5 * TURNS}, "quaternions of norm 0.5"),
         ({"joint_vel": None}, "has no joint_vel"),
         ({"fps": np.array([0.0])}, "fps is 0"),
         ({"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]}, "--joint-order: contract has 14 names"),
@@ -100,12 +99,6 @@ OFF = "bodies are off"
 def test_an_npz_that_is_not_this_robots_is_refused(tmp_path, capsys, changes, reason):
     assert reason in refusal(capsys, tmp_path, npz(tmp_path, **changes))
     assert not (tmp_path / "out").exists()
-
-
-def test_a_joint_that_is_faster_than_its_guard_allows_is_noted(tmp_path, capsys):
-    path = csv(tmp_path, joint_path(), *lite().joint_names)
-    assert prepare(tmp_path, path, "--fps", "900", "--resample") == 0
-    assert "the robot's limit is" in capsys.readouterr().out
 
 
 def test_another_rate_is_resampled_only_on_request(tmp_path, capsys):
@@ -154,7 +147,6 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
         (ROWS[:, LEVELS], (), BARE, "beyond"),
         (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --degrees right?"),
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
-        (ROWS, ("hip", *lite().joint_names[1:]), NAMED, "unknown column 'hip'"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
         (
             np.concatenate([TIMES[::-1], ROWS], axis=1),
@@ -171,12 +163,8 @@ def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason)
 def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
     path = npz(tmp_path)
     assert prepare(tmp_path, path) == 0
-    before = (tmp_path / "out" / "dance.mcap").read_bytes()
     assert "exists; choose another --name, or add --overwrite" in refusal(capsys, tmp_path, path)
     assert prepare(tmp_path, path, "--overwrite") == 0
-    assert (tmp_path / "out" / "dance.mcap").read_bytes() == before
-    assert prepare(tmp_path, path, "--name", "again") == 0
-    assert made(tmp_path, "again").duration == pytest.approx(0.78)
 
 
 @pytest.mark.parametrize(

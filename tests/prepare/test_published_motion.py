@@ -38,14 +38,12 @@ def prepare(path, *options):
 
 def test_the_saved_motion_is_the_graph_s_with_steady_quaternions(tmp_path, waltz):
     state, path = parts(waltz), tmp_path / "waltz.npz"
-    flips = np.where(np.random.default_rng(0).random(state["body_quat_w"].shape[:2]) < 0.3, -1.0, 1.0)[..., None]
-    flips[0] = 1.0
-    for quaternions in (state["body_quat_w"], flips * state["body_quat_w"]):
-        np.savez(path, **(state | {"body_quat_w": quaternions}))
-        assert prepare(path, "--overwrite") == 0
-        made = read_motion(tmp_path / "out" / "waltz.mcap")
-        assert (made.layout, made.joint_names, made.body_names) == (waltz.layout, waltz.joint_names, waltz.body_names)
-        np.testing.assert_allclose(made.frames, waltz.frames, atol=1e-6)
+    signs = np.where(np.arange(len(waltz.frames)) % 3 == 1, -1.0, 1.0)[:, None, None]
+    np.savez(path, **{**state, "body_quat_w": signs * state["body_quat_w"]})
+    assert prepare(path) == 0
+    made = read_motion(tmp_path / "out" / "waltz.mcap")
+    assert (made.layout, made.joint_names, made.body_names) == (waltz.layout, waltz.joint_names, waltz.body_names)
+    np.testing.assert_allclose(made.frames, waltz.frames, atol=1e-6)
 
 
 def test_the_same_from_the_joints_and_the_base(tmp_path, waltz):
@@ -59,10 +57,3 @@ def test_the_same_from_the_joints_and_the_base(tmp_path, waltz):
     np.testing.assert_allclose(made["joint_pos"], state["joint_pos"], atol=1e-6)
     np.testing.assert_allclose(made["body_pos_w"], state["body_pos_w"], atol=1e-4)
     assert np.abs((made["body_quat_w"] * state["body_quat_w"]).sum(axis=-1)).min() > 1.0 - 1e-6
-
-
-def test_a_floating_robot_needs_the_pose_of_its_base(tmp_path, waltz, capsys):
-    state, path = parts(waltz), tmp_path / "waltz.npz"
-    np.savez(path, **(state | {name: state[name][:, 1:] for name in ("body_pos_w", "body_quat_w")}))
-    assert prepare(path, "--body-order", ",".join(waltz.body_names[1:])) == 2
-    assert f"has no pose of the floating base '{waltz.body_names[0]}'" in capsys.readouterr().err
