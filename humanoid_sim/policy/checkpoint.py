@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,11 +13,11 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Layer, Reading, join
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
 from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, trainer_files, unitree
@@ -71,7 +72,7 @@ def load_checkpoint(
     where no source names the policy's joints. `verify`: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
-    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints)
+    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints, model.width)
     contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
     with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
@@ -103,10 +104,12 @@ def read_checkpoint(
     outputs: Collection[str] = (),
     contract_file: Path | None = None,
     robot_joints: tuple[str, ...] | None = None,
+    width: int | None = None,
 ) -> Reading:
     """Return what everything that speaks about a checkpoint states together; `outputs` are the model's, by name.
 
-    A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
+    A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is. A
+    trainer's file of another network is recognised by `width`, that of the model's input.
     """
     layers: list[Layer] = []
     if _ANCHOR_QUATERNION in outputs:
@@ -120,12 +123,23 @@ def read_checkpoint(
             layers += mjlab.read_mjlab(metadata, str(path))
         elif "dof_names" in metadata:
             layers += holosoma.read_holosoma(metadata, str(path))
-    if own.STAMP_KEY not in metadata:
-        layers += _side_layers(path, robot_joints)
+    files = [] if own.STAMP_KEY in metadata else _side_layers(path, robot_joints)
     chosen = own.find_contract(path) if contract_file is None else contract_file
-    if chosen is not None:
-        layers.append(own.read_contract_file(chosen))
-    return join(layers, str(path))
+    hand = [] if chosen is None else [own.read_contract_file(chosen)]
+    reading = join([*layers, *files, *hand], str(path))
+    if width is not None and reading.differences and _width(reading) != width:
+        inside = join([*layers, *hand], str(path))
+        if _width(inside) == width:
+            names = ", ".join(layer.source for layer in files if "observation" in layer.values)
+            line = f"{names} is of another network than this model of {width} inputs, and is not read"
+            return replace(inside, unused=(*inside.unused, line))
+    return reading
+
+
+def _width(reading: Reading) -> int | None:
+    with suppress(FieldError):
+        return None if reading.outline is None else contract_layout(reading.outline).width
+    return None
 
 
 def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:

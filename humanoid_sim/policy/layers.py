@@ -259,10 +259,14 @@ def _difference(key: str, old: Statement, new: Statement, owners: Sequence[str],
     a, b = old.value, new.value
     both = f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
     if isinstance(a, tuple) and isinstance(b, tuple):
-        for i, (one, other) in enumerate(zip_longest(a, b, fillvalue="nothing")):
-            is_same_term = key == "observation" and _kind(one, found).name == _kind(other, found).name
-            if one != other and not is_same_term:
-                return f"{key}: differs at place {i}: {one} in {old.source}, {other} in {new.source}"
+        ours, theirs = (
+            [_kind(name, found).name if key == "observation" else name for name in names] for names in (a, b)
+        )
+        what = "the order differs" if sorted(ours) == sorted(theirs) else "differs"
+        for i, (one, other) in enumerate(zip_longest(ours, theirs)):
+            if one != other:
+                first, second = (names[i] if i < len(names) else "nothing" for names in (a, b))
+                return f"{key}: {what} at place {i}: {first} in {old.source}, {second} in {new.source}"
         return ""
     if not (isinstance(a, np.ndarray | float) and isinstance(b, np.ndarray | float)):
         # Values by name cannot be compared without joints.

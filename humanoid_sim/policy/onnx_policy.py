@@ -67,6 +67,11 @@ class OnnxModel:
         if len(self.inputs) > 1:
             self._refuse_other_kinds()
 
+    @property
+    def width(self) -> int | None:
+        """N of the widest input; None if no input is (1, N)."""
+        return max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
+
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
         if not self._can_loop:

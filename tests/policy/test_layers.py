@@ -53,7 +53,7 @@ def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_taken(field, exa
         ("joint_stiffness", 20.0, ("hip (40.179 against 20)", "knee (99.098 against 20)")),
         ("observation", ("joint_pos", "base_ang_vel", "actions"), ("at place 0: base_ang_vel",)),
         ("observation", ("imu_ang_vel", "joint_pos_rel"), ("at place 2: actions in metadata, nothing in deploy.yaml",)),
-        ("joint_names", ("knee", "hip", "waist"), ("joint_names: differs at place 0",)),
+        ("joint_names", ("knee", "hip", "waist"), ("joint_names: the order differs at place 0",)),
     ],
 )
 def test_a_difference_names_the_joints_and_no_rounded_neighbour(field, other, named):

@@ -28,8 +28,8 @@ MJLAB = {
 }
 
 
-def read(path, metadata=None, robot=ROBOT):
-    return read_checkpoint(path / "policy.onnx", metadata or {}, (), None, robot)
+def read(path, metadata=None, robot=ROBOT, width=None):
+    return read_checkpoint(path / "policy.onnx", metadata or {}, (), None, robot, width)
 
 
 def test_mjlabs_metadata(tmp_path):
@@ -183,6 +183,18 @@ def test_a_deploy_yaml_that_is_wrong(tmp_path, changes, message):
         deployed(tmp_path, **changes)
     assert message in str(caught.value)
     assert "deploy.yaml" in str(caught.value)
+
+
+def test_a_deploy_yaml_of_another_network_is_found_and_not_used(tmp_path):
+    metadata = {"task_type": "locomotion", "joint_names": "c,a,d,b", "joint_stiffness": "9", "joint_damping": "1"}
+    metadata |= {"default_joint_pos": "0", "action_scale": "0.5", "policy_dt": "0.02", "body_names": ""}
+    metadata["observation_names"] = "joint_pos,actions"
+    deployed(tmp_path)
+    path = tmp_path / "exported"
+    assert read(path, metadata).differences
+    reading = read(path, metadata, width=8)
+    assert (reading.differences, reading.contract.joint_stiffness[0]) == ((), 9.0)
+    assert "deploy.yaml is of another network" in reading.unused[-1]
 
 
 ENV = """\

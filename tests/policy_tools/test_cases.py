@@ -40,7 +40,7 @@ TABLE = [
     ),
     (f"{LINEAR}/a_old_yaml_96", G1, False, [("error", "observation", "is 96 wide, the model's input 98")]),
     (f"{LINEAR}/b_gait_phase_98", G1, False, [("warning", "assumed (Unitree)", "standing_threshold 0.1")]),
-    (f"{LINEAR}/c_order_differs", G1, False, [("error", "observation", "differs at place 2: joint_pos in")]),
+    (f"{LINEAR}/c_order_differs", G1, False, [("error", "observation", "the order differs at place 2: joint_pos in")]),
     (f"{LINEAR}/d_exporter_3g", G1, False, []),
     (
         f"{LINEAR}/e_base_lin_vel",
