@@ -232,8 +232,8 @@ class Session:
         state, safety = self.robot.read()
         self.state = state
         chosen = self._collect() if intents is None else intents  # before any data: no flood keeps a DAMP waiting
-        if self.externs:
-            live = {name: value for source in self.externs for name, value in source.latest().items()}
+        live = {name: value for source in self.externs for name, value in source.latest().items()}
+        if live:
             self.state = state = replace(state, extern={**state.extern, **live})
         policy = "" if self.selection is None else self.selection.take()
         tick_input = TickInput(state, self.safety_filter(safety), chosen, self.remote(), policy)
