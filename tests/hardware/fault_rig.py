@@ -1,4 +1,4 @@
-"""A robot, its supervisor and mock motors on one channel, tick by tick in virtual time."""
+"""A robot, its supervisor and mock motors on one channel, tick by tick: in virtual time, or in real time."""
 
 import contextlib
 import dataclasses
@@ -17,6 +17,7 @@ from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.can_bus import frame_of, message_of, open_bus
 from humanoid_sim.hardware.mock.motors import MockMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
 from humanoid_sim.mit import MITCommand
@@ -24,7 +25,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.realtime import real_time
+from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
@@ -88,6 +89,16 @@ class Rig:
         n, pose = description.joint_count, np.array(description.standby_controller_a.pose_segments[-1])
         self._hold = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
 
+    def __enter__(self):
+        self.robot.activate()
+        return self
+
+    def __exit__(self, *_):
+        self.clear_faults()
+        with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
+            self.robot.close()
+        self.close()
+
     def tick(self, *intents):
         """One turn of the loop, a period after the last."""
         self.wait()
@@ -113,6 +124,18 @@ class Rig:
                 tick = self.tick()
                 assert tick.is_ok, tick.messages
         assert tick.mode is mode
+
+    def inject(self, fault):
+        """Let a fault begin within the next period; returns when, s, robot's clock."""
+        began = self.robot.time + 0.007
+        self.call(lambda mock: mock.inject(dataclasses.replace(fault, start=mock.time + 0.007)))
+        return began
+
+    def is_harmless(self, only=()):
+        """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
+        drives = []
+        self.call(lambda mock: drives.extend(drives_of(mock, only)))
+        return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
 
 
 def drives_of(mock, only=()):
@@ -171,15 +194,15 @@ class VirtualRig(Rig):
         super().__init__("virtual:faults", lambda: self.mock.time, lambda _: self.bus)
 
     def __enter__(self):
-        self.robot.activate()
+        super().__enter__()
         self.bus.runs = False
         return self
 
-    def __exit__(self, *_):
+    def clear_faults(self):
         self.bus.runs = True
         self.mock.clear_faults()
-        with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
-            self.robot.close()
+
+    def close(self):
         self.bus.shutdown()
 
     def wait(self, duration=PERIOD):
@@ -189,22 +212,15 @@ class VirtualRig(Rig):
     def sent(self):
         self.bus.until_sent(self._attempts + len(self.robot.joints))
 
-    def inject(self, fault):
-        """Let a fault begin within the next period; returns when, s, robot's clock."""
-        start = self.mock.time + 0.007
-        self.mock.inject(dataclasses.replace(fault, start=start))
-        return self.robot.time + 0.007
-
-    def is_harmless(self, only=()):
-        """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
-        return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives_of(self.mock, only))
+    def call(self, action):
+        action(self.mock)
 
 
 class Driver(Rig):
-    """A robot whose motors are another process's, in real time."""
+    """In real time, with motors of another process."""
 
-    def __init__(self, channel):
-        super().__init__(channel, time.monotonic, open_bus)
+    def __init__(self, channel, clock=time.monotonic):
+        super().__init__(channel, clock, open_bus)
         self._deadline = 0.0
 
     def wait(self, duration=PERIOD):
@@ -213,6 +229,22 @@ class Driver(Rig):
 
     def sent(self):
         pass
+
+
+class RealRig(Driver):
+    """In real time, with motors on a thread of their own, as `play --hardware virtual:lite` has them."""
+
+    def __init__(self):
+        self._measures = contextlib.ExitStack()
+        with punctual_threads(behind=10):
+            self._motors = MockServer(lite(), ["virtual:faults"])
+        self._measures.enter_context(real_time())
+        super().__init__("virtual:faults", self._motors.clock)
+        self.call, self.clear_faults = self._motors.call, self._motors.clear_faults
+
+    def close(self):
+        self._measures.close()
+        self._motors.close()
 
 
 if __name__ == "__main__":  # `fault_rig.py CHANNEL MODE`: drive motors of another process until killed
