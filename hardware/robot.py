@@ -140,8 +140,8 @@ class HardwareRobot:
     def prepare(self) -> None:
         """Verify and configure everything afresh, and leave the motors stopped.
 
-        Raises `RobotError` with the whole list of what is wrong. The robot can still be read, and reports that it is
-        not enabled.
+        Raises `RobotError` with the whole list of what is wrong; what an operator has to accept is in `checks`. The
+        robot can still be read, and reports that it is not enabled.
         """
         self._bring_up(enables=False)
 
@@ -178,13 +178,13 @@ class HardwareRobot:
         line = self._open(checks)
         for link, _ in self._links:
             link.examine(checks)
-        checks.refuse()
+        checks.refuse(questions=False)
         for link, _ in self._links:
             link.make_ready(checks)
         known = [i for link, joints in self._links if link.knows_positions for i in joints]
         check_positions(self._wiring, known, self._readings().position, checks)
         line.check(checks)
-        checks.refuse()
+        checks.refuse(questions=False)
         self._may_run = frozenset()
         self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
         for source, channel in zip(line.sources, line.channels, strict=True):
@@ -217,6 +217,7 @@ class HardwareRobot:
     def _enable(self, checks: CheckList) -> None:
         """Enable first the motors that nothing stops; they report where they are once they are enabled."""
         assert self._line is not None
+        checks.refuse()
         self._may_run = frozenset(range(self._wiring.count))
         for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
             link.enable(checks)

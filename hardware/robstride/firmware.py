@@ -6,7 +6,7 @@ rs-00 to rs-04; rs-05 and rs-06 are assumed to follow.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
 from humanoid_sim.errors import InputError
@@ -65,11 +65,13 @@ def emulated_version(model: MotorModel) -> FirmwareVersion:
     return (0, int(model.name.removeprefix("rs-")), 3, _EMULATED)
 
 
-def firmware_problem(model: MotorModel, version: FirmwareVersion, accepted: Collection[str]) -> str:
-    """Return why a motor with this firmware must not be driven as this model, with its scales; empty when it may.
+def is_documented(model: MotorModel, version: FirmwareVersion) -> bool:
+    """Return whether a document covers a version, or it is an emulated motor's."""
+    return version[3] == _EMULATED or (model.name in _KNOWN and version <= _KNOWN[model.name].newest)
 
-    `accepted`: versions that no document mentions, and that an operator accepts.
-    """
+
+def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
+    """Return why a motor with this firmware must not be driven as this model, with its scales; empty when it may."""
     text, found = version_text(version), model_name(version)
     if found != model.name:
         return f"firmware {text} is of {found or 'no known model'}, the robot file says {model.name}"
@@ -77,6 +79,4 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion, accepted: Coll
     if known is not None and version < known.first:
         older = f"firmware {text} is older than {version_text(known.first)}"
         return f"{older}: it counts ±12.5 rad, or multiplies K_p and K_d by 1.4167: update it"
-    if version[3] == _EMULATED or (known is not None and version <= known.newest) or text in accepted:
-        return ""
-    return f"firmware {text} is in no document: --accept-firmware {text} if you know its ranges and gains"
+    return ""

@@ -10,7 +10,13 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_problem, has_active_reports, version_text
+from humanoid_sim.hardware.robstride.firmware import (
+    FirmwareVersion,
+    firmware_problem,
+    has_active_reports,
+    is_documented,
+    version_text,
+)
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import (
     CAN_TIMEOUT_TICK,
@@ -78,11 +84,18 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             version = self._versions.get(i)
             if version is None:
                 checks.problem(name, "does not report its firmware's version, by which its scales are known")
-            elif problem := firmware_problem(model, version, self._terms.accepted_firmware):
+                continue
+            if problem := firmware_problem(model, version):
                 checks.problem(name, problem)
-            else:
-                where = f"motor {self.motors.motor_id[i]} on {self.sources[self.motors.channel[i]]}"
-                checks.passed(name, f"{where}, {model.name}, firmware {version_text(version)}, uid {uids[i].hex()}")
+                continue
+            where, text = (
+                f"motor {self.motors.motor_id[i]} on {self.sources[self.motors.channel[i]]}",
+                version_text(version),
+            )
+            checks.passed(name, f"{where}, {model.name}, firmware {text}, uid {uids[i].hex()}")
+            if not is_documented(model, version) and text not in self._terms.accepted_firmware:
+                known = f"--accept-firmware {text} if you know its ranges and gains"
+                checks.question(name, f"firmware {text}: no document mentions it: {known}")
         self.uids = {self.motors.names[i]: uid for i, uid in uids.items()}
 
     def _identify(self, checks: CheckList) -> dict[int, bytes]:

@@ -34,7 +34,7 @@ from humanoid_sim.simulation.kinematics import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
-_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+_STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
 
 
 class HardwareSetup(RobotSetup):
@@ -135,12 +135,13 @@ class HardwareSetup(RobotSetup):
             raise InputError("--yes: is needed where nobody can be asked (standard input is not a terminal)")
         try:
             self.robot.prepare()
+            self.robot.checks.refuse(questions=not config.dry_run)
         except RobotError as error:
             raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
         finally:
             console.print("[bold]Checks, before anything is enabled[/bold]")
             for verdict, subject, text in self.checks():
-                console.print(Text.assemble((f"{verdict:<7} ", _STYLES[verdict]), (subject, "bold"), f"  {text}"))
+                console.print(Text.assemble((f"{verdict:<8} ", _STYLES[verdict]), (subject, "bold"), f"  {text}"))
         if config.dry_run:
             console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
             return False

@@ -9,7 +9,9 @@ import pytest
 from rich.console import Console
 
 from humanoid_sim.hardware.can_bus import lock_channel, parse_address
+from humanoid_sim.hardware.mock import robstride_motor
 from humanoid_sim.hardware.mock.faults import parse_fault
+from humanoid_sim.hardware.robstride.firmware import emulated_version
 from humanoid_sim.play.hardware_robot import HardwareSetup
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.robots.description import load_robot
@@ -44,6 +46,21 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
     assert list(result.folder.iterdir()) == []
 
 
+def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatch):
+    monkeypatch.setattr(robstride_motor, "emulated_version", lambda model: (*emulated_version(model)[:3], 32))
+    dry = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
+    assert dry.status == 0
+    questions = [line for line in dry.out.splitlines() if line.startswith("question")]
+    assert len(questions) == 14
+    assert all(".32: no document mentions it: --accept-firmware 0." in question for question in questions)
+    assert dry.out.count("\nok ") == 14
+    refused = run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER)
+    assert (refused.status, refused.err) == (2, "error: lite: not enabled\n")
+    accepted = {line.split("--accept-firmware ")[1].split()[0] for line in questions}
+    options = ["--accept-firmware", *accepted]
+    assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *options, *PLACEHOLDER).status == 0
+
+
 class Terminal(io.StringIO):
     def isatty(self):
         return True
@@ -57,7 +74,7 @@ def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, cap
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
     assert setup.bring_up(config, Console()) is enables
     out = capsys.readouterr().out
-    assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on ")
+    assert out.index("warning  can0  no active reports") < out.index("Enable the motors of lite on ")
 
 
 def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
@@ -79,7 +96,7 @@ def test_a_channel_that_another_session_drives_is_refused(run, quick):
     with lock_channel(parse_address("virtual:play")):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
         dry = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
-    assert "problem virtual:play  is in use by another session" in result.out
+    assert "problem  virtual:play  is in use by another session" in result.out
     assert (result.status, result.err) == (2, "error: lite: not enabled\n")
     assert dry.status == 2
 
