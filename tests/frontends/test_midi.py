@@ -1,10 +1,11 @@
 """Bytes of a keyboard become keys that are down, as a session observes them, until it is unplugged."""
 
+import os
 import types
+from contextlib import contextmanager
 
 import mido
 import pytest
-from emulated_keyboard import on_fifo
 from hypothesis import given
 from hypothesis import strategies as st
 from local_session import LocalSession
@@ -14,6 +15,18 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import midi_keyboard as module
 from humanoid_sim.frontends.midi_keyboard import ByteDevice, Keyboard, Port, port_names
 from humanoid_sim.midi import Sender, main
+
+
+@contextmanager
+def plugged_in(path):
+    """A keyboard's bytes on a FIFO, until it is unplugged; a function that sends some."""
+    if not path.exists():
+        os.mkfifo(path)
+    handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+    try:
+        yield lambda text: os.write(handle, bytes.fromhex(text))
+    finally:
+        os.close(handle)
 
 
 def pressed(data):
@@ -69,11 +82,11 @@ def test_the_keys_reach_the_session_until_the_keyboard_is_unplugged_and_again_wh
     session, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(module, "_RETRY", -1.0)
-    with on_fifo(tmp_path / "keys") as plugged:
-        keyboard = Keyboard(lambda: ByteDevice(plugged.path))
+    path = tmp_path / "keys"
+    with plugged_in(path) as send:
+        keyboard = Keyboard(lambda: ByteDevice(str(path)))
         sender = Sender(session.intake("midi"), keyboard)
-        plugged.press(60, 64)
-        plugged.release(60)
+        send("90 3c 40 90 40 40 80 3c 00")
         assert sender.step() == []
         record = session.tick()
         assert down(record) == [43]
@@ -82,15 +95,14 @@ def test_the_keys_reach_the_session_until_the_keyboard_is_unplugged_and_again_wh
         sender.step()
         again = session.tick().input.state.extern["key_pressed"]
         assert again.arrival_time > first.arrival_time, "a key that stays down is sent again"
-        plugged.unplug()
-        assert sender.step() == ["the keyboard is gone: all keys released"]
-        last = session.tick()
-        assert down(last) == []
-        assert sender.step() == []
-        assert session.tick().input.state.extern == last.input.state.extern, "nobody knows any more"
-    with on_fifo(tmp_path / "keys") as plugged:
+    assert sender.step() == ["the keyboard is gone: all keys released"]
+    last = session.tick()
+    assert down(last) == []
+    assert sender.step() == []
+    assert session.tick().input.state.extern == last.input.state.extern, "nobody knows any more"
+    with plugged_in(path) as send:
         assert sender.step() == ["the keyboard is there again"]
-        plugged.press(62)
+        send("90 3e 40")
         sender.step()
         assert down(session.tick()) == [41]
     keyboard.close()
@@ -127,6 +139,6 @@ def test_what_cannot_work_is_one_line(tmp_path, capsys, monkeypatch, runtime):
     monkeypatch.setattr("humanoid_sim.frontends.attach.os.nice", lambda _: 0)
     for takes, problem in (({}, "takes 0 keys"), ({"key_pressed": 61}, "takes 61 keys from outside, expected 88")):
         local = LocalSession(takes=takes)
-        with local.stack, on_fifo(tmp_path / "keys") as keyboard:
-            assert run_program(main, ["--device", keyboard.path]) == 2
+        with local.stack, plugged_in(tmp_path / "keys"):
+            assert run_program(main, ["--device", str(tmp_path / "keys")]) == 2
         assert problem in capsys.readouterr().err
