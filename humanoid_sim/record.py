@@ -43,10 +43,7 @@ class Info:
 
 @dataclass(frozen=True)
 class Signs:
-    """Compare the efforts of a robot at rest with what gravity needs: which joint's direction is wrong?
-
-    The robot hung free: feet off the ground, nothing in its hands, nothing touched, some seconds of STANDBY at rest.
-    """
+    """Compare the efforts of a robot that hung free in STANDBY with gravity: which joint's direction is wrong?"""
 
     file: Path
     """Recording (.mcap), finished or cut off."""
@@ -117,11 +114,11 @@ def _info(command: Info) -> None:
         print(json.dumps(finite(summary), indent=2))
         return
     console = Console(highlight=False)
+    rate, lost = 1.0 / header.control_period, f"{figures.overruns} overruns, {figures.missing} missing"
     overview = [
         ("robot", f"{header.robot}, {len(header.joint_names)} joints"),
         ("started", summary["started"]),
-        ("ticks", f"{figures.ticks} at {1.0 / header.control_period:g} Hz, {figures.overruns} overruns"),
-        ("missing ticks", str(figures.missing)),
+        ("ticks", f"{figures.ticks} at {rate:g} Hz, {lost}"),
         ("tick time", describe_spread(summary["tick_time"])),
         ("policy steps", str(summary["inferences"])),
         ("file", "complete" if recording.is_complete else f"not complete: {recording.damage}"),

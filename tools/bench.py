@@ -200,8 +200,8 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     with (
         tempfile.TemporaryDirectory() as folder,
-        closing(McapRecorder(Path(folder) / "bench.mcap")) as recorder,
         _feed() as feed,
+        closing(McapRecorder(Path(folder) / "bench.mcap", encoded=feed.encoded)) as recorder,
         _playing(feed, recorder) as (session, _, robot),
     ):
         data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from enum import Enum
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -44,34 +42,23 @@ class SafetyViolationError(AssertionError):
 
 
 def require(holds: bool, message: str, *values: object) -> None:
-    """Raise a `SafetyViolationError` unless the property holds: `message` with `values` in its `{}`.
-
-    Arrays are written out only when there is something to say: this runs a dozen times a tick.
-    """
+    """Raise a `SafetyViolationError` unless the property holds: `message` with `values` in its `{}`."""
     if not holds:
         raise SafetyViolationError(message.format(*values))
 
 
 def fingerprint(value: Any) -> Any:
     """Return a value that is equal for two things exactly when each of their bits is: -0.0 is not 0.0, NaN is NaN."""
-    kind = type(value)
-    if isinstance(value, str | int | Enum | None):
-        return kind.__name__, value
+    name = type(value).__name__
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
-    names = _field_names(kind)  # type: ignore[arg-type]  # mypy takes the class's own hash for its instances'
-    if names:
-        return kind.__name__, *[fingerprint(getattr(value, name)) for name in names]
+    if is_dataclass(value):
+        return name, *[fingerprint(getattr(value, field.name)) for field in fields(value)]
     if isinstance(value, tuple | list):
         return tuple([fingerprint(item) for item in value])
     if isinstance(value, Mapping):
         return tuple([(key, fingerprint(item)) for key, item in value.items()])
-    return kind.__name__, repr(value)
-
-
-@cache
-def _field_names(kind: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+    return name, repr(value)
 
 
 def check_complete(command: MITCommand, n: int) -> None:
@@ -80,9 +67,8 @@ def check_complete(command: MITCommand, n: int) -> None:
     for name in COMMAND_FIELDS:
         values = getattr(command, name)
         require(np.isfinite(values).all(), "command's {} is {}, expected finite numbers", name, values)
-    for name in ("stiffness", "damping"):
-        values = getattr(command, name)
-        require((values >= 0.0).all(), "command's {} is {}, expected no negative gain", name, values)
+        is_gain = name in ("stiffness", "damping")
+        require(not is_gain or (values >= 0.0).all(), "command's {} is {}, expected no negative gain", name, values)
 
 
 class SafetyProperties:
@@ -105,19 +91,16 @@ class SafetyProperties:
         if name != before:
             _check_change(before, name, given.intents, self._finished)
         _check_quit(before, given.intents, output)
-        self._check_selection(given, output)
+        if given.policy in self._stack.policies and before in SAFE:
+            self._policy = given.policy
+        elif given.policy:
+            said = any(text.startswith(f"policy {given.policy} refused: ") for text in output.refusals)
+            require(said, "policy {} was selected in {}, and no refusal says why not", given.policy, before)
         _check_faults(name, output)
         self._check_command(name, given, output.command)
         self._check_guards(name, given.state, output.command)
         self._name, self._finished = name, output.standby is not None and output.standby.is_finished
         self._command = output.command
-
-    def _check_selection(self, given: TickInput, output: TickOutput) -> None:
-        if given.policy in self._stack.policies and self._name in SAFE:
-            self._policy = given.policy
-        elif given.policy:
-            said = any(text.startswith(f"policy {given.policy} refused: ") for text in output.refusals)
-            require(said, "policy {} was selected in {}, and no refusal says why not", given.policy, self._name)
 
     def _check_command(self, name: str, given: TickInput, command: MITCommand) -> None:
         """Check what the mode's own controller must command. One of the user's, a subclass too, may do otherwise."""
@@ -225,24 +208,23 @@ class _RemoteCommands:
     """The newest remote command that arrived since REMOTE began, and its age."""
 
     def __init__(self) -> None:
-        self._is_on = False
-        self._began = self._time = math.nan
-        self._ignored: float | None = None
+        self._began: float | None = None  # s, robot's clock; None in other modes
+        self._time, self._age = 0.0, math.inf
+        self._seen: float | None = None  # arrival time of the newest command, also of one from before
         self._newest: RemoteCommand | None = None
-        self._age = math.inf
 
     def update(self, is_on: bool, given: TickInput) -> None:
         time, remote = float(given.state.time), given.remote
-        if is_on and not self._is_on:
-            self._began, self._newest, self._age = time, None, math.inf
-            self._ignored = None if remote is None else remote.arrival_time
-        elif is_on:
+        arrival = None if remote is None else remote.arrival_time
+        if not is_on:
+            self._began = None
+        elif self._began is None:
+            self._began, self._newest, self._age, self._seen = time, None, math.inf, arrival
+        else:
             self._age += max(time - self._time, 0.0)
-            if remote is not None and remote.arrival_time > self._began and remote.arrival_time != self._ignored:
-                if self._newest is None or remote.arrival_time != self._newest.arrival_time:
-                    self._age = 0.0
-                self._newest = remote
-        self._is_on, self._time = is_on, time
+            if arrival is not None and arrival > self._began and arrival != self._seen:
+                self._newest, self._age, self._seen = remote, 0.0, arrival
+        self._time = time
 
     def check(self, controller: RemotePolicyController, state: MITState, command: MITCommand) -> None:
         """REMOTE: the newest command while it is fresh, or the passive hold at the position of this tick."""
