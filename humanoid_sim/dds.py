@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         participant = stack.enter_context(Participant(interface=config.interface))
         reader = CommandReader(attachment, participant, is_local=is_local)
         stack.callback(reader.close)
-        telemetry = Telemetry(attachment, participant, is_local=is_local, taken=reader.live_topics)
+        telemetry = Telemetry(attachment, participant, is_local=is_local, received=reader.live_topics)
         print(f"domain {participant.domain} on {participant.interface}, for {attachment}", flush=True)
         if not is_local:
             print(f"warning: anybody on the network at {config.interface} can command the robot in REMOTE", flush=True)

@@ -34,7 +34,7 @@ _VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"  #
 _POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'none'"
 """viser's page unpacks its own scripts. It reaches no other server."""
 _PERIOD = 0.1  # s between two messages to a page's overlay
-_HEARD_WITHIN = 0.5  # s without a heartbeat of the page after which what it commands ends
+_BEAT_WITHIN = 0.5  # s without a heartbeat of the page after which what it commands ends
 _SEEN_WITHIN = 1.0  # s, largest age of what a page shows while it commands: two frames of a slow browser
 
 
@@ -57,7 +57,7 @@ class Gate:
         script = resources.files("humanoid_sim.frontends.console").joinpath("overlay.js").read_bytes()
         self._page = _VISER_PAGE.read_bytes().replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
         self._beats: dict[ServerConnection, tuple[int, int]] = {}
-        """By overlay: when it was heard, and the newest tick that it showed then, ns."""
+        """By overlay: its latest heartbeat, and the newest tick that it showed then, ns."""
         self._hand: ServerConnection | None = None
         """Overlay of the page at which something was pressed last."""
 
@@ -81,14 +81,14 @@ class Gate:
         """Return the stamp of the newest tick that the operator's page showed, ns; 0 for a page that is gone."""
         return 0 if self._hand is None else self._beats.get(self._hand, (0, 0))[1]
 
-    def heard(self) -> int:
-        """Return when the operator's page was heard last, ns; 0 for a page that is gone."""
+    def heartbeat(self) -> int:
+        """Return the time of the latest heartbeat of the operator's page, ns; 0 for a page that is gone."""
         return 0 if self._hand is None else self._beats.get(self._hand, (0, 0))[0]
 
     def silence(self) -> str:
         """Return why what the operator's page commands must end; empty while it may go on."""
-        if 1e-9 * (monotonic_ns() - self.heard()) > _HEARD_WITHIN:
-            return f"its page was not heard for {_HEARD_WITHIN:g} s"
+        if 1e-9 * (monotonic_ns() - self.heartbeat()) > _BEAT_WITHIN:
+            return f"no heartbeat of its page for {_BEAT_WITHIN:g} s"
         if 1e-9 * (monotonic_ns() - self.seen()) > _SEEN_WITHIN:
             return f"its page shows what is older than {_SEEN_WITHIN:g} s"
         return ""

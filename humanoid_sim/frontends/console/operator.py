@@ -1,7 +1,7 @@
 """What the operator's page commands of a session: intents, a velocity, and one joint by sliders in REMOTE.
 
 GUI callbacks only leave actions here; `step` does them in the console's own loop and sends what is due. A velocity and
-a joint are commanded only while the page is heard and shows the present.
+a joint are commanded only while the page sends heartbeats and shows the present.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Operator:
         self.do(self._request, word, self._gate.seen())
 
     def step(self) -> None:
-        """Do what was asked for, and send what is due."""
+        """Do what was requested, and send what is due."""
         tick = self._attachment.latest
         if tick is None:
             return
@@ -96,7 +96,7 @@ class Operator:
 
     def _request(self, word: str, seen: int) -> None:
         if not seen:
-            self.answer = f"{word} left out: its page was not heard"
+            self.answer = f"{word} left out: no heartbeat of its page"
             return
         self._token, self.answer = self._intake.post(word, seen=seen), f"{word} …"
 
@@ -131,7 +131,7 @@ class Operator:
             self.answer, self.velocity = f"velocity let go: {problem}", np.zeros(3)
         # As old as the page's heartbeat: a page that falls silent stops the robot by itself.
         deliberate = self._is_changed and not problem
-        self._intake.velocity(*self.velocity.tolist(), deliberate=deliberate, stamp=self._gate.heard())
+        self._intake.velocity(*self.velocity.tolist(), deliberate=deliberate, stamp=self._gate.heartbeat())
         self._is_changed = False
 
     def take(self, name: str) -> None:

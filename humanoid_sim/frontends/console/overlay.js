@@ -24,7 +24,7 @@
     <div id="mode" data-mode=""></div><div id="reason"></div></div>
     <div id="cover" role="alert"><strong id="cover-title">NO CONNECTION</strong><p id="cover-text"></p></div>`;
   const get = (id) => document.getElementById(id);
-  let heard = -Infinity;
+  let received = -Infinity;
   let facts = { age: 0 };
 
   // The connection and the heartbeat are on a thread of their own, which drawing the 3D view does not delay. A beat
@@ -50,7 +50,7 @@
   const code = `(${work})(${JSON.stringify(`${base}console`)}, ${BEAT})`;
   const link = new Worker(URL.createObjectURL(new Blob([code])));
   link.onmessage = ({ data }) => {
-    heard = data === null ? -Infinity : performance.now();
+    received = data === null ? -Infinity : performance.now();
     if (data !== null) facts = JSON.parse(data);
     show();
     if (facts.ended) link.terminate();
@@ -69,7 +69,7 @@
 
   // What is shown is true only while the console speaks and the session ticks.
   function cover() {
-    const silent = performance.now() - heard > SILENCE;
+    const silent = performance.now() - received > SILENCE;
     const old = facts.age > OLD;
     get("cover").hidden = !(facts.ended || silent || old);
     get("cover-title").textContent = facts.ended ? "THE SESSION HAS ENDED" : silent ? "NO CONNECTION" : "THE SESSION STANDS STILL";

@@ -26,7 +26,7 @@ _POSITION, _STIFFNESS, _DAMPING = range(3)  # rows of `_rows`
 
 
 class JointSliders:
-    """Commands for one robot that stood in pose `a` or `b`. Positions have shape (n,), rad, measured, finite."""
+    """Commands for one robot in STANDBY's pose `a` or `b`. Positions have shape (n,), rad, measured, finite."""
 
     def __init__(self, robot: RobotDescription, pose: str) -> None:
         """Choose no joint yet."""

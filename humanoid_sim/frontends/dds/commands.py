@@ -28,7 +28,7 @@ from humanoid_sim.stack import recorded_contract
 _SUSPENDED = 0.05  # s between two polls beyond which the process was suspended
 _SETTLE = 0.1  # s for which commands are dropped after that: what lay in sockets meanwhile is old
 _REPEAT = 0.05  # s between two reports of a source, unless it has just ceased to be OK: a flood costs no more
-_MOST_WRITERS = 16  # that are told apart
+_MOST_WRITERS = 16  # whose commands are kept apart
 _DEPTH = 1024  # samples that may come between two polls: a flood pushes nobody else's command out
 
 

@@ -30,13 +30,13 @@ class Telemetry:
     """Publishes ticks. Never waits for a subscriber."""
 
     def __init__(
-        self, attachment: Attachment, participant: Participant, *, is_local: bool, taken: Set[str] = frozenset()
+        self, attachment: Attachment, participant: Participant, *, is_local: bool, received: Set[str] = frozenset()
     ) -> None:
         """Announce the topics.
 
         Args:
             is_local: live inputs that the session makes itself, such as a simulated piano's keys, are published too.
-            taken: topics of live inputs that the bridge subscribes to.
+            received: topics of live inputs that the bridge subscribes to.
         """
         self._attachment, self._participant = attachment, participant
         self._messages = ViewerTopics(attachment.header, every_state=True)
@@ -46,7 +46,7 @@ class Telemetry:
             if topic != ros.SAFETY_TOPIC:  # announced by its sources
                 self._writer(topic, "")
         if is_local:
-            self._topics |= dict.fromkeys(set(self._messages.live.values()) - taken, ros.LIVE_INPUT)
+            self._topics |= dict.fromkeys(set(self._messages.live.values()) - received, ros.LIVE_INPUT)
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick."""

@@ -61,7 +61,7 @@ class Desk:
             status=lambda: {"owners": self.owners},
             send=self.send,
         )
-        gate = SimpleNamespace(silence=lambda: self.silence, heard=lambda: self.now, seen=lambda: self.seen)
+        gate = SimpleNamespace(silence=lambda: self.silence, heartbeat=lambda: self.now, seen=lambda: self.seen)
         self.operator = Operator(self.session, gate)
 
     @property
@@ -139,7 +139,7 @@ def test_a_slider_steers_in_locomotion_alone(desk):
     assert desk.intake.velocities[3:] == [(0.0, 0.0, 0.0, True)], "a slider at rest claims nothing"
 
 
-@pytest.mark.parametrize(("silence", "mode"), [("its page was not heard", Mode.LOCOMOTION), ("", Mode.DAMPING)])
+@pytest.mark.parametrize(("silence", "mode"), [("no heartbeat", Mode.LOCOMOTION), ("", Mode.DAMPING)])
 def test_a_velocity_ends_with_its_page_and_with_the_mode_and_does_not_come_back(desk, silence, mode):
     desk.operator.do(desk.operator.steer, 0, 0.5)
     desk.run(Mode.LOCOMOTION, 0.2)
@@ -167,7 +167,7 @@ def test_a_joint_is_moved_in_remote_with_the_gains_of_the_pose_before(desk):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda desk: setattr(desk, "silence", "its page was not heard"), "not heard"),
+        (lambda desk: setattr(desk, "silence", "no heartbeat"), "no heartbeat"),
         (lambda desk: setattr(desk, "owners", {"REMOTE": "gravity (7)"}), "gravity"),
         (lambda desk: setattr(desk, "position", np.full(LITE.joint_count, np.nan)), "is not known"),
     ],
