@@ -53,7 +53,7 @@ VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; i
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
 LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is stale, unless its contract says otherwise
 _KEPT = 256  # ticks that a feed keeps
-_LONGEST_WORD = 4000  # characters of a request
+_LONGEST_WORD = 5000  # characters of a request: the longest safety status is JSON of 4,700
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2  # s that a full socket is waited for: for data, and for intents
 _NAMES = count()
 

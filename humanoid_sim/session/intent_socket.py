@@ -86,7 +86,7 @@ def _read(message: bytes, sender: object) -> _Request:
     lines = [printable(line) for line in message.decode(errors="replace").split("\n")]
     text, who, token, seen = (*lines, "", "", "")[:4]
     word, _, rest = text.partition(" ")
-    return _Request(word, rest, who[:80] or "somebody", token, int(seen) if seen.isdecimal() else 0, sender)
+    return _Request(word, rest, who[:80] or "somebody", token, int(seen[:20]) if seen.isdecimal() else 0, sender)
 
 
 class _Freshness:

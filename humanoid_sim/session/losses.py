@@ -58,10 +58,13 @@ class Interruption(IntentSource):
         """Begin at the first tick; beyond `longest` s between two signs of life the loop stood still."""
         self._longest, self._tell, self._clock = longest, tell, clock
         self._last: float | None = None
-        self._damps = False
+        self._damps = self._is_refused = False
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         self.stood_still()
+        if self._is_refused:
+            self._damps, self._is_refused = True, False
+            self._tell("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
         damps, self._damps = self._damps, False
         return (Intent.DAMP,) if damps else ()
 
@@ -76,9 +79,8 @@ class Interruption(IntentSource):
         return True
 
     def refuse_suspension(self) -> None:
-        """Damp instead of suspending the process. May be called from a signal handler."""
-        self._damps = True
-        self._tell("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
+        """Damp instead of suspending the process. Takes no lock: signal handlers call it."""
+        self._is_refused = True
 
     def restart(self) -> None:
         self._last = None

@@ -7,7 +7,6 @@ run ends the robot is damped and then closed.
 from __future__ import annotations
 
 import contextlib
-import threading
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -85,7 +84,7 @@ class Session:
         self._pace = Pace(self.settings.control_period, self.settings.realtime)
         self._failures: list[str] = []
         self._stop_reason = ""
-        self._hurry = threading.Event()
+        self._hurries = False  # no Event: signal handlers take no lock
         self.memory: SupervisorMemory = self.supervisor.initial()  # the control stack's after the last tick
         self.state = MITState.unknown(len(self.robot.joints))  # the robot's as last read
         self._output: TickOutput | None = None
@@ -114,7 +113,7 @@ class Session:
     def request_stop(self, reason: str) -> None:
         """End the run through DAMPING. May be called from a signal handler; a second call does not wait for rest."""
         if self._stop_reason:
-            self._hurry.set()
+            self._hurries = True
         self._stop_reason = self._stop_reason or reason
 
     def run(self) -> SessionResult:
@@ -190,7 +189,7 @@ class Session:
             rest = RestDetector(self.settings.control_period)
             left = round(self.settings.damping_time / self.settings.control_period)
             self.tick((Intent.DAMP,))
-            while left > 0 and not self._hurry.is_set() and not rest.update(self.state):
+            while left > 0 and not self._hurries and not rest.update(self.state):
                 self._collect()  # nothing is granted any more, but requests are answered
                 self.tick(())
                 left -= 1

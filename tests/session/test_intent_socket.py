@@ -48,9 +48,15 @@ def test_whoever_saw_the_tick_that_damped_may_ask_at_once(local):
 
 
 def test_broken_messages_do_nothing(local):
-    for data in (b"", b"\xff\xfe", b"\n\n\n", b"damp " * 2):
+    for data in (b"", b"\xff\xfe", b"\n\n\n", b"damp " * 2, b"load_a\n\n\n" + b"9" * 5000):
         datagram(local.registration.path / "intents", data)
     assert local.tick().input.intents == ()
+
+
+def test_the_longest_safety_status_damps(local):
+    local.tick(Intent.DAMP)
+    local.intake("lidar").post_safety("\U0001f600" * 80, 2, "\U0001f600" * 300, flags=2**32 - 1)
+    assert not local.tick().input.safety[0].is_ok
 
 
 def test_everything_in_the_socket_is_taken_in_one_tick_and_a_flood_costs_a_bounded_time(local):

@@ -1,9 +1,10 @@
-"""The operator's device."""
+"""The operator's device, and the process's own time."""
 
 import pytest
 import rig
 
-from humanoid_sim.session.losses import DeviceWatch
+from humanoid_sim.messages import Intent
+from humanoid_sim.session.losses import DeviceWatch, Interruption
 
 
 class Watched:
@@ -42,3 +43,14 @@ def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss(watched):
     watched.run.time += 7.0
     watched.tick()
     assert watched.told == ["gamepad: lost, no heartbeat for 0.2 s: DAMP"], "nor is one that is lost there again by it"
+
+
+def test_a_suspension_is_refused_without_telling_anybody_in_the_handler():
+    """What is told takes locks that the interrupted thread may hold."""
+    told = []
+    interruption = Interruption(0.1, told.append, clock=lambda: 0.0)
+    interruption.refuse_suspension()
+    assert not told
+    assert interruption.poll(0.0, None) == (Intent.DAMP,)
+    assert len(told) == 1
+    assert interruption.poll(0.0, None) == ()
