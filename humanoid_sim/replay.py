@@ -51,7 +51,8 @@ def _repeat(recording: Recording, config: ReplayConfig) -> int:
     if config.json:
         print(json.dumps(finite({"identical": report.is_identical, **asdict(report)}), indent=2))
         return ExitStatus.of(report.is_identical)
-    print(f"{report.ticks} ticks, bit for bit identical")
+    verdict = "bit for bit identical" if report.is_identical else "repeated; NOT the same to the end"
+    print(f"{report.ticks} ticks, {verdict}")
     if report.difference is not None:
         one = report.difference
         print(f"tick {report.tick}, t = {report.time:.3f} s, differs in {one.field} {one.where}")

@@ -108,17 +108,17 @@ class ViewerTopics:
             yield TopicMessage("/mit_command", schema.MIT_COMMAND, command)
             if self._links is not None:
                 yield from self._frames(self._links, record, time_ns)
-        if self._is_news(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
+        if self._has_changed(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
             mode = ros.encode_control_mode(time_ns, output.control_mode)
             yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, mode)
         standby = output.standby
         if standby is not None:
             topic = topics.standby_topic(output.control_mode.controller_name)
-            is_news = self._is_news(topic, (standby.current_segment, standby.is_finished))
-            if is_news or (is_due and not standby.is_finished):
+            has_changed = self._has_changed(topic, (standby.current_segment, standby.is_finished))
+            if has_changed or (is_due and not standby.is_finished):
                 yield TopicMessage(topic, schema.STANDBY_STATE, ros.encode_standby_state(time_ns, standby))
         yield from self._safety_statuses(record, time_ns)
-        if remote is not None and self._is_news(topics.COMMAND_TOPIC, remote):
+        if remote is not None and self._has_changed(topics.COMMAND_TOPIC, remote):
             command = ros.encode_mit_command(time_ns, self._joints, remote.command)
             yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, command)
         if output.policy_step is not None:
@@ -137,10 +137,10 @@ class ViewerTopics:
                 data = ros.encode_float32_array(live.value)
                 yield TopicMessage(self.live[name], schema.FLOAT32_MULTI_ARRAY, data)
 
-    def _is_news(self, topic: str, value: object) -> bool:
-        is_news = self._last.get(topic) != value
+    def _has_changed(self, topic: str, value: object) -> bool:
+        has_changed = self._last.get(topic) != value
         self._last[topic] = value
-        return is_news
+        return has_changed
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield those that changed, and all once a second for volatile subscribers that come late.

@@ -68,8 +68,3 @@ def is_used(topic: str) -> bool:
 def standby_topic(controller: str) -> str:
     """Return the topic of a standby controller's state."""
     return f"/{controller}/state"
-
-
-def kind_of(topic: str, schema: str) -> Topic:
-    """Return the quality of service of a topic: the stack's, or the usual one of a message type."""
-    return TOPICS.get(topic, Topic(schema))
