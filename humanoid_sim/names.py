@@ -10,17 +10,14 @@ _AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
 _SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
 
 
-def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
-    """Return the one of the known names that was probably meant; empty if none is close.
-
-    `likeness` of the letters of the two, 0 to 1, makes one a slip of the other.
-    """
+def near_miss(name: str, known: Iterable[str]) -> str:
+    """Return the one of the known names that was probably meant; empty if none is close."""
     plain = {_plain(other): other for other in known}
     wanted = _plain(name)
     if wanted in plain:
         return plain[wanted]
     shuffled = [other for other in plain if sorted(other.split("_")) == sorted(wanted.split("_"))]
-    close = shuffled or difflib.get_close_matches(wanted, list(plain), n=1, cutoff=likeness)
+    close = shuffled or difflib.get_close_matches(wanted, list(plain), n=1, cutoff=0.75)
     # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
     if close and _which(close[0]) == _which(wanted):
         return plain[close[0]]
