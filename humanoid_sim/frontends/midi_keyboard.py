@@ -28,6 +28,7 @@ class ByteDevice:
     def __init__(self, path: str) -> None:
         self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
         self._parser = mido.Parser()
+        self._status, self._count = 0, 0  # of the latest channel message, and its data bytes so far
 
     def read(self) -> list[mido.Message] | None:
         """Return the new messages; None if the device is gone."""
@@ -37,8 +38,23 @@ class ByteDevice:
             return []
         except OSError:
             return None
-        self._parser.feed(data)
+        self._parser.feed(self._written_out(data))
         return list(self._parser) if data else None
+
+    def _written_out(self, data: bytes) -> bytearray:
+        """Put a status byte before each message, which keyboards leave out where it repeats (running status)."""
+        written = bytearray()
+        for byte in data:
+            if byte >= 0xF8:  # real time, which may come within a message
+                continue
+            if byte >= 0x80:
+                self._status, self._count = byte if byte < 0xF0 else 0, 0
+            elif self._status and self._count == (1 if self._status >> 4 in (0xC, 0xD) else 2):
+                written.append(self._status)
+                self._count = 0
+            self._count += byte < 0x80
+            written.append(byte)
+        return written
 
     def close(self) -> None:
         os.close(self._handle)

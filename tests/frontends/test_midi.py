@@ -31,13 +31,17 @@ def plugged_in(path):
 
 def pressed(data):
     """Keys that are down after these bytes."""
-    parser = mido.Parser()
-    parser.feed(data)
-    source = types.SimpleNamespace(read=lambda: list(parser), close=lambda: None)
-    keyboard = Keyboard(lambda: source)
-    keyboard.poll()
-    assert keyboard.pressed.shape == (88,)
-    return [int(key) for key in keyboard.pressed.nonzero()[0]]
+    end, handle = os.pipe()
+    keyboard = Keyboard(lambda: ByteDevice(f"/proc/self/fd/{end}"))
+    try:
+        os.write(handle, data)
+        keyboard.poll()
+        assert keyboard.pressed.shape == (88,)
+        return [int(key) for key in keyboard.pressed.nonzero()[0]]
+    finally:
+        keyboard.close()
+        os.close(handle)
+        os.close(end)
 
 
 @pytest.mark.parametrize(
@@ -48,6 +52,9 @@ def pressed(data):
         ("90 3c 40 90 3c 00", []),  # velocity 0 is off
         ("90 3c 40 fe 90 40 40", [39, 43]),  # active sensing
         ("3c 40 90 3c 40", [39]),  # from the middle of a message on
+        ("90 3c 40 40 40 3c 00", [43]),  # running status: a status that repeats is left out
+        ("90 3c 40 40 fe 40", [39, 43]),  # with active sensing within a message
+        ("90 3c 40 f0 7e 01 f7 40 40", [39]),  # a system message ends it
         ("90 3c 40 90 3c 40 80 3c 00", []),  # struck twice, released once: there is one key
         ("90 3c 40 91 3c 40 80 3c 00", [39]),  # another channel holds it
         ("90 3c 40 b0 40 7f 80 3c 00", []),  # the pedal holds the string, not the key
