@@ -1,4 +1,4 @@
-"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, LeRobot (v3.0)."""
+"""Motions as their sources have them: `.npz` of mjlab and whole_body_tracking, `.csv`, joint states, LeRobot (v3.0)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from humanoid_sim.controllers.contract import QuaternionOrder
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.errors import InputError, blaming, needing, reason_of, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.ros2.cdr import CdrError, decode
+from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
 _LONGEST_GAP = 0.1  # s between two frames, if that is also more than three of the usual steps
@@ -149,6 +153,36 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
     )
 
 
+def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
+    """Read `sensor_msgs/msg/JointState` of one topic, from an MCAP file or a folder that rosbag2 wrote.
+
+    Times are the headers', or the recorder's where they have none. Messages without a joint of the robot are left out.
+    """
+    found: dict[str, list[tuple[float, list[float]]]] = {}
+    with blaming(f"{path}: cannot be read as a recording (.mcap)", (OSError, McapError, CdrError, EOFError)):
+        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+            with regular_file(file, "an MCAP file", None).open("rb") as stream:
+                for schema, channel, message in make_reader(stream).iter_messages():
+                    if schema is None or schema.name != JOINT_STATE:
+                        continue
+                    rows = found.setdefault(channel.topic, [])
+                    (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
+                    position = dict(zip(names, values.tolist(), strict=False))
+                    if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
+                        continue
+                    require_known("joint", joints, position, f"{path}: {channel.topic}: ")
+                    time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time
+                    rows.append((time, [position[joint] for joint in joints]))
+    filled = [rows for rows in found.values() if rows]
+    if len(filled) != 1:
+        topics = ", ".join(found) or "none"
+        raise InputError(f"--topic: is {topic}, expected one of {path} with the robot's joint states: {topics}")
+    (rows,) = filled
+    rows.sort()  # the files of a bag may come in any order
+    times, positions = np.array([time for time, _ in rows]), np.array([position for _, position in rows])
+    return SourceMotion(source=str(path), times=times, joints=positions, joint_names=joints)
+
+
 # --- LeRobot ---
 
 
@@ -157,7 +191,9 @@ def dataset_folder(name: str) -> Path:
     if Path(name).is_dir():
         return Path(name)
     if name.count("/") != 1:
-        raise InputError(f"--motion: is '{name}', expected an .npz or .csv file, a folder, or a dataset, user/name")
+        raise InputError(
+            f"--motion: is '{name}', expected an .npz, .csv or .mcap file, a folder, or user/name on the hub"
+        )
     cache = os.environ.get("HF_HOME", "~/.cache/huggingface")
     kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser() / name
     if (kept / "meta").is_dir():

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from motion_samples import BODIES, FRAMES, POLICY, joint_frames, joint_path, lite, prepare, refusal, state_of, write_npz
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import read_contract
@@ -158,6 +160,43 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
+
+
+def bag(tmp_path, q, *topics):
+    """A folder of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    state = store.types["sensor_msgs/msg/JointState"]
+    jitter = np.random.default_rng(3).integers(0, 1_000_000, len(q))
+    with Writer(tmp_path / "dance", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in topics:
+            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
+            for i, row in enumerate(q):
+                time = 10**18 + 5_000_000 * i + int(jitter[i])
+                names, values = ["gripper", *lite().joint_names], np.array([0.5, *row])
+                message = state(header(stamp(*divmod(time, 10**9)), ""), names, values, np.zeros(0), np.zeros(0))
+                writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
+    return tmp_path / "dance"
+
+
+Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
+
+
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_joint_states_of_another_robots_driver(tmp_path, is_folder):
+    folder = bag(tmp_path, Q_200_HZ, "/joint_states")
+    path = folder if is_folder else next(folder.glob("*.mcap"))
+    assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
+    motion = made(tmp_path)
+    assert motion.policy_dt == 0.02
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
+
+
+def test_one_of_several_topics_of_joint_states(tmp_path, capsys):
+    several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
+    assert "--topic: is None, expected one of" in refusal(capsys, tmp_path, several)
+    assert "states: /left, /right" in refusal(capsys, tmp_path, several, "--topic", "/legs")
+    assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
 
 
 def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
