@@ -141,7 +141,7 @@ class Gate:
                         self._hand = connection
                     else:
                         self._beats[connection] = monotonic_ns(), int(message)
-                    if self._hand not in self._beats:
+                    if self._hand is None:  # no other page goes on for one that is gone
                         self._hand = connection
         finally:
             self._beats.pop(connection, None)

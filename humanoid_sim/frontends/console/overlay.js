@@ -87,7 +87,9 @@
     if (event.type === "keydown" && !event.repeat) damp();
   }
 
-  for (const type of ["pointerdown", "keydown"]) window.addEventListener(type, () => link.postMessage("hand"), true);
+  // Whoever only turns the camera commands nothing.
+  const onPress = ({ target }) => target !== document.body && target.tagName !== "CANVAS" && link.postMessage("hand");
+  for (const type of ["pointerdown", "keydown"]) window.addEventListener(type, onPress, true);
   for (const type of ["keydown", "keyup", "keypress"]) window.addEventListener(type, onSpace, true);
   document.addEventListener("DOMContentLoaded", () => {
     document.head.insertAdjacentHTML("beforeend", `<style>${STYLE}</style>`);

@@ -88,6 +88,9 @@ def test_commands_end_with_the_heartbeat_of_their_page_or_with_what_it_shows(gat
             other.send("hand")
             until(lambda: gate.seen() == now + 1)
         until(lambda: gate.seen() == 0)
+        page.send(str(now))
+        time.sleep(0.02)
+        assert gate.seen() == 0, "the page of an operator who is gone is replaced by a press only"
         monkeypatch.setattr(module, "_BEAT_WITHIN", -1.0)
         assert "no heartbeat" in gate.silence()
 
