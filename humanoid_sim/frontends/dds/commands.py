@@ -83,14 +83,15 @@ class CommandReader:
         self._joints = attachment.header.joint_names
         self._commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=_DEPTH)
         self._statuses = _readers(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC]) if is_local else []
-        self._live: list[tuple[str, int, Reader]] = []
+        self._live: list[tuple[str, int, bool, Reader]] = []
         contract = recorded_contract(attachment.header)
         for name, width in attachment.live_inputs.items() if is_local else ():
             topic = live_topic(contract, name)
             if topic is not None:
                 kind = LIVE_INPUT._replace(latched=topic.timeout == math.inf)  # one from before the bridge counts too
-                self._live += [(name, width, reader) for reader in _readers(participant, topic.name, kind)]
-        self.live_topics = frozenset(reader.topic for _, _, reader in self._live)
+                readers = _readers(participant, topic.name, kind)
+                self._live += [(name, width, kind.latched, reader) for reader in readers]
+        self.live_topics = frozenset(reader.topic for *_, reader in self._live)
         self._safety = StatusForwarder(self._intake)
         self._intakes: dict[int, Intake] = {}
         self._polled, self._settled = monotonic_ns(), 0
@@ -115,11 +116,13 @@ class CommandReader:
                 self._refuse(SAFETY_TOPIC, error)
         self._safety.flush(stamp, monotonic())
         commands = self._commands.take()
-        live = [(name, width, sample) for name, width, reader in self._live for sample in reader.take()[-1:]]
-        if self._polled >= self._settled:
+        is_settled = self._polled >= self._settled
+        if is_settled:
             self._send_commands(commands, stamp)
-            for name, width, sample in live:
-                self._send_live(name, width, sample, stamp)
+        for name, width, is_latched, reader in self._live:
+            for sample in reader.take()[-1:]:
+                if is_settled or is_latched:  # a latched one counts for ever, and comes once
+                    self._send_live(name, width, sample, stamp)
 
     def _send_commands(self, samples: Sequence[Received], stamp: int) -> None:
         """Send the newest command of each writer; the session checks it again, and who may command."""

@@ -1,16 +1,19 @@
 """What a command is that came over DDS, and how old."""
 
+from math import inf
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.dds.commands import StatusForwarder, read_command
+from humanoid_sim.frontends.dds import commands as module
+from humanoid_sim.frontends.dds.commands import CommandReader, StatusForwarder, read_command
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.ros2.cdr import CdrError, encode
+from humanoid_sim.ros2.dds.endpoints import Received
 from humanoid_sim.ros2.definitions import MIT_COMMAND
-from humanoid_sim.ros2.messages import SESSION_FRAME, ForeignStatus, encode_mit_command
+from humanoid_sim.ros2.messages import SESSION_FRAME, ForeignStatus, encode_float32_array, encode_mit_command
 
 JOINTS = ("shoulder", "elbow", "wrist")
 SOUND = dict(zip(COMMAND_FIELDS, ([0.1, 0.2, 0.3], [0.0] * 3, [1.0, -1.0, 0.0], [20.0] * 3, [1.0] * 3), strict=True))
@@ -67,3 +70,29 @@ def test_a_fault_is_forwarded_at_once_and_a_flood_twenty_times_a_second():
         forwarder.flush(0, now)
     assert reported[-2:] == [("glitch", 1), ("glitch", 0)], "a fault that ends within one poll still damps"
     assert "can0" not in dict(reported), "what a session publishes does not come back"
+
+
+@pytest.mark.parametrize(("timeout", "gap", "taken"), [(0.5, 0.01, 1), (0.5, 0.06, 0), (inf, 0.06, 1)])
+def test_what_came_while_the_bridge_was_suspended_is_dropped_unless_it_is_latched(monkeypatch, timeout, gap, taken):
+    """A latched one comes once, and as soon as the bridge is there, which takes its time to start."""
+    samples, now, sent = {"/goal": [Received(encode_float32_array(np.zeros(2)), 1)]}, [0], []
+
+    class FakeReader:
+        def __init__(self, _, topic, kind, *, depth, any_writer=False):
+            self.topic = topic
+
+        def wait(self, _):
+            now[0] += round(1e9 * gap)
+
+        def take(self):
+            return samples.pop(self.topic, [])
+
+    monkeypatch.setattr(module, "Reader", FakeReader)
+    monkeypatch.setattr(module, "monotonic_ns", lambda: now[0])
+    monkeypatch.setattr(module, "recorded_contract", lambda _: None)
+    monkeypatch.setattr(module, "live_topic", lambda *_: SimpleNamespace(name="/goal", timeout=timeout))
+    intake = SimpleNamespace(live=lambda *_, stamp: sent.append(stamp))
+    header = SimpleNamespace(joint_names=JOINTS)
+    attachment = SimpleNamespace(session=None, intake=intake, header=header, live_inputs={"goal": 2})
+    CommandReader(attachment, None, is_local=True).poll(0.0)
+    assert sent == [0] * taken
