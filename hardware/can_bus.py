@@ -354,7 +354,7 @@ class Channel:
         is_full = _error_number(error) in _FULL or isinstance(error, can.CanTimeoutError) or "buffer full" in str(error)
         if not is_full:
             self._failed(f"sending fails: {error}", error)
-        if not is_full or now - waiting.since >= _REFUSED:
+        if not self.down and (not is_full or now - waiting.since >= _REFUSED):
             self.tx_full = Note(now, f"commands do not leave: {error}")
         if not is_full or self._closing.is_set():
             return

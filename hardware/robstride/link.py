@@ -202,7 +202,9 @@ class RobstrideLink:
     def stop_motors(self, motors: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
         """Stop motors, and clear their faults on request; returns those that did not confirm it."""
         frames = {i: [self.frame(i, FrameType.STOP, CLEAR_FAULTS if clear_faults else b"")] for i in motors}
-        confirmed = self.until_status(frames, lambda status: status.mode is MotorMode.RESET)
+        confirmed = self.until_status(
+            frames, lambda status: status.mode is MotorMode.RESET and not (clear_faults and status.faults)
+        )
         return tuple(i for i in frames if i not in confirmed)
 
     def read_versions(self, motors: Iterable[int]) -> dict[int, FirmwareVersion]:

@@ -7,6 +7,7 @@ from fault_rig import CAN_TIMEOUT, PERIOD, RealRig, VirtualRig
 from motor_surface import short_waits
 
 from humanoid_sim.hardware.mock.faults import FAULTS, Fault
+from humanoid_sim.hardware.robstride.protocol import FrameType
 from humanoid_sim.messages import Intent, Mode, SafetyFlag
 
 ELBOW = ("left_elbow_pitch",)
@@ -98,3 +99,25 @@ def test_a_few_lost_frames_are_tolerated(make_rig):
         ticks = [rig.tick() for _ in range(25)]
         assert all(tick.is_ok for tick in ticks), [tick.messages for tick in ticks if not tick.is_ok]
         assert {tick.mode for tick in ticks} == {Mode.LOCOMOTION}
+
+
+def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_on(monkeypatch):
+    short_waits(monkeypatch, answers=0.3, listening=0.005)
+    clears = []
+
+    def lossy(message, timeout=None):
+        kind, motor = message.arbitration_id >> 24, message.arbitration_id & 0xFF
+        is_clear = kind == FrameType.STOP and motor == 14 and message.data[:1] == b"\x01"
+        if is_clear:
+            clears.append(message)
+        if kind != FrameType.ACTIVE_REPORT and not (is_clear and len(clears) == 1):
+            send(message, timeout)
+
+    with VirtualRig() as rig:
+        rig.reach(Mode.DAMPING)
+        rig.inject(Fault("motor_fault", ELBOW, duration=0.01))
+        assert not [rig.tick(), rig.tick()][-1].is_ok
+        send, rig.bus.runs = rig.bus.send, True
+        monkeypatch.setattr(rig.bus, "send", lossy)
+        rig.robot.activate()
+        assert "had faults, cleared: " in "".join(rig.robot.checks.of("warning"))
