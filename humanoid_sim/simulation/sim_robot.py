@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,14 +25,6 @@ _SOURCE = "mujoco"
 _OK = (SafetyStatus(source=_SOURCE),)
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _FASTEST_PUSH = 10.0  # m/s
-
-
-class Touch(NamedTuple):
-    """A piano's key that is touched."""
-
-    force: float  # N, normal to the surfaces
-    key: int  # 0 is A0, 87 is C8
-    time: float  # s
 
 
 class SimRobot:
@@ -61,8 +52,6 @@ class SimRobot:
         self.stability = DampingStability(self.model, description)
         self.warnings = self.stability.check_description()
         """Messages to an operator about gains that are close to unstable, one line each."""
-        self.hardest_touch: Touch | None = None
-        """Hardest touch of a key of its piano in any physics step since `forget_touches`; None for none."""
         self.is_closed = False
         self.data.qpos[self._sensors.joints.qpos] = description.initial_position
         self._support = Support(self.model, self.data, description, config.drop)
@@ -228,9 +217,6 @@ class SimRobot:
         self._support.move(held, lifts=lifts)
         mujoco.mj_step1(self.model, self.data)
 
-    def forget_touches(self) -> None:
-        self.hardest_touch = None
-
     def close(self) -> None:
         self.is_closed = True
 
@@ -279,9 +265,10 @@ class SimRobot:
             return
         model, data, update_torque, step = self.model, self.data, self._update_torque, mujoco.mj_step2
         assert update_torque is not None
-        scatters, touches, joints = self._views is None, self._sensors.touch.stop > 0, self._sensors.joints
-        if not touches:  # sensors of the last step alone are read: 2 µs of the 25 that a step of the Lite takes
-            model.opt.disableflags |= _NO_SENSORS
+        scatters, joints = self._views is None, self._sensors.joints
+        model.opt.disableflags |= (
+            _NO_SENSORS  # of the last step alone are read: 2 µs of the 25 that a step of the Lite takes
+        )
         for remaining in range(count, 0, -1):
             if scatters:
                 self._position[:], self._velocity[:] = data.qpos[joints.qpos], data.qvel[joints.dof]
@@ -292,12 +279,4 @@ class SimRobot:
                 model.opt.disableflags &= ~_NO_SENSORS
             step(model, data)
             step = mujoco.mj_step
-            if touches and data.ncon:
-                self._note_touch()
         mujoco.mj_step1(model, data)
-
-    def _note_touch(self) -> None:
-        force = self.data.sensordata[self._sensors.touch]
-        key = int(force.argmax())
-        if force[key] > (0.0 if self.hardest_touch is None else self.hardest_touch.force):
-            self.hardest_touch = Touch(float(force[key]), key, self.data.time)
