@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import numpy as np
 from rich.console import Console
 from rich.progress import track
 
@@ -16,6 +17,10 @@ from humanoid_sim.doctor.edits import Edit, asymmetry, single_edits
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Outcome, Simulations, Subject
 
+_COMMANDS = np.array(
+    [[0.5, 0.0, 0.5], [0.5, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.0, -0.5], [0.0, 0.4, 0.0], [0.0] * 3, [-0.5, 0.0, 0.0]]
+)  # m/s, m/s, rad/s, of the long run
+_PHASE = 3.0  # s, of each of them
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
@@ -87,35 +92,51 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
 
 
 def search_episodes(subject: Subject, console: Console) -> Result:
-    """Try every edit in one simulated episode, without support, with progress on a console."""
-    edits, local = single_edits(subject.contract, subject.description, subject.motion), threading.local()
+    """Try every edit in one simulated episode, without support, with progress on a console.
 
-    def run(contract: PolicyContract) -> Outcome:
+    A long run of the contract as it is comes first.
+    """
+    contract, motion = subject.contract, subject.motion
+    seconds = _PHASE * len(_COMMANDS) if motion is None else len(motion.frames) * contract.policy_dt
+    long = Simulations(subject).run(contract, _COMMANDS, seconds)
+    edits, local = single_edits(contract, subject.description, motion), threading.local()
+
+    def run(edited: PolicyContract) -> Outcome:
         if not hasattr(local, "simulations"):
             local.simulations = Simulations(subject)
-        outcome: Outcome = local.simulations.run(contract)
+        outcome: Outcome = local.simulations.run(edited)
         return outcome
 
-    contracts = [subject.contract, *(edit.contract for edit in edits)]
+    contracts = [contract, *(edit.contract for edit in edits)]
     with ThreadPoolExecutor(_THREADS) as pool:
         tried = pool.map(run, contracts)
         now, *outcomes = track(tried, "changes", len(contracts), console=console, transient=True)
-    return judge(subject.contract, now, list(zip(edits, outcomes, strict=True)))
+    return judge(contract, now, long, list(zip(edits, outcomes, strict=True)))
 
 
-def judge(contract: PolicyContract, now: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
-    """Rank the edits by their errors, and decide whether the first does clearly better than the contract as it is."""
+def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence[tuple[Edit, Outcome]]) -> Result:
+    """Rank the edits by their errors, and decide whether the first does clearly better than the contract as it is.
+
+    `now` and `long` are of the contract as it is, in the episode of the edits and in the long run.
+    """
 
     def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
         return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
 
+    note = _describe(now)
+    if long.lost and not now.lost:
+        note += f"; in the long run {_describe(long)}"
+    if long.unanswered:
+        note += f"; does not answer the command {', '.join(long.unanswered)}"
     up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
     up.sort(key=lambda row: row.score)
     if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
-        return _found(up, _describe(now))
+        return _found(up, note)
     if now.lost:
-        return Result("No single change keeps the robot up: several mistakes, or its model", (), _describe(now))
-    return Result("Nothing wrong found: no change does clearly better", (), _describe(now), is_healthy=True)
+        return Result("No single change keeps the robot up: several mistakes, or its model", (), note)
+    if long.lost:
+        return Result("Lost in the long run, and no change does clearly better", tuple(up[:3]), note)
+    return Result("Nothing wrong found: no change does clearly better", (), note, is_healthy=True)
 
 
 def _describe(outcome: Outcome) -> str:

@@ -29,7 +29,7 @@ from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.model import SimConfig
 
 _SECONDS = 4.0  # s, of an episode
-_COMMAND = np.array([0.5, 0.0, 0.5])  # m/s, m/s, rad/s: walk and turn
+_WALK_AND_TURN = np.array([[0.5, 0.0, 0.5]])  # m/s, m/s, rad/s
 _YAW = 2.0  # rad, heading at the start: far from 0, where world and body frames would agree
 _SETTLED = 0.5  # s from the start until the velocity counts
 TIMESTEP = 0.005  # s, of physics, at most: damping is integrated implicitly, so any gains are stable
@@ -45,6 +45,7 @@ _NOTICED: Mapping[str, float] = {
 """Errors at which an onlooker begins to notice."""
 _OF_WALKING = ("effort", "tilt")
 _OF_MOTIONS = tuple(name for name in _NOTICED if name in METRICS and name != "tilt")
+_ANSWERED = 0.2  # share of a command that the mean velocity must reach
 _ENDS = {"fallen": "floating base", "strayed": "motion with an anchor"}
 
 
@@ -106,6 +107,7 @@ class Outcome:
     time_up: float  # s until the robot was lost
     parts: Mapping[str, float]  # errors by name, each about 1 where an onlooker begins to notice
     lost: str = ""
+    unanswered: tuple[str, ...] = ()  # commands that it does not follow
 
     @property
     def cost(self) -> float:
@@ -139,8 +141,10 @@ class Simulations:
             self._robots[key] = BatchSim(limp, count, config, implicit=True, threads=1)
         return self._robots[key]
 
-    def run(self, contract: PolicyContract) -> Outcome:
-        """Run a contract once; one that cannot run is lost at 0 s."""
+    def run(
+        self, contract: PolicyContract, commands: FloatArray = _WALK_AND_TURN, seconds: float = _SECONDS
+    ) -> Outcome:
+        """Run a contract once, each command (C, 3) for an equal time; one that cannot run is lost at 0 s."""
         try:
             loaded = self._subject.load(contract)
             bodies = contract.body_names if "motion_body_pos_b" in loaded.reference.terms else ()
@@ -149,8 +153,8 @@ class Simulations:
             contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
             bounds = np.array([[-np.inf, np.inf]] * 3) if contract.command_ranges is None else contract.command_ranges
-            command = np.clip(_COMMAND, bounds[:, 0], bounds[:, 1])
-            loop = ClosedLoop(robot, wiring, command[None])
+            commands = np.clip(commands, bounds[:, 0], bounds[:, 1])
+            loop = ClosedLoop(robot, wiring, commands[:1])
         except (FieldError, InputError) as error:
             return Outcome(0.0, {}, str(error))
         standing = robot.start_pose.standing_height
@@ -160,7 +164,7 @@ class Simulations:
         metrics = {name: METRICS[name] for name in names if context.has(METRICS[name].needs)}
         rows: list[dict[str, Any]] = []
         sample = loop.sample(0)
-        steps = round(_SECONDS / contract.policy_dt)
+        steps = round(seconds / contract.policy_dt)
         if self._subject.motion is not None:
             steps = min(steps, loaded.reference.frame_count)
         for step in range(steps):
@@ -172,17 +176,31 @@ class Simulations:
                 lost = describe_failure(context, sample, 0)
             if lost or isinstance(inferred, Fault):
                 reason = inferred.message if isinstance(inferred, Fault) and not lost else lost
-                return Outcome(step * contract.policy_dt, _errors(contract, command, rows), reason)
-            sent = loop.act(inferred.action[None])
+                return Outcome(step * contract.policy_dt, _errors(contract, rows), reason)
+            command = commands[step * len(commands) // steps]
+            sent = loop.act(inferred.action[None], velocity=command[None])
             sample = loop.sample(step + 1)
             row = {name: metric.values(context, sample)[0] for name, metric in metrics.items()}
             if sample.base is not None:
                 row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0]}
-            rows.append({**row, "sent": sent.position[0]})
-        return Outcome(steps * contract.policy_dt, _errors(contract, command, rows))
+            rows.append({**row, "sent": sent.position[0], "command": command})
+        unanswered = _unanswered(rows) if contract.task_type == "locomotion" and sample.base is not None else ()
+        return Outcome(steps * contract.policy_dt, _errors(contract, rows), unanswered=unanswered)
 
 
-def _errors(contract: PolicyContract, command: FloatArray, steps: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def _unanswered(steps: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the commands of which the mean velocity is less than a fifth."""
+    velocities, commands = (np.array([step[name] for step in steps]) for name in ("velocity", "command"))
+    found = []
+    for command in np.unique(commands, axis=0):
+        mean = velocities[(commands == command).all(axis=1)].mean(axis=0)
+        for name, wanted, reached in zip(("vx", "vy", "yaw rate"), command, mean, strict=True):
+            if wanted and reached / wanted < _ANSWERED:
+                found.append(f"{name} {wanted:g} ({reached:.2f} reached)")
+    return tuple(found)
+
+
+def _errors(contract: PolicyContract, steps: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Return the errors of an episode, each about 1 where an onlooker begins to notice."""
     if len(steps) < 2:
         return {}
@@ -191,7 +209,7 @@ def _errors(contract: PolicyContract, command: FloatArray, steps: Sequence[Mappi
     found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt
     skip = round(_SETTLED / contract.policy_dt)
     if contract.task_type == "locomotion" and "velocity" in rows and len(steps) > skip:
-        off = rows["velocity"][skip:].mean(axis=0) - command
+        off = (rows["velocity"] - rows["command"])[skip:].mean(axis=0)
         found["height"] = rows["height"][skip:].std()
         found["velocity"], found["turning"] = np.hypot(off[0], off[1]), abs(off[2])
     return {name: float(value) / _NOTICED[name] for name, value in found.items()}

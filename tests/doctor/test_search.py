@@ -45,13 +45,19 @@ def edit(name, contract=PAIR, doubt=0.0):
     ],
 )
 def test_an_edit_is_a_finding_where_it_keeps_the_robot_up_or_saves_much(present, tried, finding, is_healthy):
-    result = judge(PAIR, present, tried)
+    result = judge(PAIR, present, up(2.0), tried)
     assert (result.finding and result.finding.name) == finding
     assert result.is_healthy is is_healthy
 
 
+def test_a_robot_that_is_lost_in_the_long_run_is_not_healthy():
+    result = judge(PAIR, up(2.0), lost(7.0), [(edit("a"), up(1.9))])
+    assert (result.finding, result.is_healthy) == (None, False)
+    assert "in the long run lost after 7.0 s: fell" in result.note
+
+
 def test_edits_that_do_as_well_are_named_beside_the_first():
-    result = judge(PAIR, lost(1.0), [(edit("a"), up(1.0)), (edit("b"), up(1.04)), (edit("c"), up(1.2))])
+    result = judge(PAIR, lost(1.0), lost(1.0), [(edit("a"), up(1.0)), (edit("b"), up(1.04)), (edit("c"), up(1.2))])
     assert [row.edit.name for row in result.rows] == ["a", "b"]
 
 
@@ -67,6 +73,14 @@ def test_an_episode_can_be_repeated_to_the_bit(walker):
     assert simulations.run(soft).lost.startswith("fell")
     assert first.lost == ""
     assert first == simulations.run(walker.contract)
+
+
+def test_commands_that_a_policy_does_not_answer_are_named(walker):
+    deaf = term("velocity_commands", scale=0.0)(walker.contract)
+    commands = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.5], [0.3, 0.0, 0.0]])
+    unanswered = Simulations(walker).run(deaf, commands, 6.0).unanswered
+    assert [text.partition(" (")[0] for text in unanswered] == ["yaw rate -0.5", "vx 0.3"]
+    assert Simulations(walker).run(walker.contract, commands, 6.0).unanswered == ()
 
 
 def test_a_contract_that_cannot_run_is_lost_at_once(walker):
