@@ -19,9 +19,9 @@ from humanoid_sim.cli import parse
 class RegressConfig:
     """Run policies over a suite and compare them, metric by metric, with a baseline.
 
-    Exit status 0: no metric of any policy is worse than the baseline by more than the suite tolerates, and no episode
-    failed in a way in which none of its case in the baseline did. 1: otherwise. 2: something that was given cannot be
-    used.
+    Exit status 0: of every policy, no metric is worse than the baseline, in the mean over the cases, by more than the
+    suite tolerates and not by chance, and no episode failed in a way in which none of its case in the baseline did. 1:
+    otherwise. 2: something that was given cannot be used.
     """
 
     policies: tuple[str, ...]

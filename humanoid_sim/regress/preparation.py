@@ -49,7 +49,6 @@ class PreparedCase:
 class PreparedPolicy:
     """A checkpoint with all cases of a suite."""
 
-    name: str
     prepared: PreparedSuite
     checkpoint: Checkpoint
     cases: tuple[PreparedCase, ...]
@@ -119,7 +118,7 @@ def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | No
         )
     with blaming(f"policy '{path.stem}'", InputError):
         cases = tuple(_prepare_case(prepared, case, checkpoint) for case in suite.cases)
-    return PreparedPolicy(path.stem, prepared, checkpoint, cases)
+    return PreparedPolicy(prepared, checkpoint, cases)
 
 
 def _prepare_case(prepared: PreparedSuite, case: Case, checkpoint: Checkpoint) -> PreparedCase:

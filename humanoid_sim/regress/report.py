@@ -20,7 +20,11 @@ def print_results(console: Console, results: Results) -> None:
     suite, baseline = results.suite, results.baseline
     console.print(f"{suite.name} on {results.robot}, {len(suite.cases)} cases × {suite.seeds} seeds", soft_wrap=True)
     if baseline is not None:
-        console.print(f"baseline: {len(baseline.failures)} of {len(baseline.episodes)} episodes failed", soft_wrap=True)
+        console.print(
+            f"baseline {baseline.name}: {len(baseline.failures)} of {len(baseline.episodes)} episodes failed",
+            soft_wrap=True,
+            markup=False,
+        )
     for candidate in results.candidates:
         run = candidate.run
         passed = "" if baseline is None else "FAIL " if candidate.worse else "PASS "

@@ -44,7 +44,10 @@ def regress(config: RegressConfig) -> int:
 
 
 def tested(config: RegressConfig) -> Results:
-    """Run policies over a suite, and write the files that were requested."""
+    """Run policies over a suite, and write the files that were requested.
+
+    A policy's name is its file's, and the path as given where several have that.
+    """
     if not config.policies:
         raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
     for output, suffix in ((config.json, ".json"), (config.junit, ".xml"), (config.report, ".html")):
@@ -52,17 +55,20 @@ def tested(config: RegressConfig) -> Results:
             output_file(output, str(output), suffix, overwrite=config.overwrite)
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(_chosen(suite, config), folder, config.robot)
-    paths = [policy_path(name, "POLICIES") for name in config.policies]
+    given, paths = list(config.policies), [policy_path(name, "POLICIES") for name in config.policies]
     baseline: PolicyRun | None = None
     if config.baseline is not None:
         compared = policy_path(config.baseline, "--baseline")
         if compared.suffix == ".onnx":
+            given.append(config.baseline)
             paths.append(compared)
         else:
             baseline = stored_baseline(prepared, compared)
     policies = [prepare_policy(prepared, path, config.contract) for path in paths]
+    stems = [path.stem for path in paths]
+    names = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, given, strict=True)]
     with _executor(config.ray) as executor:
-        runs = [_run(policy, executor) for policy in policies]
+        runs = [_run(name, policy, executor) for name, policy in zip(names, policies, strict=True)]
     if len(runs) > len(config.policies):
         baseline = runs.pop()
     candidates = tuple(Candidate(run=run, comparisons=compare_runs(prepared.suite, baseline, run)) for run in runs)
@@ -90,13 +96,13 @@ def _chosen(suite: Suite, config: RegressConfig) -> Suite:
     return replace(suite, cases=cases, seeds=seeds)
 
 
-def _run(policy: PreparedPolicy, executor: Executor) -> PolicyRun:
+def _run(name: str, policy: PreparedPolicy, executor: Executor) -> PolicyRun:
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
     episodes: list[Episode] = []
-    for done in track(executor(policy), policy.name, console=Console(stderr=True), transient=True):
+    for done in track(executor(policy), name, console=Console(stderr=True), transient=True):
         episodes += done
     return PolicyRun(
-        name=policy.name,
+        name=name,
         source=policy.checkpoint.source,
         sha256=policy.checkpoint.sha256,
         case_digests=policy.prepared.digests,

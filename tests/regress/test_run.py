@@ -1,6 +1,7 @@
 """`regress` from its command line and from Python: verdicts as exit statuses, files, and refusals."""
 
 import re
+import shutil
 from xml.etree import ElementTree
 
 import msgspec
@@ -45,6 +46,25 @@ def test_the_sample_policy_passes_against_itself(suite, base, tmp_path, capsys):
     assert ElementTree.parse(junit).find("testsuite").attrib["failures"] == "0"
     assert main([*arguments, "--overwrite"]) == 0
     assert read(out) == found
+
+
+def test_policies_of_one_file_name_are_shown_by_their_paths(suite, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for run in ("old", "run1", "run2"):
+        (tmp_path / run).mkdir()
+        shutil.copy(SAMPLE, tmp_path / run / "policy.onnx")
+    outputs = ["--json", "out.json", "--junit", "out.xml", "--report", "out.html"]
+    arguments = ["run1/policy.onnx", "run2/policy.onnx", "lite_tracking", "--baseline", "old/policy.onnx", *outputs]
+    assert main([*arguments, "--suite", suite, "--only", "drum"]) == 0
+    names = ["run1/policy.onnx", "run2/policy.onnx", "lite_tracking"]
+    printed, page = capsys.readouterr().out, (tmp_path / "out.html").read_text()
+    for text in ("baseline old/policy.onnx: ", *(f"PASS {name}\n" for name in names)):
+        assert text in printed
+        assert text in page
+    found = read(tmp_path / "out.json")
+    assert found.baseline.name == "old/policy.onnx"
+    assert [candidate.run.name for candidate in found.candidates] == names
+    assert [shown.attrib["name"] for shown in ElementTree.parse("out.xml").getroot()] == names
 
 
 def test_without_a_baseline_figures_are_shown_and_nothing_is_judged(suite, capsys):
