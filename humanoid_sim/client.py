@@ -18,6 +18,7 @@ import ctypes
 import fcntl
 import json
 import os
+import queue
 import re
 import socket
 import stat
@@ -27,7 +28,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -511,24 +512,29 @@ class Intake:
 def ask_sessions(
     word: str, process: int | None, *, producer: str, timeout: float = 2.0, seen: int | None = None
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
-    """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, before any answer is awaited.
+    """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, none waiting for another.
 
-    Yields each session with its answer, or with the error in its place. Raises `SessionError` if no such session runs.
+    Yields each session with its answer, or with the error in its place, as they arrive. Raises `SessionError` if no
+    such session runs.
     """
     sessions = running_sessions() if word == "damp" and process is None else []
-    with ExitStack() as stack:
-        asked = []
-        for session in sessions or [find_session(process)]:
-            try:
-                intake = stack.enter_context(Intake(session, producer))
-                asked.append((session, intake, intake.post(word, seen=seen)))
-            except SessionError as error:
-                yield session, error
-        for session, intake, token in asked:
-            try:
-                yield session, intake.answer(token, timeout)
-            except SessionError as error:
-                yield session, error
+    sessions = sessions or [find_session(process)]
+    answers: queue.SimpleQueue[tuple[SessionInfo, Answer | SessionError]] = queue.SimpleQueue()
+
+    def ask(session: SessionInfo) -> None:
+        try:
+            with Intake(session, producer) as intake:
+                answers.put((session, intake.ask(word, timeout, seen=seen)))
+        except SessionError as error:
+            answers.put((session, error))
+
+    threads = [threading.Thread(target=ask, args=(session,)) for session in sessions]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        yield answers.get()
+    for thread in threads:
+        thread.join()
 
 
 # The network.
