@@ -26,7 +26,7 @@ from humanoid_sim.hardware.mock.plant import MotorPlant
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.mock.sito_motor import SitoMotor
 from humanoid_sim.mit import MITCommand, mit_torque
-from humanoid_sim.robots.motors import motor_model
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 FACTORY_ID = 127  # id with which Robstride motors are delivered
@@ -68,7 +68,7 @@ class MockMotors:
         self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in plant.motors]
         self.motors: list[RobstrideMotor | SitoMotor] = []
         for joint, motor in zip(self.names, plant.motors, strict=True):
-            model = motor_model(motor.model)
+            model = MOTORS[motor.model]
             if model.family == "sito":
                 self.motors.append(SitoMotor(model, motor.can_id))
             else:

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import msgspec
 
-from humanoid_sim.assets import motion_path
+from humanoid_sim.assets import motion_path, shipped
 from humanoid_sim.envs.config import PolicyEnvConfig, Scenario, build_scenario
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.song import Song, load_song, song_motion
 from humanoid_sim.regress.suite import Case, Suite
-from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
+from humanoid_sim.robots.description import RobotDescription, load_robot
 
 _TASKS = {"tracking": "tracking", "locomotion": "velocity", "piano": "piano"}  # of suites, by a policy's task_type
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
@@ -59,7 +59,7 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
     name = robot or suite.robot
     if not name:
         raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
-    if not robot and name not in shipped_robots() and (folder / name).is_file():
+    if not robot and name not in shipped("robots") and (folder / name).is_file():
         name = str(folder / name)
     description = load_robot(name)
     if suite.task == "velocity" and not description.is_floating:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from humanoid_sim.robots.actuators import own_actuators
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import imu_line
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -36,8 +36,8 @@ def joint_table(robot: RobotDescription, model: mujoco.MjModel) -> Table:
 
 def actuator_table(model: mujoco.MjModel) -> Table:
     """Return what the model's own actuators do to its joints."""
-    title = "the model's own actuators, which are left out"
-    table = _table(title, "kind", "K_p", "K_d", "force", "target clipped to")
+    headings = ("kind", "K_p", "K_d", "force", "target clipped to")
+    table = _table("the model's own actuators, which are left out", *headings)
     for own in own_actuators(model).values():
         gains = f"{own.stiffness:g}", f"{own.damping:g}"
         table.add_row(escape(own.joint), own.kind, *gains, _span(own.force_range), _span(own.target_range))
@@ -75,14 +75,13 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
 
 
 def _equalities(model: mujoco.MjModel) -> Iterator[str]:
-    others: Counter[str] = Counter()
     for i in range(model.neq):
-        kind = mujoco.mjtEq(int(model.eq_type[i]))
+        kind, leader = mujoco.mjtEq(int(model.eq_type[i])), int(model.eq_obj2id[i])
+        offset, ratio, *powers = model.eq_data[i, :5]
         if kind != mujoco.mjtEq.mjEQ_JOINT:
-            others[kind.name.removeprefix("mjEQ_").lower()] += 1
+            yield kind.name.removeprefix("mjEQ_").lower()
             continue
-        follower, leader = model.joint(int(model.eq_obj1id[i])).name, int(model.eq_obj2id[i])
-        offset, ratio, *powers = (float(value) for value in model.eq_data[i, :5])
-        text = f"{follower} = {offset:g}" + (f" {ratio:+g} · {model.joint(leader).name}" if leader >= 0 else "")
+        text = f"{model.joint(int(model.eq_obj1id[i])).name} = {offset:g}"
+        if leader >= 0:
+            text += f" {ratio:+g} · {model.joint(leader).name}"
         yield f"{text} + higher powers" if any(powers) else text
-    yield from (f"{count} {kind}" for kind, count in others.items())

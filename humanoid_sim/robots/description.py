@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,26 +19,15 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, require_known
-from humanoid_sim.files import is_file, regular_file
-from humanoid_sim.robots.checks import description_problems
+from humanoid_sim.files import is_file
+from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.public import PREFIX, public_mjcf
+from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
-__all__ = [
-    "RobotDescription",
-    "load_robot",
-    "shipped_robots",
-    "with_contract",
-    "with_contract_physics",
-    "with_joint_limits",
-]
+__all__ = ["RobotDescription", "load_robot", "with_contract", "with_contract_physics", "with_joint_limits"]
 _STANDBYS = ("standby_controller_a", "standby_controller_b")
-
-
-def shipped_robots() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
-    return shipped("robots")
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
@@ -47,26 +37,24 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     `joints: {left_knee: {effort_limit: 60}}`. Raises `InputError` with file and fields, such as
     `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
-    name, known = str(name_or_path), shipped_robots()
+    name, known = str(name_or_path), shipped("robots")
     if name in known:
-        path, label = asset_path("robots", f"{name}.yaml"), f"{name}.yaml"
+        path = asset_path("robots", f"{name}.yaml")
     elif name.startswith(PREFIX):
-        path, label = public_mjcf(name), name
-    elif not os.path.exists(name):
-        raise InputError(f"{known_names('robot', name, known)}, {PREFIX}NAME; or a file that exists")
+        path = public_mjcf(name)
+    elif os.path.exists(name):
+        path = Path(name)
     else:
-        path, label = regular_file(name, f"a robot's YAML file, an MJCF or one of: {', '.join(known)}"), name
+        raise InputError(f"{known_names('robot', name, known)}, {PREFIX}NAME; or a file that exists")
     if path.suffix == ".urdf":
-        raise InputError(
-            f"{label}: is a URDF, which says neither whether the base floats nor where the IMU is; "
-            f"`python -m humanoid_sim.robot convert {label} --base floating` makes an MJCF of it"
-        )
+        convert = f"python -m humanoid_sim.robot convert {name} --base floating"
+        raise InputError(f"{name}: is a URDF, expected an MJCF, as `{convert}` makes one of it")
     if path.suffix == ".xml":
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
-    document = read_yaml(path, label)
-    with blaming(label, InputError):
+    document = read_yaml(path, what=f"a robot's YAML file, an MJCF or one of: {', '.join(known)}")
+    with blaming(path, InputError):
         return _described(document, path.resolve().parent)
 
 
@@ -82,7 +70,8 @@ def _described(document: Any, folder: Path) -> RobotDescription:
         robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
     except msgspec.ValidationError as error:
         raise InputError(schema_problem(error)) from None
-    if problems := list(description_problems(robot)):
+    problems = [*_problems(robot), *_motor_problems(robot)]
+    if problems:
         raise InputError("; ".join(problems))
     return robot
 
@@ -91,13 +80,13 @@ def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 
     described = describe_mjcf(mjcf)
-    whole: dict[str, Any] = msgspec.to_builtins(described)
-    changes = dict(document)
-    for name, fields in changes.pop("joints", {}).items():
+    whole = msgspec.to_builtins(described)
+    for name, fields in document.get("joints", {}).items():
         require_known("joint", [name], described.joint_names, "joints: ")
         if not isinstance(fields, dict):
             raise InputError(f"joints.{name}: is {fields!r}, expected fields to change, such as {{effort_limit: 60}}")
         whole["joints"][described.joint_names.index(name)].update(fields)
+    changes = {name: value for name, value in document.items() if name != "joints"}
     pose = changes.get("initial_position")
     if isinstance(pose, dict):
         require_known("joint", pose, described.joint_names, "initial_position: ")
@@ -114,6 +103,66 @@ def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
         own = whole.get(name)
         whole[name] = _merged(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
     return whole
+
+
+def _problems(robot: RobotDescription) -> Iterator[str]:
+    if robot.is_floating and not robot.base.body.strip():
+        yield "base.body: is empty, expected the body with the free joint"
+    if len(set(robot.joint_names)) != robot.joint_count:
+        yield "joints: several have the same name"
+    for i, joint in enumerate(robot.joints):
+        if joint.lower >= joint.upper:
+            yield f"joints[{i}].upper: is {joint.upper:g}, expected more than lower, which is {joint.lower:g}"
+    try:
+        steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
+    except InputError as error:
+        yield f"simulation.{error}"
+    poses = {"initial_position": robot.initial_position}
+    lists: dict[str, Sequence[float | None]] = {}
+    for name in _STANDBYS:
+        standby = getattr(robot, name)
+        lists[f"{name}.target_stiffness"] = standby.target_stiffness
+        lists[f"{name}.target_damping"] = standby.target_damping
+        poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
+        count, expected = len(standby.pose_segments), len(standby.segment_durations)
+        if count != expected:
+            yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
+    may_be_empty = {
+        "damping_controller.damping": robot.damping_controller.damping,
+        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
+        "guards.following_effort": robot.guards.following_effort,
+        "guards.speed": robot.guards.speed,
+    }
+    lists |= {name: values for name, values in may_be_empty.items() if values}
+    for place, values in (poses | lists).items():
+        if len(values) != robot.joint_count:
+            yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
+    for place, pose in poses.items():
+        for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
+            if not joint.lower <= value <= joint.upper:
+                limits = f"{joint.lower:g} to {joint.upper:g}"
+                yield f"{place}[{i}]: is {value:g}, outside the limits of {joint.name}, {limits}"
+
+
+def _motor_problems(robot: RobotDescription) -> Iterator[str]:
+    motors = {i: joint.motor for i, joint in enumerate(robot.joints) if joint.motor is not None}
+    families = {MOTORS[motor.model].family for motor in motors.values() if motor.model in MOTORS}
+    owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
+    for i, motor in motors.items():
+        place = f"joints[{i}].motor"
+        if motor.model not in MOTORS:
+            yield f"{place}.model: {known_names('motor model', motor.model, MOTORS)}"
+            continue
+        family = FAMILIES[MOTORS[motor.model].family]
+        if motor.family not in ("", family.name):
+            yield f"{place}.family: is {motor.family}, but a {motor.model} is of {family.name}"
+        if problem := id_problem(family, motor.can_id, families):
+            yield f"{place}.can_id: {problem}"
+        if family.has_torque_limit and (motor.torque_limit is None or motor.current_limit is None):
+            yield f"{place}: misses 'torque_limit' or 'current_limit'"
+        first = owner.setdefault(motor.can_id, i)
+        if first != i:
+            yield f"{place}.can_id: is {motor.can_id}, which is the id of joints[{first}]"
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:

@@ -20,17 +20,15 @@ _OF_SCALE = 0.99  # share of the largest speed that a motor can report: a Sito's
 
 
 def guards_of(robot: RobotDescription) -> Guards | None:
-    """Return the guards of a robot; None if its description turns all of them off.
-
-    A following guard needs an effort limit, a limit guard limits, a speed guard limits or a known motor: joints without
-    are not watched by it.
-    """
+    """Return the guards of a robot, infinite for joints without limits; None if its description turns all off."""
     given, off = robot.guards, np.full(robot.joint_count, np.inf)
     if given.following is None and given.limit is None and given.speed is None:
         return None
-    effort = off if given.following is None else given.following * robot.effort_limit
+    effort = off
     if given.following is not None and given.following_effort:
         effort = np.array([np.inf if bound is None else bound for bound in given.following_effort])
+    elif given.following is not None:
+        effort = given.following * robot.effort_limit
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
@@ -47,21 +45,18 @@ def guards_of(robot: RobotDescription) -> Guards | None:
 
 
 def describe_unwatched(robot: RobotDescription) -> str:
-    """Return in one line which guards watch fewer joints than there are, and why; '' if each watches all."""
+    """Return in one line which guards watch fewer joints than there are; '' if each watches all."""
     guards, n = guards_of(robot), robot.joint_count
     if guards is None:
         return "guards: all are off in the robot's description"
-    texts = []
-    for name, watched, needed in (
-        ("following", np.isfinite(guards.following_effort), "an effort limit of the robot's own"),
-        ("limit", np.isfinite(robot.lower) | np.isfinite(robot.upper), "position limits"),
-        ("speed", np.isfinite(guards.speed_limit), "position limits or a known motor"),
-    ):
-        if getattr(robot.guards, name) is None:
-            texts.append(f"{name} is off in the robot's description")
-        elif not watched.all():
-            texts.append(f"{name} is off for {n - int(watched.sum())} of {n} joints, which lack {needed}")
-    return f"guards: {'; '.join(texts)}" if texts else ""
+    has_limits = np.isfinite(robot.lower) | np.isfinite(robot.upper)
+    watched = {
+        "following": np.isfinite(guards.following_effort).sum(),
+        "limit": (np.isfinite(guards.limit_margin) & has_limits).sum(),
+        "speed": np.isfinite(guards.speed_limit).sum(),
+    }
+    texts = [f"{name} is off for {n - count} of {n} joints" for name, count in watched.items() if count < n]
+    return f"guards: {', '.join(texts)}" if texts else ""
 
 
 def speed_limit(robot: RobotDescription) -> FloatArray:

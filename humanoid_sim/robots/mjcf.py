@@ -13,7 +13,6 @@ import numpy as np
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
-from humanoid_sim.robots.imu import find_imu, root_of
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -24,6 +23,10 @@ from humanoid_sim.robots.schema import (
     StandbySettings,
 )
 
+_SITE = mujoco.mjtObj.mjOBJ_SITE
+_SENSOR = mujoco.mjtSensor
+_FRAME = (_SENSOR.mjSENS_ACCELEROMETER, _SENSOR.mjSENS_FRAMEQUAT, _SENSOR.mjSENS_FRAMEZAXIS, _SENSOR.mjSENS_FRAMEANGVEL)
+"""Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
 _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
@@ -96,7 +99,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
     joints = _robot_joints(model)
     if not joints:
         raise InputError(f"{path}: has no hinge joint, expected a robot")
-    base = root_of(model, joints[0])
+    base = _root_of(model, joints[0])
     if not all(model.joint(i).name for i in joints) or not model.body(base).name:
         raise InputError(
             f"{path}: a hinge joint or its base has no name, expected names, as policies find joints by name"
@@ -113,7 +116,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
         folder=str(path.resolve().parent),
         joints=described,
         initial_position=pose,
-        imu=find_imu(model, base)[0],
+        imu=_find_imu(model, base)[0],
         base=BaseSettings("floating", model.body(base).name) if is_floating else BaseSettings(),
         simulation=SimulationSettings(physics_timestep=_timestep(model, is_floating)),
         damping_controller=DampingSettings(damping_scalar=0.0),
@@ -135,7 +138,7 @@ def _robot_joints(model: mujoco.MjModel) -> list[int]:
     if model.nu:
         driven = own_actuators(model)
         return [i for i in hinges if model.joint(i).name in driven]
-    floating = [i for i in hinges if _has_free_joint(model, root_of(model, i))]
+    floating = [i for i in hinges if _has_free_joint(model, _root_of(model, i))]
     return floating or hinges  # doors and other furniture have hinges too
 
 
@@ -150,3 +153,38 @@ def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
         steps_per_period(1.0 / SimulationSettings().control_frequency, own)
         return min(own, longest)
     return longest
+
+
+def _root_of(model: mujoco.MjModel, joint: int) -> int:
+    return int(model.body_rootid[model.jnt_bodyid[joint]])
+
+
+def _find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
+    sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
+    gyros, frames = _with_sensor(model, sites, (_SENSOR.mjSENS_GYRO,)), _with_sensor(model, sites, _FRAME)
+    named = [i for i in sites if "imu" in model.site(i).name.lower() and model.site_bodyid[i] == base]
+    for found, why in (
+        ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
+        (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
+        (named, "a site of the base named like an IMU"),
+        (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
+    ):
+        if found:
+            return model.site(found[0]).name, why
+    return model.body(base).name, "no site of the model is clearly the IMU"
+
+
+def _with_sensor(model: mujoco.MjModel, sites: list[int], kinds: tuple[mujoco.mjtSensor, ...]) -> list[int]:
+    chosen = np.isin(model.sensor_type, [int(kind) for kind in kinds]) & (model.sensor_objtype == int(_SITE))
+    return [i for i in dict.fromkeys(model.sensor_objid[chosen].tolist()) if i in sites]
+
+
+def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
+    """Return which frame of a robot's model is its IMU, on which body, and why that one."""
+    base = _root_of(model, model.joint(description.joints[0].name).id)
+    name, (found, why) = description.imu, _find_imu(model, base)
+    site = mujoco.mj_name2id(model, _SITE, name)
+    body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
+    owner = "the base" if body.id == base else f"not the base '{model.body(base).name}'"
+    frame = f"site '{name}' on '{body.name}'" if site >= 0 else f"body '{name}'"
+    return f"{frame}, {owner} ({why if name == found else 'as it was given'})"

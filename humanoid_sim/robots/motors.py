@@ -1,7 +1,6 @@
-"""Every motor model: its ratings, the ranges that its MIT frames can encode, and traits of its protocol.
+"""Motor models: ratings of the data sheets, the ranges that MIT frames can encode, traits of the protocol.
 
-Ratings are from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233 and
-Berkeley-Humanoids, commit d74dd3f). A new model is one row.
+Ranges are from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233 and Berkeley-Humanoids, d74dd3f).
 """
 
 from __future__ import annotations
@@ -10,16 +9,10 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from humanoid_sim.errors import InputError, known_names
-
-POSITION_RANGE = 4.0 * math.pi
-"""rad, full scale of a Robstride motor's positions: the manuals' tables. Firmware before the table in
-`humanoid_sim.hardware.robstride.firmware` used 12.5."""
-
 
 @dataclass(frozen=True, slots=True)
 class MotorModel:
-    """One model. Ranges are full scale of its frames' fields, symmetric for position, velocity and effort."""
+    """One model. Ranges are full scale of its frames' fields, symmetric but for gains."""
 
     name: str  # in robot descriptions: `rs-02`
     family: str  # key of `FAMILIES`
@@ -31,18 +24,15 @@ class MotorModel:
     peak_current: float  # A, phase, peak
     no_load_velocity: float = math.inf  # rad/s
     fault_temperature: float = math.inf  # °C, stops; the lower of the manuals' languages
-    warning_temperature: float = math.inf  # °C, warns in a fault report only
-    position: float = POSITION_RANGE  # rad, range
+    position: float = 4.0 * math.pi  # rad, range, of the manuals' tables; old firmware used 12.5
 
 
 SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)  # of positions and velocities, at the output
 
 
 def _sito(name: str, gear: int) -> MotorModel:
-    """Return a model whose ranges are its frames' integers: int16 velocity and current, int32 position.
-
-    Gains are float32 without a range: those here are about the largest that were ever tried. No data sheet is public.
-    """
+    # Ranges are its frames' integers: int16 velocity and current, int32 position. Gains are float32 without a range:
+    # these are about the largest that were ever tried. No data sheet is public.
     largest = 2**15 - 1
     velocity, position = largest / SITO_COUNTS_PER_RAD, (2**31 - 1) / SITO_COUNTS_PER_RAD
     effort = largest * 0.00009 * gear
@@ -50,19 +40,18 @@ def _sito(name: str, gear: int) -> MotorModel:
 
 
 _MODELS = (
-    # ranges of K_p, K_d, velocity, effort; peak torque and current, no-load velocity; fault, warning °C
-    MotorModel("rs-00", "robstride", 500.0, 5.0, 33.0, 14.0, 14.0, 15.5, 33.0, 145.0, 135.0),
-    MotorModel("rs-01", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 33.0, 103.0, 93.0),
-    MotorModel("rs-02", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 42.9, 135.0, 135.0),
-    MotorModel("rs-03", "robstride", 5000.0, 100.0, 20.0, 60.0, 60.0, 43.0, 20.9, 145.0, 135.0),
-    MotorModel("rs-04", "robstride", 5000.0, 100.0, 15.0, 120.0, 120.0, 90.0, 20.9, 145.0, 135.0),
-    MotorModel("rs-05", "robstride", 500.0, 5.0, 50.0, 5.5, 5.5, 11.0, 50.3, 135.0, 135.0),
-    MotorModel("rs-06", "robstride", 5000.0, 100.0, 50.0, 36.0, 36.0, 57.0, 50.3, 135.0, 135.0),
+    # ranges of K_p, K_d, velocity, effort; peak torque and current, no-load velocity, fault °C
+    MotorModel("rs-00", "robstride", 500.0, 5.0, 33.0, 14.0, 14.0, 15.5, 33.0, 145.0),
+    MotorModel("rs-01", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 33.0, 103.0),
+    MotorModel("rs-02", "robstride", 500.0, 5.0, 44.0, 17.0, 17.0, 23.0, 42.9, 135.0),
+    MotorModel("rs-03", "robstride", 5000.0, 100.0, 20.0, 60.0, 60.0, 43.0, 20.9, 145.0),
+    MotorModel("rs-04", "robstride", 5000.0, 100.0, 15.0, 120.0, 120.0, 90.0, 20.9, 145.0),
+    MotorModel("rs-05", "robstride", 500.0, 5.0, 50.0, 5.5, 5.5, 11.0, 50.3, 135.0),
+    MotorModel("rs-06", "robstride", 5000.0, 100.0, 50.0, 36.0, 36.0, 57.0, 50.3, 135.0),
     _sito("TA40-50", 51),
     _sito("TA40-100", 101),
 )
 MOTORS: Mapping[str, MotorModel] = {model.name: model for model in _MODELS}
-"""By the model's name in robot descriptions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +60,11 @@ class MotorFamily:
 
     name: str
     ids: range  # ids that its frames can address
-    last_bytes: frozenset[int] = frozenset()
-    """Last bytes of its host's identifiers, where that is no motor's id: a motor of a family that is addressed by this
-    byte must not have one of these ids."""
+    last_bytes: frozenset[int] = frozenset()  # of its host's identifiers: no id of another family's motor
     has_timeout: bool = True  # its motors stop by themselves when their host falls silent
     has_torque_limit: bool = True  # its motors have a limit for torque and current
     has_questions: bool = False  # the bench tools can ask its motors who and where they are
-    stiffness_doubt: float = 1.0  # largest ratio of a motor's K_p to the commanded one where sources disagree
+    stiffness_doubt: float = 1.0  # largest ratio of a motor's K_p to the commanded one, where sources disagree
     damping_doubt: float = 1.0  # likewise of its K_d
 
 
@@ -88,8 +75,8 @@ FAMILIES: Mapping[str, MotorFamily] = {
     # and 0.5 (`humanoid_sim.hardware.sito.protocol`), its authors' page on the Prime robot has 688.58 and 1.125.
     "sito": MotorFamily(
         "sito",
-        range(1, 256),
-        frozenset({0x00, 0x01, 0x09, 0x45}),
+        ids=range(1, 256),
+        last_bytes=frozenset({0x00, 0x01, 0x09, 0x45}),
         has_timeout=False,
         has_torque_limit=False,
         stiffness_doubt=688.58 / 500.0,
@@ -102,17 +89,9 @@ def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) ->
     """Return why a motor must not have this id on a robot with motors of these families; '' if it may."""
     if motor_id not in family.ids:
         return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
-    others = [FAMILIES[name] for name in families if name != family.name]
-    for other in others:
+    for other in (FAMILIES[name] for name in families if name != family.name):
         if motor_id in other.last_bytes:
             return f"is {motor_id}, which frames to {other.name} motors of this robot could address; expected another"
-    if others and motor_id in _HOST_IDS:
-        return f"is {motor_id}, expected 1 to 127 beside motors of another family, whose frames have hosts' ids there"
+        if motor_id in _HOST_IDS:
+            return f"is {motor_id}, expected 1 to 127 beside {other.name} motors"
     return ""
-
-
-def motor_model(name: str) -> MotorModel:
-    """Return the model of a name. Raises `InputError` listing those that exist."""
-    if name not in MOTORS:
-        raise InputError(known_names("motor model", name, MOTORS))
-    return MOTORS[name]

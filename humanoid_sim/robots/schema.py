@@ -1,15 +1,11 @@
-"""Schema of a robot: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
-
-A description is one YAML file beside its MJCF model; `assets/robots/lite.yaml` is the example. The types say which
-values a field accepts, `description_problems` what has to hold between fields.
-"""
+"""Schema of a robot's description, one YAML file beside its MJCF, such as `assets/robots/lite.yaml`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import msgspec
 import numpy as np
@@ -25,7 +21,7 @@ Key = Annotated[int, msgspec.Meta(ge=0, le=87)]  # 0 is A0, 87 is C8
 
 
 class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Part of a description."""
+    pass
 
 
 class MotorDescription(_Part, frozen=True, kw_only=True, omit_defaults=True):
@@ -36,8 +32,7 @@ class MotorDescription(_Part, frozen=True, kw_only=True, omit_defaults=True):
     model: Text  # key of `humanoid_sim.robots.motors.MOTORS`, such as `rs-02`
     direction: Literal[-1, 1]  # sign between motor and joint frame: of the design, not of one physical robot
     family: str = ""  # the model's, or empty
-    torque_limit: NotNegative | None = None
-    """N·m, written to the firmware; 0 leaves the firmware's own. Required where the family has such a limit."""
+    torque_limit: NotNegative | None = None  # N·m, written to the firmware, if the family has one; 0 leaves its own
     current_limit: NotNegative | None = None  # A, likewise
 
 
@@ -73,13 +68,12 @@ class BaseSettings(_Part, frozen=True):
 
 
 class SimulationSettings(_Part, frozen=True):
-    """Settings of the robot in simulation."""
+    """Settings of the simulated robot."""
 
     physics_timestep: Positive = 0.0005  # s
     control_frequency: Positive = 200.0  # Hz
     floor_height: float = 0.0  # m, world frame, of the floor that the scene adds
-    joint_damping: Literal["keep", "drop"] = "keep"
-    """Keep the MJCF's own joint damping beside the commanded K_d, or set it to 0; a contract may decide otherwise."""
+    joint_damping: Literal["keep", "drop"] = "keep"  # the MJCF's own, beside K_d; a contract may decide otherwise
 
 
 class HardwareSettings(_Part, frozen=True):
@@ -87,8 +81,7 @@ class HardwareSettings(_Part, frozen=True):
 
     control_frequency: Positive = 50.0  # Hz
     rx_timeout_ms: Positive = 200.0  # ms without a status of a joint after which RX_TIMEOUT is reported
-    imu_mounting: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
-    """The IMU's own axes in the robot's IMU frame, w x y z; by default label up, x forward."""
+    imu_mounting: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)  # w x y z, its axes in the IMU frame
 
 
 class DampingSettings(_Part, frozen=True):
@@ -120,9 +113,7 @@ class GuardSettings(_Part, frozen=True):
     """Guards of the joints while a controller drives them; null in `following`, `limit` or `speed` turns it off."""
 
     following: Positive | None = 0.8  # of the effort limit: K_p times the error from which a joint must come nearer
-    following_effort: tuple[Positive | None, ...] = ()
-    """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
-    limits here where a policy's contract lowers them."""
+    following_effort: tuple[Positive | None, ...] = ()  # N·m, one per joint, instead of that share; null: not watched
     following_time: Positive | None = None  # s; None: 0.15 with a fixed base, 0.3 with a floating one
     following_progress: Positive = 0.02  # rad by which it must come nearer in that time
     limit: Positive | None = 0.15  # rad beyond `lower` or `upper` where a joint must not be pushed further out
@@ -143,18 +134,18 @@ class PianoSettings(_Part, frozen=True):
         return frozenset(key for low, high in self.reach for key in range(low, high + 1))
 
 
+def _array(values: Iterable[float]) -> FloatArray:
+    array = np.fromiter(values, np.float64)
+    array.setflags(write=False)
+    return array
+
+
 class _PerJoint:
     def __init__(self, value: Callable[[JointDescription], float]) -> None:
         self._value = value
 
     def __get__(self, robot: RobotDescription, _: type[RobotDescription]) -> FloatArray:
         return _array(map(self._value, robot.joints))
-
-
-def _array(values: Iterable[float]) -> FloatArray:
-    array = np.fromiter(values, np.float64)
-    array.setflags(write=False)
-    return array
 
 
 class RobotDescription(_Part, frozen=True, kw_only=True):
@@ -205,7 +196,7 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
 
     @property
     def has_no_gains(self) -> bool:
-        """True if no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
+        """True if no joint has K_p or K_d: they are the policy's."""
         return not any(joint.stiffness or joint.damping for joint in self.joints)
 
     @property
@@ -218,9 +209,9 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     def passive_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
         settings = self.remote_policy_controller
-        if settings.damping_scalar is None:
-            return _array(settings.damping) if settings.damping else self.mode_damping
-        return _array(settings.damping or (settings.damping_scalar,) * self.joint_count)
+        if not settings.damping and settings.damping_scalar is None:
+            return self.mode_damping
+        return _array(settings.damping or (settings.damping_scalar or 0.0,) * self.joint_count)
 
     def to_json(self) -> str:
         """Return the description as JSON on one line, without folder: what a recording keeps."""
@@ -230,6 +221,8 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
         for joint in document["joints"]:
             if joint["dynamics"] is None:
                 del joint["dynamics"]
+        if self.hardware.imu_mounting == HardwareSettings().imu_mounting:
+            del document["hardware"]["imu_mounting"]
         for name, default in (("guards", GuardSettings()), ("topic_prefix", ""), ("piano", None)):
             if getattr(self, name) == default:
                 del document[name]
@@ -238,12 +231,9 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     @classmethod
     def from_json(cls, text: str, folder: str = "") -> Self:
         """Read a description from `to_json`'s text; `folder` has its MJCF, empty for the shipped robots' folder."""
-        with blaming("robot description (JSON)", (msgspec.DecodeError, msgspec.ValidationError)):
-            document = msgspec.json.decode(text, type=dict[str, Any])
-            for joint in document.get("joints", ()):
-                if isinstance(joint, dict):
-                    joint.update({name: value for name, value in _NO_LIMIT.items() if joint.get(name, value) is None})
-            return msgspec.structs.replace(msgspec.convert(document, cls), folder=folder)
-
-
-_NO_LIMIT = {"lower": -math.inf, "upper": math.inf, "effort_limit": math.inf}  # null in JSON, which has no infinity
+        no_limit = {"lower": -math.inf, "upper": math.inf, "effort_limit": math.inf}  # null in JSON
+        with blaming("robot description (JSON)", (msgspec.MsgspecError, KeyError, TypeError)):
+            document = msgspec.json.decode(text)
+            for joint in document["joints"]:
+                joint.update({name: value for name, value in no_limit.items() if joint[name] is None})
+            return msgspec.convert({**document, "folder": folder}, cls)

@@ -58,7 +58,7 @@ def test_guards_that_do_not_watch_a_joint_are_named():
     text = describe_unwatched(robot)
     assert "following is off for 1 of 14 joints" in text
     assert "limit is off for 1 of 14 joints" in text
-    assert "speed is off in the robot's description" in text
+    assert "speed is off for 14 of 14 joints" in text
 
 
 def test_the_description_decides():

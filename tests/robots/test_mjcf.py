@@ -8,8 +8,7 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model
+from humanoid_sim.robots.mjcf import bare_model, imu_line
 from humanoid_sim.simulation.model import build_model
 
 INF = math.inf

@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from humanoid_sim.assets import shipped
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
-from humanoid_sim.robots.description import load_robot, shipped_robots
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import SimConfig
@@ -64,7 +65,7 @@ def assert_equal(batch, i, robot):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance, err_msg=name)
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", shipped("robots"))
 def test_a_shipped_robot_moves_as_the_reference_does(name):
     robot = load_robot(name)
     config = SimConfig(
