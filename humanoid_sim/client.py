@@ -1,15 +1,8 @@
-"""Attach to a running session: receive its ticks, send it intents and data. For any Python from 3.9 on with NumPy.
+"""Attach to a running session: receive its ticks, send it intents and data.
 
-This file works on its own: copy it into a ROS environment, or anywhere, and import it.
-
-    session = find_session()                    # the only one that runs; or find_session(4711)
-    with Feed(session) as feed, Intake(session, "my program") as intake:
-        tick = feed.decode(feed.wait(0, 1.0))
-        print(tick["time"], tick["joint_position"])
-        print(intake.ask("damp").text)
-
+This file works on its own in any Python from 3.9 on with NumPy: copy it anywhere; docs/front-ends.md has an example.
 A session is a folder that only its user can enter, with three datagram sockets: `intents`, `data`, and `ticks`, by
-which a program subscribes. The session sends without waiting: a slow subscriber loses ticks and delays nothing.
+which a program subscribes.
 """
 
 from __future__ import annotations
@@ -28,7 +21,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -38,10 +31,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 LOCK = "lock"  # held locked by a session for as long as it lives
-FEED_HEAD = struct.Struct("<BQQ")
-"""A datagram of the feed begins with its kind, its number, and its time in CLOCK_MONOTONIC ns."""
-TICK, STATUS = range(2)
-"""Kinds of the feed: a tick by the message definition; JSON."""
+FEED_HEAD = struct.Struct("<BQQ")  # a datagram of the feed begins with its kind, number, and CLOCK_MONOTONIC ns
+TICK, STATUS = range(2)  # kinds of the feed: a tick by the message definition; JSON
 
 DATA_MAGIC = b"hsdat1"
 DATA_HEAD = struct.Struct("<6sBBHHIQ")
@@ -64,11 +55,8 @@ class SessionError(Exception):
 
 
 def monotonic_ns() -> int:
-    """Return the clock of all stamps, ns: take it where a sample arrives from outside."""
+    """Return the clock of all stamps, ns."""
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
-
-
-# Sessions.
 
 
 @dataclass(frozen=True)
@@ -86,16 +74,9 @@ class SessionInfo:
         where = f" on {self.hardware}" if self.hardware else ""
         return f"session {self.process} ({self.robot}{where}, policy {self.policy}, started in {self.folder})"
 
-    def is_running(self) -> bool:
-        """Return whether its process still holds the lock: a process id can be reused, a lock cannot."""
-        return is_locked(self.path)
-
 
 def session_folder() -> Path:
-    """Return the folder of this user's sessions, which may not exist.
-
-    Raises `SessionError` if others may enter it.
-    """
+    """Return the folder of this user's sessions, which may not exist. Raises `SessionError` if others may enter it."""
     base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
     if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
         base = Path(tempfile.gettempdir())
@@ -106,8 +87,6 @@ def session_folder() -> Path:
         status = folder.lstat()
     except FileNotFoundError:
         return folder
-    except OSError as error:
-        raise SessionError(f"{folder}: cannot be read: {error.strerror}") from None
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise SessionError(f"{folder}: is not a folder that only its user can enter; remove it")
     return folder
@@ -115,70 +94,53 @@ def session_folder() -> Path:
 
 def running_sessions() -> list[SessionInfo]:
     """Return this user's running sessions, by process id. Folders that a killed session left are ignored."""
-    found = [_read_info(path) for path in session_folder().glob("*/") if is_locked(path)]
-    return sorted((info for info in found if info is not None), key=lambda info: info.process)
+    found = []
+    for path in session_folder().glob("*/"):
+        if is_locked(path):
+            with suppress(OSError, ValueError, TypeError):  # not registered yet, or of another version
+                fields = json.loads((path / "session.json").read_text(encoding="utf-8"))
+                found.append(SessionInfo(path=path, **fields))
+    return sorted(found, key=lambda info: info.process)
 
 
 def find_session(process: int | None = None) -> SessionInfo:
-    """Return a running session: the one with a process id, or the only one there is.
-
-    Raises `SessionError` if there is none, or several and no process id.
-    """
+    """Return the running session of a process id, or the only one. Raises `SessionError` if there is none such."""
     sessions = running_sessions()
-    listed = "; ".join(map(str, sessions)) or "none"
-    if process is not None:
-        for info in sessions:
-            if info.process == process:
-                return info
-        raise SessionError(f"--session: {process} is not a running session; running: {listed}")
+    matching = [info for info in sessions if process in (None, info.process)]
+    if len(matching) == 1:
+        return matching[0]
     if not sessions:
         raise SessionError("no session is running; start one with play")
-    if len(sessions) > 1:
-        raise SessionError(f"--session: is needed where several sessions run; running: {listed}")
-    return sessions[0]
+    problem = "is needed where several sessions run" if process is None else f"{process} is not a running session"
+    raise SessionError(f"--session: {problem}; running: {'; '.join(map(str, sessions))}")
 
 
 def is_locked(path: Path) -> bool:
-    """Return whether the session of a folder lives."""
+    """Return whether the session of a folder lives: a process id can be reused, a lock cannot."""
     try:
         with open(path / LOCK, "rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
     return False
-
-
-def _read_info(path: Path) -> SessionInfo | None:
-    try:
-        fields = json.loads((path / "session.json").read_text(encoding="utf-8"))
-        return SessionInfo(path=path, **fields)
-    except (OSError, ValueError, TypeError):  # not registered yet, or of another version
-        return None
-
-
-# The feed.
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A tick."""
+    """A tick, encoded."""
 
     number: int  # counts the session's ticks from 1
     stamp: int  # CLOCK_MONOTONIC ns when the session sent it
     data: bytes
 
-    def age(self) -> float:
-        """Return s since the session sent it."""
+    def age(self) -> float:  # s
         return 1e-9 * (monotonic_ns() - self.stamp)
 
 
 class Feed:
-    """A session's ticks and status, received on a thread, and what interprets them. A context manager."""
+    """A session's ticks and status, received on a thread; raises `SessionError` if the session has ended."""
 
     def __init__(self, session: SessionInfo) -> None:
-        """Subscribe. Raises `SessionError` if the session has ended, or is of another version."""
         self.session = session
         self._path = session.path / f"{os.getpid()}-{next(_NAMES)}.feed"
         self._ticks: deque[Sample] = deque(maxlen=_KEPT)
@@ -219,10 +181,7 @@ class Feed:
     def _receive(self) -> None:
         buffer = memoryview(bytearray(1 << 18))
         while True:
-            try:
-                size = self._socket.recv_into(buffer)
-            except OSError:
-                return
+            size = self._socket.recv_into(buffer)
             if size < FEED_HEAD.size:  # closed
                 return
             kind, number, stamp = FEED_HEAD.unpack_from(buffer)
@@ -235,51 +194,45 @@ class Feed:
                 self._arrived.notify_all()
 
     def is_running(self) -> bool:
-        return self.session.is_running()
+        return is_locked(self.session.path)
 
     def document(self, name: str) -> str:
         """Return a document of the header: `robot`, `contract`, `settings`, `controllers`; empty if there is none."""
         return str(self.header["documents"].get(name, ""))
 
     def blob(self, name: str) -> bytes:
-        """Return a file by name: `model.mjb`, the robot's compiled MuJoCo model; the motion, as in the recording.
-
-        Raises `KeyError` if there is none of that name.
-        """
+        """Return a file: `model.mjb`, the compiled MuJoCo model, or the motion. Raises `KeyError` if there is none."""
         try:
             return (self.session.path / "files" / name).read_bytes()
         except OSError:
             raise KeyError(name) from None
 
     def latest(self) -> Sample | None:
-        """Return the newest tick since the subscription; None while there is none."""
         with self._arrived:
             return self._ticks[-1] if self._ticks else None
 
     def since(self, number: int) -> list[Sample]:
-        """Return the ticks after that number that have arrived and are still kept, oldest first."""
+        """Return the ticks after that number that are still kept, oldest first."""
         with self._arrived:
             return [sample for sample in self._ticks if sample.number > number]
 
     def wait(self, number: int, timeout: float) -> Sample | None:
-        """Wait for a tick with a number above `number`; the newest, or None after `timeout` s."""
+        """Wait for a tick after that number; the newest, or None after `timeout` s."""
         with self._arrived:
             has_come = self._arrived.wait_for(lambda: self._ticks and self._ticks[-1].number > number, timeout)
             return self._ticks[-1] if has_come else None
 
     def decode(self, sample: Sample) -> dict[str, Any]:
-        """Return a tick as a dict with the names of its message definition."""
         return self._decoder(sample.data)
 
     def status(self) -> dict[str, Any]:
-        """Return what is sent beside ticks, twice a second: who owns REMOTE and the velocity, events, buses."""
         with self._arrived:
             return self._status
 
 
-_PRIMITIVES = {"bool": "?", "float32": "f", "float64": "d"}  # codes of `struct` by type
-for _bits, _code in ((8, "b"), (16, "h"), (32, "i"), (64, "q")):
-    _PRIMITIVES |= {f"int{_bits}": _code, f"uint{_bits}": _code.upper()}
+_INTEGERS = {"int8": "b", "int16": "h", "int32": "i", "int64": "q"}
+_UNSIGNED = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
+_PRIMITIVES = {"bool": "?", "float32": "f", "float64": "d", **_INTEGERS, **_UNSIGNED}  # codes of `struct` by type
 _FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[(\d*)\])?\s+([a-z][a-z0-9_]*)\s*(?:#.*)?$")
 
 
@@ -344,30 +297,22 @@ def _fields(text: str) -> list[tuple[str, str, str | None]]:
     return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
 
 
-# The intake.
-
-
 @dataclass(frozen=True)
 class Answer:
-    """A session's answer to a request: granted or not, and one line."""
+    """A session's answer to a request."""
 
     granted: bool
     text: str
 
 
 class Intake:
-    """The sockets by which a program joins a session. A context manager; use one from one thread.
+    """The sockets by which a program joins a session, for one thread; `SessionError` if it cannot be reached.
 
-    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts.
+    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts. `process` tells
+    producers of one name apart; None: this process, 0: a producer elsewhere.
     """
 
     def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
-        """Connect. Raises `SessionError` if the session cannot be reached.
-
-        Args:
-            producer: a name for operators to read, such as `gravity`.
-            process: id that tells producers of that name apart; None: this process's, 0: a producer elsewhere.
-        """
         self.session = session
         self.producer = " ".join(producer.split())[:40] or "?"
         self._process = os.getpid() if process is None else process
@@ -397,46 +342,37 @@ class Intake:
         self._reply.unlink(missing_ok=True)
 
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
-        """Request something, and wait for what became of it in the session's next tick.
+        """Request something, and wait `timeout` s for what became of it in the session's next tick.
 
-        All but `damp` and `mark` are refused if what was seen is more than 0.5 s old, or from before the robot last
-        went to DAMPING or ZERO_TORQUE. Raises `SessionError` if the session has ended or does not answer.
-
-        Args:
-            word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, `policy NAME`,
-                `mark TEXT` for the recording; in simulation alone `push VX,VY [BODY]` and `reset`.
-            timeout: s; `reactivate` identifies every motor and takes longer.
-            seen: ns, the stamp of the newest tick that the sender had seen, or the time of the press; None: now.
+        `word` is an intent, `reactivate` (which takes longer), `policy NAME` or `mark TEXT`; in simulation alone
+        `push VX,VY [BODY]` or `reset`. `seen` is the stamp of the tick that was shown, ns; None: now. Raises
+        `SessionError` if the session has ended or does not answer.
         """
         return self.answer(self.post(word, seen=seen), timeout)
 
     def safety(self, source: str, level: int, message: str = "", *, timeout: float = 2.0) -> Answer:
-        """Report how a program or a device is: 0 OK, 1 WARNING, 2 FAULT, 3 CRITICAL.
-
-        Any level but 0 damps the robot in the session's next tick, and holds until the same source reports another
-        one. Raises `SessionError` as `ask`.
-        """
+        """Report 0 OK, 1 WARNING, 2 FAULT or 3 CRITICAL; any but OK damps the robot until its source reports OK."""
         return self.answer(self.post_safety(source, level, message), timeout)
 
     def post_safety(
         self, source: str, level: int, message: str = "", *, flags: int = 0, stamp: int | None = None
     ) -> str:
-        """Report as `safety` does without waiting; `flags` are bits of the source's own. For `answer`."""
+        """Report as `safety` does without waiting; `flags` are bits of the source's own."""
         status = {
-            "source": " ".join(str(source).split())[:80],
-            "level": int(level),
-            "flags": int(flags),
-            "stamp": monotonic_ns() if stamp is None else int(stamp),
-            "message": " ".join(str(message).split())[:300],
+            "source": " ".join(source.split())[:80],
+            "level": level,
+            "flags": flags,
+            "stamp": monotonic_ns() if stamp is None else stamp,
+            "message": " ".join(message.split())[:300],
         }
         return self.post(f"safety {json.dumps(status)}")
 
     def post(self, word: str, *, seen: int | None = None) -> str:
         """Request as `ask` does without waiting; returns what `answer` takes."""
-        token = f"{next(_NAMES)}"
-        seen = monotonic_ns() if seen is None else int(seen)
+        token = str(next(_NAMES))
         line = " ".join(word.splitlines())[:_LONGEST_WORD]  # a mark's text is a line
-        message = "\n".join((line, f"{self.producer} ({self._process})", token, str(seen))).encode()
+        seen = monotonic_ns() if seen is None else seen
+        message = f"{line}\n{self.producer} ({self._process})\n{token}\n{seen}".encode()
         try:
             self._intents.settimeout(None)
             # Not connected: it takes answers from whatever socket the session sends them by.
@@ -446,7 +382,7 @@ class Intake:
         return token
 
     def answer(self, token: str, timeout: float) -> Answer:
-        """Return the answer to the latest post; `timeout` in s. Raises `SessionError` as `ask` does."""
+        """Return the answer to the latest post, which is waited for `timeout` s."""
         deadline = time.monotonic() + timeout
         try:
             while True:
@@ -454,7 +390,7 @@ class Intake:
                 verdict, _, text = self._intents.recv(4096).decode(errors="replace").partition("\n")
                 if verdict[1:] == token:  # not one that came too late for its question
                     return Answer(verdict[0] == "1", text)
-        except (TimeoutError, socket.timeout):  # noqa: UP041 - two types before Python 3.10
+        except socket.timeout:  # noqa: UP041 - another type before Python 3.10
             raise SessionError(f"{self.session}: did not answer within {timeout:g} s") from None
         except OSError as error:
             raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
@@ -470,10 +406,9 @@ class Intake:
         *,
         stamp: int | None = None,
     ) -> bool:
-        """Send a command for REMOTE: names and values of the robot's joints in its order (`Feed.joint_names`).
+        """Send a command for REMOTE, all joints in the order of `Feed.joint_names`; False if the socket is full.
 
-        `stamp` is when what it is made of arrived from outside, ns of `monotonic_ns`; None: now. Returns True if sent,
-        False if the session's socket is full. Raises `SessionError` if the session has ended.
+        `stamp` is when what it is made of arrived from outside, ns of `monotonic_ns`; None: now.
         """
         fields = (position, velocity, effort, stiffness, damping)
         if any(len(values) != len(joint_names) for values in fields):
@@ -481,28 +416,24 @@ class Intake:
         return self._send(REMOTE, "\n".join(joint_names), [x for values in fields for x in values], stamp)
 
     def velocity(self, vx: float, vy: float, wz: float, *, deliberate: bool, stamp: int | None = None) -> bool:
-        """Send a velocity command, m/s forward and to the left, and rad/s; after `VELOCITY_TIMEOUT` it is zero.
-
-        `deliberate`: somebody changed it just now, and takes the velocity over. Other commands count only while this
-        producer owns it.
-        """
+        """Send a velocity command, m/s forward and to the left, and rad/s; `deliberate` takes the velocity over."""
         return self._send(VELOCITY, "", (vx, vy, wz, float(deliberate)), stamp)
 
     def live(self, name: str, values: Sequence[float], *, stamp: int | None = None) -> bool:
-        """Send a live input that the policy observes; it is stale after its contract's timeout, or `LIVE_TIMEOUT`."""
+        """Send a live input that the policy observes."""
         return self._send(LIVE, name, values, stamp)
 
     def heartbeat(self, *, stamp: int | None = None) -> bool:
-        """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""
+        """Report that this producer and its device are there."""
         return self._send(HEARTBEAT, "", (), stamp)
 
     def _send(self, kind: int, topic: str, values: Sequence[float], stamp: int | None) -> bool:
         name, label = self.producer.encode(), topic.encode()
-        stamp = monotonic_ns() if stamp is None else int(stamp)
+        stamp = monotonic_ns() if stamp is None else stamp
         head = DATA_HEAD.pack(DATA_MAGIC, kind, 0, len(name), len(label), self._process, stamp)
         try:
             self._data.send(head + name + label + struct.pack(f"<{len(values)}d", *values))
-        except (TimeoutError, socket.timeout, BlockingIOError):  # noqa: UP041 - two types before Python 3.10
+        except (socket.timeout, BlockingIOError):  # noqa: UP041 - another type before Python 3.10
             return False
         except OSError as error:
             raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
@@ -514,8 +445,7 @@ def ask_sessions(
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
     """Ask a session as `Intake.ask` does; for `damp` and no process id all that run, none waiting for another.
 
-    Yields each session with its answer, or with the error in its place, as they arrive. Raises `SessionError` if no
-    such session runs.
+    Yields each session with its answer or error as they arrive. Raises `SessionError` if no such session runs.
     """
     sessions = running_sessions() if word == "damp" and process is None else []
     sessions = sessions or [find_session(process)]
@@ -537,8 +467,6 @@ def ask_sessions(
         thread.join()
 
 
-# The network.
-
 _SO_ATTACH_FILTER = 26
 _NOT_LOOPED = b"".join(
     struct.pack("@HBBI", *step)
@@ -552,14 +480,11 @@ def network_on(device: str, *, from_here: bool = True) -> Iterator[None]:
     """Bind the network sockets that a library opens within to a device, such as `lo`: nothing comes or goes by another.
 
     Without `from_here` they do not receive this machine's own multicast. Binding to an address would not do: DDS
-    libraries bind some sockets to all addresses. Raises `OSError` if there is no such device, or the kernel (before
-    Linux 5.7) allows this to root alone.
+    libraries bind some sockets to all addresses. Before Linux 5.7 root alone may do this.
     """
     before = _open_sockets()
     yield
-    for number, target in _open_sockets().items():
-        if before.get(number) == target:
-            continue
+    for number, _ in _open_sockets() - before:
         try:
             handle = os.dup(number)
         except OSError:  # closed meanwhile
@@ -573,14 +498,10 @@ def network_on(device: str, *, from_here: bool = True) -> Iterator[None]:
                     end.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
 
 
-def _open_sockets() -> dict[int, str]:
+def _open_sockets() -> set[tuple[int, str]]:
     """Return descriptor and name of every socket of this process."""
-    found = {}
+    files = set()
     for name in os.listdir("/proc/self/fd"):
-        try:
-            target = os.readlink(f"/proc/self/fd/{name}")
-        except OSError:  # the descriptor of this very listing
-            continue
-        if target.startswith("socket:"):
-            found[int(name)] = target
-    return found
+        with suppress(OSError):  # the descriptor of this very listing
+            files.add((int(name), os.readlink(f"/proc/self/fd/{name}")))
+    return {(number, target) for number, target in files if target.startswith("socket:")}
