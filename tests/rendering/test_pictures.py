@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
+from humanoid_sim.play import main as play
 from humanoid_sim.rendering import pictures
 from humanoid_sim.rendering.pictures import PoseRenderer, choose_opengl, has_display, require_pictures, update_pose
 
@@ -47,6 +49,16 @@ def test_a_picture_without_opengl_is_refused_and_the_page_is_named(machine, pend
         require_pictures("--video")
     with pytest.raises(InputError, match=r"^pictures: no OpenGL here"):
         PoseRenderer(lambda: pendulum, 32, 24).draw(pendulum.qpos0)
+
+
+@pytest.mark.parametrize("name", ["foo", "egl"])
+def test_an_opengl_that_mujoco_refuses_is_one_line(machine, monkeypatch, capsys, name):
+    machine({"MUJOCO_GL": name})
+    monkeypatch.delitem(sys.modules, "mujoco.rendering.classic.gl_context")
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    assert run_program(play, ["--video", "x.mp4"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: environment variable MUJOCO_GL: is '{name}', expected glfw, osmesa, egl or disable")
 
 
 def test_opengl_that_does_not_work_is_an_input_error(machine, pendulum, monkeypatch):
