@@ -49,7 +49,7 @@ class Sender:
         stamp, self._polled = self._polled, monotonic_ns()  # what is found now came after the poll before
         news = self._keyboard.poll()
         if self._keyboard.is_known or news:
-            # Repeated all the time, so silence means a lost keyboard, whatever the policy's contract allows.
+            # Repeated all the time: silence means a lost keyboard, as soon as the policy's contract takes it for old.
             self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), stamp=stamp)
         return news
 

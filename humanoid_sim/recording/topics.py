@@ -62,7 +62,7 @@ def _live_topics(header: SessionHeader) -> dict[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
     found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
     for term in json_document(header, "contract").get("contract", {}).get("observation", ()):
-        if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
+        if isinstance(term, dict) and "kind" in term and (term.get("width") or term.get("topic")):
             found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
     return found
 

@@ -1,10 +1,13 @@
-"""Topics for viewers: which safety statuses they say, and when."""
+"""Topics for viewers: which live inputs and safety statuses they show, and when."""
 
 from dataclasses import replace
 
 from recording_samples import PERIOD, make_header, make_tick
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.messages import ControlMode, FaultReport, Mode, SafetyLevel, SafetyStatus
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.readers.own import encode
 from humanoid_sim.recording.topics import ViewerTopics
 from humanoid_sim.ros2.messages import SESSION_FRAME, decode_safety_status
 from humanoid_sim.ros2.topics import SAFETY_TOPIC
@@ -44,3 +47,9 @@ def test_a_controller_that_fails_is_a_source_until_it_drives_again():
     driving = ControlMode(Mode.LOCOMOTION, POLICY)
     assert said(topics, tick(201, mode=driving)) == [(POLICY, 0, "")]
     assert said(topics, tick(202, mode=driving)) == []
+
+
+def test_live_inputs_from_outside_have_topics_and_what_the_robot_measures_has_none():
+    contract = encode(load_checkpoint(policy_path("lite_biped_velocity")).contract)
+    header = make_header(documents={**make_header().documents, "contract": contract})
+    assert set(ViewerTopics(header).live) == {"key_pressed", "height_scan"}
