@@ -29,7 +29,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.messages import SessionHeader
+from humanoid_sim.messages import URDF_DOCUMENT, SessionHeader
 from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
@@ -37,8 +37,9 @@ from humanoid_sim.policy.readers.own import decode, encode
 from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
+from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.schema import StandbySettings
-from humanoid_sim.robots.urdf import body_documents
+from humanoid_sim.robots.urdf import urdf_of
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
@@ -151,7 +152,8 @@ def run_header(
     shown = {**settings, "versions": versions, "platform": platform.platform()}
     limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
     controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards)
-    documents = body_documents(description) | {
+    documents = {
+        URDF_DOCUMENT: urdf_of(bare_model(description), description),
         "robot": description.to_json(),
         "settings": json.dumps(shown, indent=1),
         "controllers": msgspec.json.encode(controllers).decode(),

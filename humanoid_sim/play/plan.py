@@ -28,7 +28,7 @@ from humanoid_sim.play.policies import choose_policies
 from humanoid_sim.rendering.pictures import has_display, require_pictures
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.guards import describe_unwatched
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.schema import steps_per_period
 from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity

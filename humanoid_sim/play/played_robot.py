@@ -15,9 +15,8 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checks import effort_findings, model_damping_findings, suspicious_findings
-from humanoid_sim.robots.actuators import own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import bare_model, imu_line
+from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode

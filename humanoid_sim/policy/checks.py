@@ -18,8 +18,8 @@ from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.describe import assumptions
 from humanoid_sim.policy.findings import Finding, Severity, list_joints
 from humanoid_sim.policy.layers import rounding
-from humanoid_sim.robots.actuators import NO_RANGE, own_actuators, own_joint_damping
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.mjcf import NO_RANGE, own_actuators, own_joint_damping
 from humanoid_sim.robots.motors import MOTORS
 
 _FEW = 4  # joints below which values that are alike show nothing

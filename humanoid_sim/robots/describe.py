@@ -10,9 +10,8 @@ import mujoco
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.robots.actuators import own_actuators
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import imu_line
+from humanoid_sim.robots.mjcf import imu_line, own_actuators
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import importlib
 import json
 import math
 import os
+import pkgutil
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,15 +22,14 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import InputError, blaming, known_names, require_known
+from humanoid_sim.errors import InputError, blaming, known_names, needing, require_known
 from humanoid_sim.files import is_file
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
-from humanoid_sim.robots.public import PREFIX, public_mjcf
-from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
+from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings, steps_per_period
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 __all__ = ["RobotDescription", "load_robot", "with_contract", "with_contract_physics", "with_joint_limits"]
+_PUBLIC = "robot_descriptions:"
 _STANDBYS = ("standby_controller_a", "standby_controller_b")
 
 
@@ -40,12 +43,12 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     name, known = str(name_or_path), shipped("robots")
     if name in known:
         path = asset_path("robots", f"{name}.yaml")
-    elif name.startswith(PREFIX):
-        path = public_mjcf(name)
+    elif name.startswith(_PUBLIC):
+        path = _public_mjcf(name)
     elif os.path.exists(name):
         path = Path(name)
     else:
-        raise InputError(f"{known_names('robot', name, known)}, {PREFIX}NAME; or a file that exists")
+        raise InputError(f"{known_names('robot', name, known)}, {_PUBLIC}NAME; or a file that exists")
     if path.suffix == ".urdf":
         convert = f"python -m humanoid_sim.robot convert {name} --base floating"
         raise InputError(f"{name}: is a URDF, expected an MJCF, as `{convert}` makes one of it")
@@ -56,6 +59,21 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     document = read_yaml(path, what=f"a robot's YAML file, an MJCF or one of: {', '.join(known)}")
     with blaming(path, InputError):
         return _described(document, path.resolve().parent)
+
+
+def _public_mjcf(name: str) -> Path:
+    with needing("robot_descriptions", "menagerie", f"--robot {_PUBLIC}…"):
+        import robot_descriptions  # noqa: PLC0415 - an extra
+    end = "_mj_description"
+    modules = [module.name for module in pkgutil.iter_modules(robot_descriptions.__path__)]
+    short = name.removeprefix(_PUBLIC).removesuffix(end)
+    known = sorted(module.removesuffix(end) for module in modules if module.endswith(end))
+    if short not in known:
+        near = [robot for robot in known if short.endswith(f"_{robot}")]  # `g1` of `unitree_g1`
+        raise InputError(f"{name}: {known_names('public robot with an MJCF', short, near or known)}")
+    # Errors are of git, of the network, of the disk; progress is no output.
+    with blaming(f"{name}: could not be fetched", Exception), contextlib.redirect_stdout(sys.stderr):
+        return Path(importlib.import_module(f"robot_descriptions.{short}{end}").MJCF_PATH)
 
 
 def _described(document: Any, folder: Path) -> RobotDescription:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 import re
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
-from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import (
     BaseSettings,
     DampingSettings,
@@ -21,8 +22,11 @@ from humanoid_sim.robots.schema import (
     RobotDescription,
     SimulationSettings,
     StandbySettings,
+    steps_per_period,
 )
 
+NO_RANGE = (-math.inf, math.inf)
+_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 _SENSOR = mujoco.mjtSensor
 _FRAME = (_SENSOR.mjSENS_ACCELEROMETER, _SENSOR.mjSENS_FRAMEQUAT, _SENSOR.mjSENS_FRAMEZAXIS, _SENSOR.mjSENS_FRAMEANGVEL)
@@ -101,36 +105,36 @@ def describe_mjcf(path: Path) -> RobotDescription:
         raise InputError(f"{path}: has no hinge joint, expected a robot")
     base = _root_of(model, joints[0])
     if not all(model.joint(i).name for i in joints) or not model.body(base).name:
-        raise InputError(
-            f"{path}: a hinge joint or its base has no name, expected names, as policies find joints by name"
-        )
-    own, zeros = own_actuators(model), (0.0,) * len(joints)
-    described = tuple(_describe_joint(model, i, own.get(model.joint(i).name)) for i in joints)
-    starts = zip(model.qpos0[model.jnt_qposadr[joints]].tolist(), described, strict=True)
-    pose = tuple(min(max(value, joint.lower), joint.upper) for value, joint in starts)
-    standby = StandbySettings(zeros, zeros, (_STANDBY_SECONDS,), (pose,))
+        raise InputError(f"{path}: a hinge joint or its base has no name, by which policies find it")
+    actuators, described, pose = own_actuators(model), [], []
+    for i in joints:
+        name = model.joint(i).name
+        lower, upper = model.jnt_range[i].tolist() if model.jnt_limited[i] else NO_RANGE
+        effort = float(np.abs(actuators[name].force_range).max()) if name in actuators else math.inf
+        if model.jnt_actfrclimited[i]:
+            effort = min(effort, float(np.abs(model.jnt_actfrcrange[i]).max()))
+        described.append(JointDescription(name, lower, upper, effort, stiffness=0.0, damping=0.0))
+        pose.append(float(np.clip(model.qpos0[model.jnt_qposadr[i]], lower, upper)))
+    zeros = (0.0,) * len(joints)
+    standby = StandbySettings(zeros, zeros, (_STANDBY_SECONDS,), (tuple(pose),))
     is_floating = _has_free_joint(model, base)
+    timestep = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
+    with suppress(InputError):  # the model's own, if it divides the control period
+        steps_per_period(1.0 / SimulationSettings().control_frequency, model.opt.timestep)
+        timestep = min(timestep, float(model.opt.timestep))
     return RobotDescription(
         name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
         mjcf=path.name,
         folder=str(path.resolve().parent),
-        joints=described,
-        initial_position=pose,
+        joints=tuple(described),
+        initial_position=tuple(pose),
         imu=_find_imu(model, base)[0],
         base=BaseSettings("floating", model.body(base).name) if is_floating else BaseSettings(),
-        simulation=SimulationSettings(physics_timestep=_timestep(model, is_floating)),
+        simulation=SimulationSettings(physics_timestep=timestep),
         damping_controller=DampingSettings(damping_scalar=0.0),
         standby_controller_a=standby,
         standby_controller_b=standby,
     )
-
-
-def _describe_joint(model: mujoco.MjModel, i: int, own: OwnActuator | None) -> JointDescription:
-    lower, upper = model.jnt_range[i].tolist() if model.jnt_limited[i] else NO_RANGE
-    effort = math.inf if own is None else max(abs(bound) for bound in own.force_range)
-    if model.jnt_actfrclimited[i]:
-        effort = min(effort, float(np.abs(model.jnt_actfrcrange[i]).max()))
-    return JointDescription(model.joint(i).name, lower, upper, effort, stiffness=0.0, damping=0.0)
 
 
 def _robot_joints(model: mujoco.MjModel) -> list[int]:
@@ -145,14 +149,6 @@ def _robot_joints(model: mujoco.MjModel) -> list[int]:
 def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
     joint = int(model.body_jntadr[body])
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
-
-
-def _timestep(model: mujoco.MjModel, is_floating: bool) -> float:
-    longest, own = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"], float(model.opt.timestep)
-    with suppress(InputError):
-        steps_per_period(1.0 / SimulationSettings().control_frequency, own)
-        return min(own, longest)
-    return longest
 
 
 def _root_of(model: mujoco.MjModel, joint: int) -> int:
@@ -188,3 +184,61 @@ def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
     owner = "the base" if body.id == base else f"not the base '{model.body(base).name}'"
     frame = f"site '{name}' on '{body.name}'" if site >= 0 else f"body '{name}'"
     return f"{frame}, {owner} ({why if name == found else 'as it was given'})"
+
+
+def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> dict[str, float]:
+    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
+    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
+    return {name: value for name, value in damping.items() if value}
+
+
+@dataclass(frozen=True, slots=True)
+class OwnActuator:
+    """What the actuators of a model itself do to a joint, at the joint."""
+
+    joint: str
+    kind: Literal["servo", "motor", "other"]  # its control is a target of position or velocity, or a force
+    stiffness: float  # N·m/rad, K_p; 0 for a motor
+    damping: float  # N·m·s/rad, K_d; 0 for a motor
+    force_range: tuple[float, float]  # N·m
+    target_range: tuple[float, float]  # rad, to which a servo clips its target (`ctrlrange`, `inheritrange`)
+
+
+def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
+    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
+    found: dict[str, OwnActuator] = {}
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, _ON_JOINT)).tolist():
+        actuator = _own_actuator(model, i)
+        other = found.get(actuator.joint)
+        found[actuator.joint] = actuator if other is None else _together(other, actuator)
+    return found
+
+
+def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
+    joint, gear = model.joint(int(model.actuator_trnid[i, 0])).name, float(model.actuator_gear[i, 0])
+    gain = float(model.actuator_gainprm[i, 0])
+    rest, stiffness, damping = (0.0 - float(value) for value in model.actuator_biasprm[i, :3])
+    force = _range(model.actuator_forcerange[i] * gear, bool(model.actuator_forcelimited[i]))
+    control = np.array(_range(model.actuator_ctrlrange[i], bool(model.actuator_ctrllimited[i])))
+    is_fixed = bool(model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED)
+    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE:
+        is_position = stiffness * gear != 0.0  # its target is where it has no force
+        target = _range((gain * control - rest) / (stiffness * gear), True) if is_position else NO_RANGE
+        return OwnActuator(joint, "servo", stiffness * gear**2, damping * gear**2, force, target)
+    if is_fixed and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE and not model.actuator_dyntype[i]:
+        low, high = _range(control * gain * gear, True)
+        return OwnActuator(joint, "motor", 0.0, 0.0, (max(force[0], low), min(force[1], high)), NO_RANGE)
+    return OwnActuator(joint, "other", 0.0, 0.0, force, NO_RANGE)
+
+
+def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
+    return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
+
+
+def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
+    return replace(
+        one if one.stiffness >= other.stiffness else other,
+        stiffness=one.stiffness + other.stiffness,
+        damping=one.damping + other.damping,
+        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
+    )

@@ -11,14 +11,10 @@ from __future__ import annotations
 KEY_COUNT = 88
 FIRST_NOTE = 21  # MIDI number of the lowest key, A0
 TRIGGER = 0.70  # share of its travel beyond which a key sounds, strictly
-_WHITE = frozenset({0, 2, 4, 5, 7, 9, 11})  # pitch classes of the white keys
-
-
-def is_white(key: int) -> bool:
-    """Return whether a key, 0 is A0, is a white one."""
-    return (key + FIRST_NOTE) % 12 in _WHITE
+_BLACK = frozenset({1, 3, 6, 8, 10})  # pitch classes
 
 
 def key_joint_names() -> tuple[str, ...]:
-    """Names of the 88 joints, from the lowest key; those of every piano are the same."""
-    return tuple(f"{'white' if is_white(key) else 'black'}_joint_{key}" for key in range(KEY_COUNT))
+    """Return the names of the 88 joints, from the lowest key; those of every piano are the same."""
+    colours = ("black" if (key + FIRST_NOTE) % 12 in _BLACK else "white" for key in range(KEY_COUNT))
+    return tuple(f"{colour}_joint_{key}" for key, colour in enumerate(colours))

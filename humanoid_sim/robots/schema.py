@@ -11,12 +11,13 @@ import msgspec
 import numpy as np
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.errors import blaming
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+_MOST_STEPS = 10_000  # of one period: more would take seconds to compute
 Key = Annotated[int, msgspec.Meta(ge=0, le=87)]  # 0 is A0, 87 is C8
 
 
@@ -237,3 +238,12 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
             for joint in document["joints"]:
                 joint.update({name: value for name, value in no_limit.items() if joint[name] is None})
             return msgspec.convert({**document, "folder": folder}, cls)
+
+
+def steps_per_period(period: float, step: float) -> int:
+    """Return how many steps of `step` make up `period`; both in s. Raises `InputError` if that is no whole number."""
+    count = max(round(period / step), 1) if step > 0.0 else 0
+    if not 0 < count <= _MOST_STEPS or abs(period / step - count) > 1e-9 * count:
+        near = f", such as {period / min(max(count, 1), _MOST_STEPS):g} s"
+        raise InputError(f"physics_timestep: {step:g} s does not divide the control period of {period:g} s{near}")
+    return count

@@ -14,28 +14,15 @@ import numpy as np
 
 from humanoid_sim.controllers.rotation import conjugate, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import InputError, require_known
-from humanoid_sim.files import regular_file
-from humanoid_sim.messages import URDF_DOCUMENT
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.guards import rated_speed
-from humanoid_sim.robots.mjcf import bare_model, compile_spec, read_spec
+from humanoid_sim.robots.mjcf import compile_spec, read_spec
 
 _SHOWN_GROUPS = 3  # groups of geoms that MuJoCo's own viewer shows
-_GIMBAL = 1e-12
 _SPECK = 1e-9  # kg and kg·m², of a link between the joints of one body: MuJoCo refuses a moving link without mass
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def body_documents(description: RobotDescription) -> dict[str, str]:
-    """Return what a recording's header says of the robot's body, for `humanoid_sim.recording.links`."""
-    model = bare_model(description)
-    return {URDF_DOCUMENT: urdf_of(model, description)}
-
-
-def _joint_name(model: mujoco.MjModel, joint: int) -> str:
-    return model.joint(joint).name or f"joint_{joint}"
 
 
 class _Link(NamedTuple):  # with all joints at 0: its body's axes, its origin in its joint's anchor
@@ -45,11 +32,9 @@ class _Link(NamedTuple):  # with all joints at 0: its body's axes, its origin in
 
 
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """Return the robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
+    """Return the robot as URDF, with the geoms that MuJoCo's viewer shows as spheres, cylinders and boxes.
 
-    Geoms are those that MuJoCo's viewer shows; a capsule is a cylinder and two spheres, a mesh or an ellipsoid the box
-    around it. The IMU is a link of its own. A floating base hangs on the link `world` by a joint of type `floating`. Of
-    a body with several joints, each has a link of its own.
+    The IMU is a link of its own, and so is each joint of a body with several. A floating base hangs on `world`.
     """
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[np.isin(model.jnt_type, (_HINGE, _SLIDE))]] = 0.0
@@ -62,13 +47,13 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
         link, first = links[model.body_parentid[body]], int(model.body_jntadr[body])
         own = range(first, first + int(model.body_jntnum[body])) or (-1,)  # -1: fixed to its parent
         for i in own:
-            joint_name = _joint_name(model, i) if i >= 0 else f"{name}_fixed"
+            joint_name = model.joint(i).name or f"joint_{i}" if i >= 0 else f"{name}_fixed"
             parent, anchor = link, data.xanchor[i] if i >= 0 else place
             link = _Link(name if i == own[-1] else f"{name}_{joint_name}", anchor, turn)
             joint = _add_joint(root, joint_name, _kind(model, i), parent, link)
             if joint.get("type") not in ("fixed", "floating"):
                 SubElement(joint, "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[i])))
-                SubElement(joint, "limit", _limit(model, i, description))
+                SubElement(joint, "limit", _limit(model.jnt_range[i], joint_name, description))
             element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, place - anchor)
             if i != own[-1]:
                 _add_inertia(element, _SPECK, np.full(3, _SPECK), _ORIGIN, _LEVEL)
@@ -103,12 +88,11 @@ def _add_joint(root: Element, name: str, kind: str, parent: _Link, child: _Link)
     return joint
 
 
-def _limit(model: mujoco.MjModel, i: int, description: RobotDescription) -> dict[str, str]:
-    (lower, upper), effort, speed = model.jnt_range[i].tolist(), 0.0, 0.0
-    if (name := _joint_name(model, i)) in description.joint_names:
-        place = description.joint_names.index(name)
-        joint, speed = description.joints[place], float(rated_speed(description)[place])
-        lower, upper, effort = joint.lower, joint.upper, joint.effort_limit
+def _limit(span: FloatArray, name: str, robot: RobotDescription) -> dict[str, str]:
+    (lower, upper), effort, speed = span, 0.0, 0.0
+    if name in robot.joint_names:
+        i = robot.joint_names.index(name)
+        lower, upper, effort, speed = robot.lower[i], robot.upper[i], robot.effort_limit[i], rated_speed(robot)[i]
     bounds = {"lower": lower, "upper": upper} if math.isfinite(upper - lower) else {}
     values = {**bounds, "effort": effort, "velocity": speed}
     return {key: _number(value if math.isfinite(value) else 0.0) for key, value in values.items()}
@@ -155,7 +139,7 @@ def _roll_pitch_yaw(quaternion: FloatArray) -> FloatArray:
     rotation = matrix(np.asarray(quaternion, dtype=np.float64))
     level = math.hypot(rotation[0, 0], rotation[1, 0])
     pitch = math.atan2(-rotation[2, 0], level)
-    if level < _GIMBAL:  # roll and yaw turn about one axis
+    if level < 1e-12:  # roll and yaw turn about one axis
         return np.array([math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
     return np.array([math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])])
 
@@ -169,12 +153,10 @@ def _number(value: float) -> str:
 
 
 def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, imu: str | None = None) -> str:
-    """Return the MJCF of a URDF for a file in `folder`.
+    """Return the MJCF of a URDF for a file in `folder`; `imu` is the link with the IMU.
 
-    Each link stays a body of its own; `base` gives the root link a free joint, or none; `imu` is the link with the IMU.
     Raises `InputError` if it is not a URDF, a mesh is missing, there is no such link, or it does not compile.
     """
-    regular_file(path, "a URDF")
     if path.suffix != ".urdf":
         raise InputError(f"{path}: is not a .urdf")
     spec = read_spec(path)
@@ -196,5 +178,4 @@ def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, i
         spec.add_sensor(name="gyro", type=mujoco.mjtSensor.mjSENS_GYRO, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
     spec.modelfiledir = str(folder.resolve())
     compile_spec(spec, path)
-    text: str = spec.to_xml()
-    return text
+    return str(spec.to_xml())

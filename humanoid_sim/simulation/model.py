@@ -16,7 +16,7 @@ from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.schema import steps_per_period
 from humanoid_sim.simulation.scene import add_floor, add_scene
 
 IMPLICIT_TIMESTEP = 0.0025  # s, physics step of implicit damping, unless another is given or the robot's own is longer

@@ -6,9 +6,8 @@ import mujoco
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.actuators import NO_RANGE, OwnActuator, own_actuators
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.mjcf import bare_model, imu_line
+from humanoid_sim.robots.mjcf import NO_RANGE, OwnActuator, bare_model, imu_line, own_actuators
 from humanoid_sim.simulation.model import build_model
 
 INF = math.inf

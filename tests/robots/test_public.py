@@ -12,9 +12,9 @@ pytestmark = pytest.mark.peers
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("robot_descriptions:unitree_g1", "near or known: g1"),
-        ("robot_descriptions:talso", "near or known: talos"),
-        ("robot_descriptions:zzzz", "near or known: a1, "),
+        ("robot_descriptions:unitree_g1", "known: g1"),
+        ("robot_descriptions:talso", "did you mean 'talos'?"),
+        ("robot_descriptions:zzzz", "known: a1, "),
         ("mine", "or a file that exists"),
     ],
 )

@@ -16,7 +16,8 @@ from humanoid_sim.frontends.dds.mirror import Mirror
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.urdf import body_documents
+from humanoid_sim.robots.mjcf import bare_model
+from humanoid_sim.robots.urdf import urdf_of
 from humanoid_sim.ros2.cdr import encode
 from humanoid_sim.ros2.dds.endpoints import Writer
 from humanoid_sim.ros2.definitions import JOINT_STATE, STRING
@@ -42,7 +43,7 @@ class Robot:
         names = ("/robot_description", "/lite/joint_states", "/control_mode", "/imu/data", "/tf")
         self._writers = {name: Writer(participant, name, kinds[name]) for name in names}
         self._frames = TransformEncoder([("world", "pelvis")])
-        self._writers["/robot_description"].write(encode(STRING, body_documents(description)["urdf"]))
+        self._writers["/robot_description"].write(encode(STRING, urdf_of(bare_model(description), description)))
 
     def state(self, value, seconds, names=()):
         time_ns = START + round(1e9 * seconds)
