@@ -184,10 +184,7 @@ def _motor_problems(robot: RobotDescription) -> Iterator[str]:
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
-    """Return the description with the contract's gains and physics, standing in the contract's default pose.
-
-    A default pose beyond a joint's limit is moved to it, as the joint's stop would.
-    """
+    """Return the description with the contract's gains and physics, in its default pose within the joints' limits."""
     with blaming(description.name):
         gains = resolve_action(contract, description.joint_names)
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
@@ -198,10 +195,10 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         name: StandbySettings(stiffness, damping, (sum(getattr(description, name).segment_durations),), (pose,))
         for name in _STANDBYS
     }
-    joints = zip(limited.joints, stiffness, damping, strict=True)
+    gained = zip(limited.joints, stiffness, damping, strict=True)
     return replace(
         limited,
-        joints=tuple(replace(joint, stiffness=k_p, damping=k_d) for joint, k_p, k_d in joints),
+        joints=tuple(replace(joint, stiffness=k_p, damping=k_d) for joint, k_p, k_d in gained),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
@@ -212,8 +209,7 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
 def with_contract_physics(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
     """Return the description with the contract's joint damping, and its torque limits where they are below the robot's.
 
-    On a floating base the following guard keeps the shares of the robot's own limits: legs that were trained with less
-    press at that for as long as they like.
+    On a floating base the following guard keeps the robot's own limits: legs trained with less may press at theirs.
     """
     if contract.model_joint_damping != "undecided":
         simulation = replace(description.simulation, joint_damping=contract.model_joint_damping)

@@ -9,12 +9,8 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
-_FOLLOWING_TIME = {"fixed": 0.15, "floating": 0.3}  # s
-"""Of six policies that walked, on rough ground too, and were pushed, none that stayed up held a joint off for so long.
-Arms on a fixed base: 0.02 s."""
-_CROSSING_TIME = {"fixed": 0.1, "floating": 0.05}  # s in which no joint crosses its whole range
-"""Walking robots that were pushed until they fell took 0.05 s in a simulation whose motors have no speed limit, the
-sample motions on arms 0.7 s at least."""
+_FOLLOWING_TIME = {"fixed": 0.15, "floating": 0.3}  # s; six pushed walkers that stayed up held no joint off so long
+_CROSSING_TIME = {"fixed": 0.1, "floating": 0.05}  # s in which no joint crosses its range, but of walkers that fell
 _SLOWEST_LIMIT = {"fixed": 5.0, "floating": 15.0}  # rad/s: a joint with a small range may still be this fast
 _OF_SCALE = 0.99  # share of the largest speed that a motor can report: a Sito's is 3.14 rad/s, whatever its speed
 

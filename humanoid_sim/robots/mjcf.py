@@ -29,15 +29,14 @@ NO_RANGE = (-math.inf, math.inf)
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 _SENSOR = mujoco.mjtSensor
+# Sensors of an orientation, or of how it moves; those of positions alone are often a foot's.
 _FRAME = (_SENSOR.mjSENS_ACCELEROMETER, _SENSOR.mjSENS_FRAMEQUAT, _SENSOR.mjSENS_FRAMEZAXIS, _SENSOR.mjSENS_FRAMEANGVEL)
-"""Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
 _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
-_LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
-"""s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
+_LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}  # s: resolves contacts of feet; damping is stable
 _STANDBY_SECONDS = 2.0
 _MUJOCO_ERRORS = (ValueError, mujoco.FatalError)
+# An attribute that may hold names. Classes keep a prefix: `main` is one that every model has.
 _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
-"""An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
 _PACKAGE = re.compile(r"package:/+([^/]+)/(.*)")
 
 
@@ -96,7 +95,6 @@ def describe_mjcf(path: Path) -> RobotDescription:
     """Describe the robot in an MJCF file: actuated hinge joints in its order, limits, base, IMU.
 
     Without actuators all hinge joints are the robot's; other joints stay passive. Gains are 0: they are the policy's.
-    Raises `InputError` if there is no hinge joint, or a name is missing.
     """
     spec = read_spec(path)
     model = compile_spec(spec, path)
@@ -188,7 +186,7 @@ def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> dict[str, float]:
     """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
-    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
+    damping = {name: float(model.joint(name).damping[0]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}
 
 
@@ -205,12 +203,17 @@ class OwnActuator:
 
 
 def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
-    """Return what the model's own actuators do to each joint that they drive, by the joint's name."""
+    """Return what the model's own actuators do to the joints that they drive, by the joint's name."""
     found: dict[str, OwnActuator] = {}
     for i in np.flatnonzero(np.isin(model.actuator_trntype, _ON_JOINT)).tolist():
-        actuator = _own_actuator(model, i)
-        other = found.get(actuator.joint)
-        found[actuator.joint] = actuator if other is None else _together(other, actuator)
+        own = _own_actuator(model, i)
+        if own.joint in found:  # such as one for its position and one for its velocity
+            other = found[own.joint]
+            stiffness, damping = own.stiffness + other.stiffness, own.damping + other.damping
+            force = (own.force_range[0] + other.force_range[0], own.force_range[1] + other.force_range[1])
+            stiffer = own if own.stiffness > other.stiffness else other
+            own = replace(stiffer, stiffness=stiffness, damping=damping, force_range=force)
+        found[own.joint] = own
     return found
 
 
@@ -233,12 +236,3 @@ def _own_actuator(model: mujoco.MjModel, i: int) -> OwnActuator:
 
 def _range(values: FloatArray, is_limited: bool) -> tuple[float, float]:
     return (float(min(values)), float(max(values))) if is_limited else NO_RANGE
-
-
-def _together(one: OwnActuator, other: OwnActuator) -> OwnActuator:
-    return replace(
-        one if one.stiffness >= other.stiffness else other,
-        stiffness=one.stiffness + other.stiffness,
-        damping=one.damping + other.damping,
-        force_range=(one.force_range[0] + other.force_range[0], one.force_range[1] + other.force_range[1]),
-    )

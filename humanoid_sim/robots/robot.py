@@ -9,7 +9,7 @@ from humanoid_sim.mit import MITCommand, MITState
 
 
 class Robot(Protocol):
-    """A robot's joints: read their state, write their commands, in the joint frame."""
+    """A robot's joints, in the joint frame."""
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -198,17 +198,17 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     @property
     def has_no_gains(self) -> bool:
         """True if no joint has K_p or K_d: they are the policy's."""
-        return not any(joint.stiffness or joint.damping for joint in self.joints)
+        return not (self.stiffness.any() or self.damping.any())
 
     @property
     def mode_damping(self) -> FloatArray:
-        """Shape (n,), N·m·s/rad, read-only: K_d of DAMPING."""
+        """Shape (n,), N·m·s/rad: K_d of DAMPING."""
         settings = self.damping_controller
         return _array(settings.damping or (settings.damping_scalar,) * self.joint_count)
 
     @property
     def passive_damping(self) -> FloatArray:
-        """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
+        """Shape (n,), N·m·s/rad: K_d of REMOTE's passive hold."""
         settings = self.remote_policy_controller
         if not settings.damping and settings.damping_scalar is None:
             return self.mode_damping

@@ -22,6 +22,7 @@ from humanoid_sim.robots.mjcf import compile_spec, read_spec
 _SHOWN_GROUPS = 3  # groups of geoms that MuJoCo's own viewer shows
 _SPECK = 1e-9  # kg and kg·m², of a link between the joints of one body: MuJoCo refuses a moving link without mass
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_KINDS = {_HINGE: "revolute", _SLIDE: "prismatic"}
 _ORIGIN, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -47,11 +48,15 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
         link, first = links[model.body_parentid[body]], int(model.body_jntadr[body])
         own = range(first, first + int(model.body_jntnum[body])) or (-1,)  # -1: fixed to its parent
         for i in own:
-            joint_name = model.joint(i).name or f"joint_{i}" if i >= 0 else f"{name}_fixed"
-            parent, anchor = link, data.xanchor[i] if i >= 0 else place
-            link = _Link(name if i == own[-1] else f"{name}_{joint_name}", anchor, turn)
-            joint = _add_joint(root, joint_name, _kind(model, i), parent, link)
-            if joint.get("type") not in ("fixed", "floating"):
+            joint_name, kind, anchor = f"{name}_fixed", "fixed", place
+            if i >= 0:
+                joint_name, anchor = model.joint(i).name or f"joint_{i}", data.xanchor[i]
+                kind = _KINDS.get(int(model.jnt_type[i]), "floating")
+            if kind == "revolute" and not model.jnt_limited[i]:
+                kind = "continuous"
+            parent, link = link, _Link(name if i == own[-1] else f"{name}_{joint_name}", anchor, turn)
+            joint = _add_joint(root, joint_name, kind, parent, link)
+            if kind not in ("fixed", "floating"):
                 SubElement(joint, "axis", xyz=_numbers(rotate_inverse(turn, data.xaxis[i])))
                 SubElement(joint, "limit", _limit(model.jnt_range[i], joint_name, description))
             element, shift = SubElement(root, "link", name=link.name), rotate_inverse(turn, place - anchor)
@@ -69,14 +74,6 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
         _add_joint(root, f"{description.imu}_fixed", "fixed", links[owner], imu)
     indent(root)
     return tostring(root, encoding="unicode")
-
-
-def _kind(model: mujoco.MjModel, joint: int) -> str:
-    if joint < 0:
-        return "fixed"
-    if model.jnt_type[joint] == _HINGE:
-        return "revolute" if model.jnt_limited[joint] else "continuous"
-    return "prismatic" if model.jnt_type[joint] == _SLIDE else "floating"
 
 
 def _add_joint(root: Element, name: str, kind: str, parent: _Link, child: _Link) -> Element:
@@ -167,10 +164,10 @@ def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, i
     roots = spec.worldbody.bodies
     if len(roots) != 1:
         raise InputError(f"{path}: has {len(roots)} root links, expected one")
-    has_free_joint = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
-    if base == "floating" and not has_free_joint:
+    free = [joint for joint in roots[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if base == "floating" and not free:
         roots[0].add_freejoint(name="floating_base")
-    if base == "fixed" and has_free_joint:
+    if base == "fixed" and free:
         raise InputError(f"{path}: its root link '{roots[0].name}' has a floating joint, expected --base floating")
     if imu is not None:
         require_known("link", [imu], [body.name for body in spec.bodies if body.name != "world"], f"{path}: --imu: ")
