@@ -82,7 +82,8 @@ class HardwareSettings(_Part, frozen=True):
 
     control_frequency: Positive = 50.0  # Hz
     rx_timeout_ms: Positive = 200.0  # ms without a status of a joint after which RX_TIMEOUT is reported
-    imu_mounting: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)  # w x y z, its axes in the IMU frame
+    # The IMU's own axes in the robot's IMU frame, w x y z; by default label up, x forward.
+    imu_mounting: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
 
 
 class DampingSettings(_Part, frozen=True):
