@@ -129,8 +129,10 @@ def _serve(session: int | None, profiles: Path) -> None:
         raise SessionError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
     begun = turn = monotonic_ns()  # a call came after `begun`
     settled = 0
+    calls: list[str] = []
 
     def respond(word: str, response: Any) -> Any:
+        calls.append(word)
         response.success, response.message = answer(word, session, begun)
         return response
 
@@ -156,6 +158,9 @@ def _serve(session: int | None, profiles: Path) -> None:
             if turn >= settled:
                 begun = turn
             executor.spin_once(timeout_sec=_TURN)
+            while calls:  # what waited meanwhile is as old: a call from before a damp must not be taken for one after
+                calls.clear()
+                executor.spin_once(timeout_sec=0.0)
     except (KeyboardInterrupt, ExternalShutdownException, SessionError):
         pass
     finally:

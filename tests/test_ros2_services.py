@@ -1,11 +1,15 @@
 """What the ROS 2 services do without ROS 2; with it they are tested in `tests/ros2_live`."""
 
 import ast
+import itertools
+import os
 import shutil
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -79,3 +83,40 @@ def test_the_two_files_work_without_the_package(tmp_path):
     run = subprocess.run(command, capture_output=True, text=True, env={}, check=False)
     assert run.returncode == 2
     assert run.stderr.startswith("error: No module named 'rclpy': source /opt/ros/")
+
+
+def test_a_call_that_waited_while_another_was_answered_is_no_newer_than_that(monkeypatch, tmp_path):
+    found, services, answered, clock = iter(["damp", "load_a", "", "load_b"]), {}, [], itertools.count(1)
+    left = [3]  # turns
+
+    def spin_once(timeout_sec):
+        word = next(found, "")
+        if word:
+            services[word](None, SimpleNamespace())
+
+    def ok():
+        left[0] -= 1
+        return left[0] >= 0
+
+    node = SimpleNamespace(
+        create_service=lambda _, name, callback: services.setdefault(name.rpartition("/")[2], callback),
+        context=SimpleNamespace(get_domain_id=lambda: 0),
+    )
+    executor = SimpleNamespace(add_node=lambda _: None, spin_once=spin_once)
+    modules = {
+        "rclpy": {"init": lambda **_: None, "ok": ok, "create_node": lambda *_, **__: node, "try_shutdown": list},
+        "rclpy.executors": {"ExternalShutdownException": KeyError, "SingleThreadedExecutor": lambda: executor},
+        "rclpy.utilities": {"get_rmw_implementation_identifier": lambda: "rmw_cyclonedds_cpp"},
+        "std_srvs": {},
+        "std_srvs.srv": {"Trigger": None},
+    }
+    for name, fields in modules.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**fields))
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    monkeypatch.setattr(ros2_services, "network_on", lambda _: nullcontext())
+    monkeypatch.setattr(ros2_services, "monotonic_ns", lambda: next(clock))
+    monkeypatch.setattr(ros2_services, "answer", lambda word, _, seen: answered.append((word, seen)) or (True, ""))
+    ros2_services._serve(None, tmp_path / "profiles.xml")
+    (damp, first), (load_a, second), (load_b, third) = answered
+    assert (damp, load_a, load_b) == ("damp", "load_a", "load_b")
+    assert first == second < third
