@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from humanoid_sim import mit
 from humanoid_sim.errors import FieldError
-from humanoid_sim.testing import any_commands, any_states, valid_commands
+from humanoid_sim.testing.strategies import any_commands, any_states, valid_commands
 
 STATE_ARRAYS = (
     "joint_position", "joint_velocity", "joint_effort", "joint_age",

@@ -16,7 +16,7 @@ from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
-from humanoid_sim.testing import fingerprint
+from humanoid_sim.testing.properties import fingerprint
 
 LITE = load_robot("lite")
 

@@ -33,9 +33,8 @@ DEFAULT_SETTINGS = settings(
     print_blob=True,
     suppress_health_check=[HealthCheck.large_base_example, HealthCheck.too_slow, HealthCheck.data_too_large],
 )
-"""Runs of up to 40 steps. More of them: `settings(DEFAULT_SETTINGS, max_examples=1000)`."""
 _HEALTHY_TICKS = 2000  # in each mode, before anything is attacked: 40 s at 50 Hz
-_WAYS = (
+_WAYS = (  # intents that lead into each mode
     (),
     (Intent.DAMP,),
     (Intent.LOAD_A,),
@@ -43,8 +42,6 @@ _WAYS = (
     (Intent.LOAD_A, Intent.START_LOCOMOTION),
     (Intent.LOAD_A, Intent.START_REMOTE),
 )
-"""Intents that lead into each mode."""
-_WELL, _REPORTS = SafetyStatus(source="can0"), list(product(SafetyLevel, SafetyFlag))
 
 
 def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervisor]:
@@ -59,10 +56,8 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     contract = replace(unbounded, position_clip="joint_limits")
 
     def build(policy: ScriptedPolicy) -> Supervisor:
-        firm, soft = (
-            load_policy(replace(contract, joint_stiffness=share * contract.joint_stiffness), policy, None)
-            for share in (1.0, 0.5)
-        )
+        firm = load_policy(contract, policy, None)
+        soft = load_policy(replace(contract, joint_stiffness=0.5 * contract.joint_stiffness), policy, None)
         return build_supervisor(description, period, firm, policies={"firm": firm, "soft": soft}, remote=True)
 
     return build
@@ -71,11 +66,8 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
 def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:
     """Drive a control stack with anything, and check `SafetyProperties` on every tick.
 
-    First, with nothing random, every mode lasts for 40 s on a healthy robot, and is given every safety report and every
-    combination of intents. Raises `SafetyViolationError` with the shortest run that was found to break a property.
-
-    Args:
-        build: returns a new stack under test, for every run; the policy that it is given may misbehave.
+    `build` returns a new stack for every run, with the policy it is given, which may misbehave. Raises
+    `SafetyViolationError` with the shortest run that was found to break a property.
     """
 
     class Stack(StackMachine):
@@ -96,7 +88,8 @@ def survey(machine_type: type[StackMachine]) -> None:
             continue
         machine.tick()
         calm = machine.healthy()
-        trials = [replace(calm, safety=(_WELL, SafetyStatus(*report, "can1"))) for report in _REPORTS]
+        well, reports = SafetyStatus(source="can0"), product(SafetyLevel, SafetyFlag)
+        trials = [replace(calm, safety=(well, SafetyStatus(*report, "can1"))) for report in reports]
         trials += [replace(calm, policy=name) for name in (*machine.stack.policies, "unheard_of")]
         trials += [replace(calm, intents=wanted) for count in (1, 2, 3) for wanted in product(Intent, repeat=count)]
         for trial in trials:
@@ -110,11 +103,9 @@ def survey(machine_type: type[StackMachine]) -> None:
 
 
 def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTINGS) -> None:
-    """Hold a controller by itself to what the supervisor expects of every one, whatever its input.
+    """Hold a controller by itself to what the supervisor expects of every one, as docs/testing.md lists it.
 
-    It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
-    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, for 40 s, it has no
-    fault. Raises `SafetyViolationError` with the shortest example that was found.
+    Raises `SafetyViolationError` with the shortest example that was found.
     """
     n, extern = len(controller.joints), getattr(controller, "extern", {})
     memory = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,22 +13,20 @@ from humanoid_sim.messages import Intent, RemoteCommand, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
 _UPRIGHT_AT_ORIGIN = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # m and w x y z
-_NO_EXTERNS: Mapping[str, int] = MappingProxyType({})
 
-Answer = Callable[[npt.NDArray[np.float32], int], Any]
-"""`(observation of shape (N,), reference frame) -> action`, which need not be one."""
+Answer = Callable[[npt.NDArray[np.float32], int], Any]  # (observation of shape (N,), frame) -> action, or anything
 
 
-def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]:
+def healthy_externs(widths: Mapping[str, int] | None, time: float) -> dict[str, Extern]:
     """Live inputs that arrived at `time` s, by name and width: nothing commanded or pressed, upright at the origin."""
     return {
         name: Extern(_UPRIGHT_AT_ORIGIN if name == ANCHOR_POSE and width == 7 else np.zeros(width), time)
-        for name, width in widths.items()
+        for name, width in (widths or {}).items()
     }
 
 
 def healthy_state(
-    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NO_EXTERNS
+    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] | None = None
 ) -> MITState:
     """Return a robot at rest and upright at `time` s, its joints at `position` (n,), rad."""
     zeros = np.zeros(len(position))
@@ -51,7 +48,7 @@ def healthy_tick(
     time: float,
     *intents: Intent,
     remote: RemoteCommand | None = None,
-    externs: Mapping[str, int] = _NO_EXTERNS,
+    externs: Mapping[str, int] | None = None,
 ) -> TickInput:
     """Return one tick of such a robot."""
     return TickInput(healthy_state(position, time, externs), intents=intents, remote=remote)
@@ -65,7 +62,6 @@ class ScriptedPolicy:
         self.calls: list[tuple[npt.NDArray[np.float32], int]] = []
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> Any:
-        """Return the present answer."""
         self.calls.append((observation, frame))
         return self.answer(observation, frame)
 

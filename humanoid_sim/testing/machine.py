@@ -31,55 +31,43 @@ _SKEWS = st.sampled_from([0.0, 0.0, -0.01, -0.06, -0.2, 0.01, 3.0, -100.0])  # s
 
 
 class StackMachine(RuleBasedStateMachine):
-    """One run of a control stack, checked in every tick. Subclass it with `build`; pytest collects its `TestCase`.
-
-    Extend `check` to check more, and add rules that call `feed` to attack more.
-    """
+    """One run of a control stack, checked in every tick. Subclass it with `build`; pytest collects its `TestCase`."""
 
     def build(self, policy: ScriptedPolicy) -> Supervisor:
-        """Return a new stack under test. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
-        raise NotImplementedError(f"{type(self).__name__}.build is not defined: it must return the stack under test")
+        """Return a new stack under test, whose LOCOMOTION runs `policy`; its answers are fuzzed."""
+        raise NotImplementedError
 
     def check(self, given: TickInput, output: TickOutput) -> None:
-        """Check what must hold in every tick; raise to report a violation."""
         self.properties.check(given, output)
 
     def __init__(self) -> None:
         super().__init__()
         self.policy = ScriptedPolicy(well_behaved(1))
-        self.stack, self.twin = self.build(self.policy), self.build(self.policy)
+        self.stack = self.build(self.policy)
         self.joint_count = len(self.stack.joints)
         learned = self.stack.controllers.get(RL_POLICY)
         count, limit, self.externs = 1, ACTION_LIMIT, dict[str, int]()
         if isinstance(learned, RLPolicyController):
             count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
         self.answers = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
-        self.joints: FloatArray = np.full(self.joint_count, 0.5)
-        """Shape (n,), rad, of the healthy robot: its joints are where the tick before commanded them to be."""
+        self.joints: FloatArray = np.full(self.joint_count, 0.5)  # rad: where the tick before commanded them to be
         self.memory = self.stack.initial()
         self.properties = SafetyProperties(self.stack)
         self.time = 10.0
         self.remote: RemoteCommand | None = None
 
-    def feed(
-        self, given: TickInput, answer: str = "well behaved", *, is_blocked: bool = False, with_twin: bool = True
-    ) -> TickOutput:
-        """Run one tick and check it.
+    def feed(self, given: TickInput, answer: str = "well behaved", *, is_blocked: bool = False) -> TickOutput:
+        """Run one tick twice and check it.
 
-        Args:
-            answer: `well behaved`, or the one of `misbehaviours` that the policy shows in this tick.
-            is_blocked: the joints stay where they are, whatever is commanded.
-            with_twin: a second stack, of another past, must give the same bits, and nothing given may change.
+        `answer` is what the policy does: `well behaved`, or one of `misbehaviours`. Joints that are blocked stay where
+        they are, whatever is commanded.
         """
         self.policy.answer = self.answers[answer]
-        before = (fingerprint(given), fingerprint(self.memory)) if with_twin else None
-        memory, output = self.stack.step(self.memory, given)
-        if with_twin:
-            self.twin.step(self.memory, given)
-            again, same = self.twin.step(self.memory, given)
-            require(before == (fingerprint(given), fingerprint(self.memory)), "a tick changed what it was given")
-            require(fingerprint(output) == fingerprint(same), "the same inputs gave {} and {}", output, same)
-            require(fingerprint(memory) == fingerprint(again), "the same inputs gave memories {} and {}", memory, again)
+        before = fingerprint((given, self.memory))
+        memory, output = result = self.stack.step(self.memory, given)
+        again = self.stack.step(self.memory, given)
+        require(before == fingerprint((given, self.memory)), "a tick changed what it was given")
+        require(fingerprint(result) == fingerprint(again), "the same inputs gave {} and {}", result, again)
         self.check(given, output)
         self.memory, self.remote = memory, given.remote or self.remote
         if not is_blocked:
@@ -90,22 +78,21 @@ class StackMachine(RuleBasedStateMachine):
         return output
 
     def healthy(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickInput:
-        """Return a tick of the healthy robot at the present time, with `remote` or the last remote command."""
         return healthy_tick(self.joints, self.time, *wanted, remote=remote or self.remote, externs=self.externs)
 
-    def tick(self, *wanted: Intent, remote: RemoteCommand | None = None, with_twin: bool = True) -> TickOutput:
-        """One period later, on the healthy robot."""
+    def tick(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickOutput:
+        """Feed what the healthy robot gives one period later, with `remote` or the last remote command."""
         self.time += PERIOD
-        return self.feed(self.healthy(*wanted, remote=remote), with_twin=with_twin)
+        return self.feed(self.healthy(*wanted, remote=remote))
 
     def pass_time(self, ticks: int, *, sends: bool = True) -> None:
         """Healthy ticks without an intent: the mode stays, and no controller fails.
 
-        A remote command of zeros arrives in each, or in the first alone and then grows old. The twin runs at both ends.
+        A remote command of zeros arrives in each, or in the first alone and then grows old.
         """
         for i in range(ticks + 1):  # the first one takes the consequences of what came before
             new = RemoteCommand(MITCommand.zeros(self.joint_count), self.time + PERIOD) if sends or i == 0 else None
-            name, output = self.memory.controller, self.tick(remote=new, with_twin=i in (0, ticks))
+            name, output = self.memory.controller, self.tick(remote=new)
             now = output.control_mode.controller_name
             require(i == 0 or not output.faults, "on a healthy robot, in tick {} in {}: {}", i, name, output.faults)
             require(i == 0 or now == name, "{} went to {} by itself, in tick {}", name, now, i)
@@ -138,7 +125,7 @@ class StackMachine(RuleBasedStateMachine):
     def start(self, pose: Intent, begin: Intent | None) -> None:
         self.go(pose, begin)
 
-    @rule(data=st.data(), wanted=strategies.intents())
+    @rule(data=st.data(), wanted=strategies.INTENTS)
     def press(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
         self.time += PERIOD
         name = data.draw(st.sampled_from(["", "", *self.stack.policies, "unheard_of"]))
@@ -173,7 +160,7 @@ class StackMachine(RuleBasedStateMachine):
             state = replace(given.state, joint_velocity=np.full(self.joint_count, speed))
             self.feed(replace(given, state=state), is_blocked=True)
 
-    @rule(data=st.data(), wanted=strategies.intents())
+    @rule(data=st.data(), wanted=strategies.INTENTS)
     def the_state_is_odd(self, data: DataObject, wanted: tuple[Intent, ...]) -> None:
         self.time += PERIOD
         n = self.joint_count
@@ -193,7 +180,7 @@ class StackMachine(RuleBasedStateMachine):
         if not abs(self.time) <= _FURTHEST_TIME:
             self.time = before
 
-    @rule(safety=strategies.safety_statuses(), wanted=strategies.intents())
+    @rule(safety=strategies.SAFETY_STATUSES, wanted=strategies.INTENTS)
     def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
         self.time += PERIOD
         self.feed(replace(self.healthy(*wanted), safety=safety))

@@ -1,8 +1,4 @@
-"""The safety properties of a control stack, checked on each tick from inputs and outputs alone.
-
-No rule or table of the FSM is used, so a mistake there cannot hide itself. What a mode must command is taken from the
-settings of its controller, and from the guards.
-"""
+"""The safety properties of a control stack, checked on each tick without a rule or table of the FSM itself."""
 
 from __future__ import annotations
 
@@ -25,20 +21,19 @@ from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
 
 MODE_NUMBER = {ZERO_TORQUE: 0, DAMPING: 1, STANDBY_A: 2, STANDBY_B: 2, RL_POLICY: 3, REMOTE_POLICY: 4}  # on the wire
 SAFE = (ZERO_TORQUE, DAMPING)
-EDGES: Mapping[Intent, tuple[tuple[str, ...], str]] = {
+EDGES: Mapping[Intent, tuple[tuple[str, ...], str]] = {  # controllers that an intent leads from, and to
     Intent.DAMP: ((ZERO_TORQUE,), DAMPING),
     Intent.LOAD_A: ((DAMPING,), STANDBY_A),
     Intent.LOAD_B: ((DAMPING,), STANDBY_B),
     Intent.START_LOCOMOTION: ((STANDBY_A, STANDBY_B), RL_POLICY),
     Intent.START_REMOTE: ((STANDBY_A, STANDBY_B), REMOTE_POLICY),
 }
-"""Controllers that an intent leads from, and to. Without an intent a controller stays, or leaves for SAFE."""
 _ROUNDING = 1e-9  # s
 _LARGEST_KNOWN = 1e6  # rad: positions beyond it count as unknown
 
 
 class SafetyViolationError(AssertionError):
-    """A control stack or a controller broke a safety property; the message says which, and how."""
+    """A control stack or a controller broke a safety property."""
 
 
 def require(holds: bool, message: str, *values: object) -> None:
@@ -49,16 +44,15 @@ def require(holds: bool, message: str, *values: object) -> None:
 
 def fingerprint(value: Any) -> Any:
     """Return a value that is equal for two things exactly when each of their bits is: -0.0 is not 0.0, NaN is NaN."""
-    name = type(value).__name__
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if is_dataclass(value):
-        return name, *[fingerprint(getattr(value, field.name)) for field in fields(value)]
+        return type(value).__name__, *[fingerprint(getattr(value, field.name)) for field in fields(value)]
     if isinstance(value, tuple | list):
         return tuple([fingerprint(item) for item in value])
     if isinstance(value, Mapping):
         return tuple([(key, fingerprint(item)) for key, item in value.items()])
-    return name, repr(value)
+    return type(value).__name__, repr(value)
 
 
 def check_complete(command: MITCommand, n: int) -> None:
@@ -67,8 +61,8 @@ def check_complete(command: MITCommand, n: int) -> None:
     for name in COMMAND_FIELDS:
         values = getattr(command, name)
         require(np.isfinite(values).all(), "command's {} is {}, expected finite numbers", name, values)
-        is_gain = name in ("stiffness", "damping")
-        require(not is_gain or (values >= 0.0).all(), "command's {} is {}, expected no negative gain", name, values)
+    for gains in (command.stiffness, command.damping):
+        require(bool((gains >= 0.0).all()), "command has gains {}, expected no negative gain", gains)
 
 
 class SafetyProperties:
@@ -84,7 +78,6 @@ class SafetyProperties:
         self._remote = _RemoteCommands()
 
     def check(self, given: TickInput, output: TickOutput) -> None:
-        """Check every property for this tick, which follows the one checked before."""
         name, before = output.control_mode.controller_name, self._name
         check_complete(output.command, len(self._stack.joints))
         _check_mode(name, given, output)
@@ -94,8 +87,8 @@ class SafetyProperties:
         if given.policy in self._stack.policies and before in SAFE:
             self._policy = given.policy
         elif given.policy:
-            said = any(text.startswith(f"policy {given.policy} refused: ") for text in output.refusals)
-            require(said, "policy {} was selected in {}, and no refusal says why not", given.policy, before)
+            refused = any(text.startswith(f"policy {given.policy} refused: ") for text in output.refusals)
+            require(refused, "policy {} was selected in {}, and no refusal says why not", given.policy, before)
         _check_faults(name, output)
         self._check_command(name, given, output.command)
         self._check_guards(name, given.state, output.command)

@@ -34,7 +34,7 @@ def _arrays(n: int, numbers: SearchStrategy[float]) -> SearchStrategy[FloatArray
 
 @cache
 def any_arrays(n: int) -> SearchStrategy[FloatArray]:
-    """Arrays of shape (n,): one odd value among moderate ones is as likely as an array that is odd throughout."""
+    """Arrays of shape (n,): odd throughout, or with one odd value among moderate ones."""
 
     def with_one(i: int, odd: float, rest: float) -> FloatArray:
         array = np.full(n, rest)
@@ -55,14 +55,9 @@ def any_externs() -> SearchStrategy[dict[str, Extern]]:
 
 def any_states(n: int, time: float) -> SearchStrategy[MITState]:
     """States of any content at `time` s: joints never received, impossible quaternions, infinite ages."""
-    return _any_states(n).map(lambda state: replace(state, time=time))
-
-
-@cache
-def _any_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
-        time=st.just(0.0),
+        time=st.just(time),
         joint_position=any_arrays(n) | st.just(np.full(n, np.nan)),
         joint_velocity=any_arrays(n),
         joint_effort=any_arrays(n),
@@ -90,23 +85,17 @@ def clock_jumps() -> SearchStrategy[float]:
     return st.sampled_from(_JUMPS) | st.floats(-1, 1)
 
 
-@cache
-def safety_statuses() -> SearchStrategy[tuple[SafetyStatus, ...]]:
-    """None to three sources of any level and flags, bits without a name included."""
-    status = st.builds(
+SAFETY_STATUSES: SearchStrategy[tuple[SafetyStatus, ...]] = st.lists(
+    st.builds(
         SafetyStatus,
         level=st.sampled_from(SafetyLevel),
-        flags=st.sampled_from(SafetyFlag) | st.integers(0, 2**32 - 1),
+        flags=st.sampled_from(SafetyFlag) | st.integers(0, 2**32 - 1),  # bits without a name too
         source=st.sampled_from(["", "can0", "can1", "simulator"]),
         message=st.sampled_from(["", "left_elbow over-current"]),
-    )
-    return st.lists(status, max_size=3).map(tuple)
-
-
-@cache
-def intents() -> SearchStrategy[tuple[Intent, ...]]:
-    """None to three intents of one tick, repetitions included."""
-    return st.lists(st.sampled_from(Intent), max_size=3).map(tuple)
+    ),
+    max_size=3,
+).map(tuple)
+INTENTS: SearchStrategy[tuple[Intent, ...]] = st.lists(st.sampled_from(Intent), max_size=3).map(tuple)
 
 
 @cache
@@ -121,19 +110,15 @@ def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     return st.builds(MITCommand, *[_arrays(n, _MODERATE)] * 3, *[_arrays(n, _GAINS)] * 2)
 
 
-def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
-    """Return valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
-    stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | _ANY
-    return st.builds(RemoteCommand, valid_commands(n) | any_commands(n) | valid_commands(n + 1), stamps)
-
-
 def any_tick_inputs(n: int, time: float) -> SearchStrategy[TickInput]:
-    """Everything at once, at `time` s."""
+    """Everything at once, at `time` s, with remote commands that are valid, broken or wrongly sized."""
+    commands = valid_commands(n) | any_commands(n) | valid_commands(n + 1)
+    stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | _ANY
     return st.builds(
         TickInput,
         state=any_states(n, time),
-        safety=safety_statuses(),
-        intents=intents(),
-        remote=st.none() | any_remote_commands(n, time),
+        safety=SAFETY_STATUSES,
+        intents=INTENTS,
+        remote=st.none() | st.builds(RemoteCommand, commands, stamps),
         policy=st.sampled_from(["", "unheard_of"]),
     )

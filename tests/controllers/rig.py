@@ -15,7 +15,7 @@ from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import Extern, MITCommand, MITState
-from humanoid_sim.testing import healthy_state
+from humanoid_sim.testing.healthy import healthy_state
 
 JOINTS = ("shoulder", "elbow", "wrist")
 PERIOD = 0.02

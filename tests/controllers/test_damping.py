@@ -8,7 +8,8 @@ from rig import JOINTS, tick
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.mit import COMMAND_FIELDS
-from humanoid_sim.testing import any_tick_inputs, fingerprint
+from humanoid_sim.testing.properties import fingerprint
+from humanoid_sim.testing.strategies import any_tick_inputs
 
 NAN, INF = np.nan, np.inf
 KD = np.array([1.5, 1.6, 1.7])

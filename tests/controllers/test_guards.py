@@ -9,7 +9,7 @@ import rig
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
-from humanoid_sim.testing import healthy_state
+from humanoid_sim.testing.healthy import healthy_state
 
 NAN, INF = np.nan, np.inf
 TIMES = [5.0 + 0.02 * i for i in range(30)]

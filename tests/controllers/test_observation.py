@@ -12,7 +12,7 @@ from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.terms import TermInput
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.testing import any_states
+from humanoid_sim.testing.strategies import any_states
 
 ALL_TERMS = (
     "progress", "imu_quaternion", "joint_vel", "foot_contact", "imu_angular_velocity", "motion_body_pos_b", "actions",

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from rig import PATHS, Run, supervisor
 
 import humanoid_sim.controllers
-from humanoid_sim.testing import any_tick_inputs, fingerprint
+from humanoid_sim.testing.properties import fingerprint
+from humanoid_sim.testing.strategies import any_tick_inputs
 
 PACKAGE = Path(humanoid_sim.controllers.__file__).parent
 PURE = [

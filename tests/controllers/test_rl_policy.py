@@ -9,7 +9,8 @@ from rig import JOINTS, PERIOD, contract, good_answer, reference, tick
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError
-from humanoid_sim.testing import ScriptedPolicy, fingerprint
+from humanoid_sim.testing.healthy import ScriptedPolicy
+from humanoid_sim.testing.properties import fingerprint
 
 
 def zeros(observation, frame):

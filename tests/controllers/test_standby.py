@@ -8,7 +8,7 @@ from rig import JOINTS, tick
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.standby import StandbyController
-from humanoid_sim.testing import clock_jumps
+from humanoid_sim.testing.strategies import clock_jumps
 
 NAN, INF = np.nan, np.inf
 START = (1.0, -1.0, 0.5)

@@ -11,7 +11,7 @@ from humanoid_sim.controllers.damping import ZeroTorqueController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing import ScriptedPolicy
+from humanoid_sim.testing.healthy import ScriptedPolicy
 
 
 def test_another_policy_is_selected_at_rest_and_runs_at_its_own_rate():

@@ -29,7 +29,7 @@ from humanoid_sim.policy.motion import body_frames
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.testing import healthy_state
+from humanoid_sim.testing.healthy import healthy_state
 
 BODIES = ("left_elbow_pitch", "left_hand", "right_hand")
 

@@ -14,6 +14,7 @@ from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.testing.healthy import healthy_tick, misbehaviours
 
 QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=6, derandomize=True, database=None)
 SEARCH = settings(QUICK, max_examples=200, phases=[Phase.generate])
@@ -91,12 +92,12 @@ def test_a_mistake_is_found(controller, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("name", sorted(testing.misbehaviours(1)))
+@pytest.mark.parametrize("name", sorted(misbehaviours(1)))
 @pytest.mark.parametrize(("m", "limit"), [(1, 100.0), (14, 5.0)])
 def test_every_misbehaviour_of_a_policy_is_a_fault(name, m, limit):
     joints = tuple(f"joint_{i}" for i in range(m))
     contract = contract_of(joints, observation=("joint_pos", "actions"))
-    policy = testing.misbehaviours(m, limit)[name]
+    policy = misbehaviours(m, limit)[name]
     controller = RLPolicyController(joints, contract, no_reference(), policy, 0.02, limit)
-    tick = testing.healthy_tick([0.5] * m, 1.0)
+    tick = healthy_tick([0.5] * m, 1.0)
     assert isinstance(controller.update(controller.activate(tick), tick), Fault)

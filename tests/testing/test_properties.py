@@ -8,7 +8,8 @@ import pytest
 import rig
 
 from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, RemoteCommand, StandbyState
-from humanoid_sim.testing import SafetyProperties, SafetyViolationError
+from humanoid_sim.testing import SafetyViolationError
+from humanoid_sim.testing.properties import SafetyProperties
 
 ZERO, DAMPING, A = "zero_torque_controller", "damping_controller", "standby_controller_a"
 RL, REMOTE = "rl_policy_controller", "remote_policy_controller"

@@ -11,6 +11,7 @@ from hypothesis import Phase, find, settings
 from hypothesis.stateful import run_state_machine_as_test
 
 from humanoid_sim import testing
+from humanoid_sim.testing.strategies import any_states, any_tick_inputs, clock_jumps
 
 SEARCH = settings(max_examples=2000, derandomize=True, database=None, phases=[Phase.generate], deadline=None)
 GUIDE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text(encoding="utf-8")
@@ -19,11 +20,11 @@ GUIDE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text(encoding="
 @pytest.mark.parametrize(
     ("strategy", "wanted"),
     [
-        (testing.any_states(14, 3.0), lambda s: np.isnan(s.joint_position).all()),
-        (testing.any_states(14, 3.0), lambda s: np.isinf(s.joint_velocity).sum() == 1),
-        (testing.any_states(14, 3.0), lambda s: "anchor_pose" in s.extern),
-        (testing.clock_jumps(), lambda t: t < -1e5),
-        (testing.any_tick_inputs(14, 3.0), lambda t: t.safety and t.intents and t.remote is not None),
+        (any_states(14, 3.0), lambda s: np.isnan(s.joint_position).all()),
+        (any_states(14, 3.0), lambda s: np.isinf(s.joint_velocity).sum() == 1),
+        (any_states(14, 3.0), lambda s: "anchor_pose" in s.extern),
+        (clock_jumps(), lambda t: t < -1e5),
+        (any_tick_inputs(14, 3.0), lambda t: t.safety and t.intents and t.remote is not None),
     ],
 )
 def test_what_must_be_drawn_sometimes(strategy, wanted):

@@ -12,7 +12,7 @@ from humanoid_sim.frontends.console.operator import Operator
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.testing import healthy_state
+from humanoid_sim.testing.healthy import healthy_state
 
 LITE = load_robot("lite")
 POSE = np.array(LITE.standby_controller_a.pose_segments[-1])

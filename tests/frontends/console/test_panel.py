@@ -14,7 +14,7 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.stack import run_header
-from humanoid_sim.testing import healthy_state
+from humanoid_sim.testing.healthy import healthy_state
 
 LITE = load_robot("lite")
 
