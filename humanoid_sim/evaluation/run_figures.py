@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from typing import Any, Self
 
@@ -26,6 +25,7 @@ from humanoid_sim.simulation.kinematics import ForwardKinematics
 
 _SETTLING = 2.0  # s after release that the mean velocity leaves out: the robot starts from rest
 _KEPT = 1000  # newest modes, events, faults, refusals and safety statuses
+_NEWEST = 100_000  # ticks whose durations are kept
 _OF_BODIES = "body_position_error", "body_orientation_error", "hand_position_error", "hand_orientation_error"
 _OF_ANCHOR = "joint_error", "anchor_position_error", "anchor_orientation_error"
 
@@ -103,7 +103,7 @@ class RunFigures:
         }
         self.ticks = self.missing = self.overruns = self.inferences = 0
         self.time = 0.0
-        self._durations = array("d")
+        self._durations: deque[float] = deque(maxlen=_NEWEST)  # s
         self._effort: FloatArray = np.zeros(0 if robot is None else robot.joint_count)
         self._safety = ""
         self._released: float | None = None  # s, robot's clock
@@ -200,7 +200,7 @@ class RunFigures:
         }
 
 
-def spread(seconds: Sequence[float]) -> dict[str, float] | None:
+def spread(seconds: Collection[float]) -> dict[str, float] | None:
     """Return median, 99th percentile and maximum of durations, s; None of none."""
     if not len(seconds):
         return None

@@ -20,7 +20,7 @@ MODE_STYLES = {
     Mode.LOCOMOTION: "green",
     Mode.REMOTE: "magenta",
 }
-_KINDS = ("events", "faults", "refusals", "safety")
+REMARKS = ("events", "faults", "refusals", "safety")
 _SHOWN = 40  # of these that are printed; JSON has them all
 
 
@@ -33,8 +33,8 @@ def print_table(console: Console, title: str, rows: Iterable[Sequence[str]], *he
         console.print(table)
 
 
-def print_figures(console: Console, summary: dict[str, Any]) -> None:
-    """Print what `RunFigures.summary` returns."""
+def print_figures(console: Console, summary: dict[str, Any], kinds: Sequence[str] = REMARKS) -> None:
+    """Print what `RunFigures.summary` returns, with these kinds of remarks."""
     modes = [
         (one["mode"], _s(one["start"]), _s(one["end"]), one["controller"], one["reason"]) for one in summary["modes"]
     ]
@@ -49,9 +49,9 @@ def print_figures(console: Console, summary: dict[str, Any]) -> None:
         console.print(f"mean velocity from 2 s after the release of the base: {text}", markup=False)
     if piano:
         print_table(console, "Song", [[f"{ratio:.3f}" for ratio in piano.values()]], "precision", "recall", "F1")
-    remarks = [(one["time"], kind, one["message"]) for kind in _KINDS for one in summary[kind]]
+    remarks = [(one["time"], kind, one["message"]) for kind in kinds for one in summary[kind]]
     shown = [(_s(time), kind, message) for time, kind, message in sorted(remarks)[:_SHOWN]]
-    print_table(console, f"Events, faults and refusals, {len(shown)} of {len(remarks)}", shown, "at", "", "")
+    print_table(console, f"{', '.join(kinds).capitalize()}: {len(shown)} of {len(remarks)}", shown, "at", "", "")
     if base and base["fall"] is not None:
         console.print(f"[bold red]the robot fell[/] after {base['fall']:.2f} s: {escape(base['fell'])}")
 

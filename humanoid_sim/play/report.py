@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim.evaluation.run_figures import spread
-from humanoid_sim.evaluation.run_report import describe_effort, describe_spread, print_figures, print_table
+from humanoid_sim.evaluation.run_report import REMARKS, describe_effort, describe_spread, print_figures, print_table
 from humanoid_sim.files import finite, whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.session.session import SessionResult
@@ -47,7 +47,7 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
 
 def print_report(console: Console, summary: dict[str, Any]) -> None:
     """Print the tables."""
-    print_figures(console, summary)
+    print_figures(console, summary, REMARKS[1:])  # events were printed as they happened
     loop = summary["loop"]
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     missed = "missed deadlines" if loop["realtime"] else "ticks took longer than the control period"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from array import array
+from collections import deque
 from dataclasses import dataclass, field
 from time import perf_counter, sleep
 
 _SPIN = 0.0002  # s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel
+_NEWEST = 100_000  # starts of ticks that are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Pace:
     realtime: bool
     overruns: int = 0  # ticks that missed their deadline
     skipped: int = 0  # deadlines that passed while a tick was still running
-    lateness: array[float] = field(default_factory=lambda: array("d"))  # s, of each tick's start
+    lateness: deque[float] = field(default_factory=lambda: deque(maxlen=_NEWEST))  # s, of the newest ticks' starts
     _deadline: float | None = None
 
     def begin(self) -> float:

@@ -7,8 +7,7 @@ run ends the robot is damped and then closed.
 from __future__ import annotations
 
 import contextlib
-from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from time import perf_counter, sleep
 from typing import TypeAlias
@@ -52,7 +51,7 @@ class SessionResult:
     wall_time: float  # s
     overruns: int
     skipped: int  # deadlines that passed while a tick was still running
-    lateness: array[float]  # s, of each tick's start after its due time; empty without real time
+    lateness: Collection[float]  # s, of the newest ticks' starts after their due times; empty without real time
     measures: tuple[str, ...] = ()  # taken for timely scheduling, one line each
     failures: tuple[str, ...] = ()
     """A robot that is not confirmed to be without torque; sinks that raised on the control thread."""
