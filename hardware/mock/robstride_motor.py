@@ -24,6 +24,7 @@ class RobstrideMotor:
 
     def __init__(self, model: MotorModel, can_id: int, uid: bytes) -> None:
         self.model, self.can_id, self.uid = model, can_id, uid
+        self.version = emulated_version(model)  # of its firmware, which it reports
         self.sensed = Sensed()
         self.stored: dict[str, float] = {}  # parameters that were saved
         self.zero = 0.0  # rad, the shaft's angle, up to whole turns, that counts as 0
@@ -125,7 +126,7 @@ class RobstrideMotor:
             case FrameType.GET_DEVICE_ID:
                 return protocol.DeviceId(self.can_id, self.uid)
             case FrameType.STOP if data.startswith(protocol.READ_VERSION):
-                return protocol.Version(self.can_id, emulated_version(self.model))
+                return protocol.Version(self.can_id, self.version)
             case FrameType.READ_PARAMETER:
                 return self._read(index)
             case FrameType.SET_DEVICE_ID:

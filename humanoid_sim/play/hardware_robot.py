@@ -137,7 +137,8 @@ class HardwareSetup(RobotSetup):
             self.robot.prepare()
             self.robot.checks.refuse(questions=not config.dry_run)
         except RobotError as error:
-            raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
+            first = str(error).partition("\n")[0].rstrip(": ")
+            raise RobotError(f"{first}: the checks on standard output say why") from None
         finally:
             console.print("[bold]Checks, before anything is enabled[/bold]")
             for verdict, subject, text in self.checks():

@@ -55,7 +55,7 @@ def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatc
     assert all(".32: no document mentions it: --accept-firmware 0." in question for question in questions)
     assert dry.out.count("\nok ") == 14
     refused = run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER)
-    assert (refused.status, refused.err) == (2, "error: lite: not enabled\n")
+    assert (refused.status, refused.err) == (2, "error: lite: not enabled: the checks on standard output say why\n")
     accepted = {line.split("--accept-firmware ")[1].split()[0] for line in questions}
     options = ["--accept-firmware", *accepted]
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *options, *PLACEHOLDER).status == 0
@@ -97,7 +97,7 @@ def test_a_channel_that_another_session_drives_is_refused(run, quick):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
         dry = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
     assert "problem  virtual:play  is in use by another session" in result.out
-    assert (result.status, result.err) == (2, "error: lite: not enabled\n")
+    assert (result.status, result.err) == (2, "error: lite: not enabled: the checks on standard output say why\n")
     assert dry.status == 2
 
 
