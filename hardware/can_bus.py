@@ -188,6 +188,7 @@ class Note(NamedTuple):
 
 
 NEVER = Note(-math.inf, "")
+STRANGERS = "another program, or a motor in another protocol"
 
 
 class _Waiting(NamedTuple):
@@ -278,7 +279,7 @@ class Channel:
 
     def troubles(self) -> tuple[str, ...]:
         """Return why nothing may come back, the most telling first."""
-        strangers = [f"{count} × {kind}" for kind, count in self.strangers.items()]
+        strangers = [f"{count} × {kind}: {STRANGERS}" for kind, count in self.strangers.items()]
         return tuple(filter(None, [self.down, self.tx_full.text, self.error, *strangers]))
 
     def close(self) -> None:

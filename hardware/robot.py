@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.can_bus import NEVER, BusAddress, OpenBus, OpenChannels, lock_channels, parse_address
+from humanoid_sim.hardware.can_bus import (
+    NEVER,
+    STRANGERS,
+    BusAddress,
+    OpenBus,
+    OpenChannels,
+    lock_channels,
+    parse_address,
+)
 from humanoid_sim.hardware.can_bus import open_bus as open_python_can
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
@@ -189,7 +197,7 @@ class HardwareRobot:
         self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
         for source, channel in zip(line.sources, line.channels, strict=True):
             for kind, count in channel.strangers.items():
-                checks.warn(source, f"{count} × {kind}: another program, or a motor in another protocol")
+                checks.warn(source, f"{count} × {kind}: {STRANGERS}")
         self._track()
 
     def _open(self, checks: CheckList) -> OpenChannels:

@@ -28,6 +28,8 @@ class Discover:
     channels: _Channels
     robot: str | None = None
     """Name the joints of this robot, and its missing motors."""
+    last: int = 127
+    """Highest id to ask."""
 
 
 @dataclass(frozen=True)
