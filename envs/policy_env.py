@@ -87,7 +87,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         if not loop.wiring.accepts(raw):
             return self._fault(loop.wiring.action_problem(raw), frame)
         self._steps += 1
-        with np.errstate(all="ignore"):  # of a simulation that is no longer sound the observation may be anything
+        with np.errstate(all="ignore"):  # the observation of a simulation that has diverged may be anything
             loop.act(raw, velocity=task.command(self._commands, self._steps))
         if loop.tripped:
             return self._fault(loop.alarms[0], frame)

@@ -92,7 +92,7 @@ def modes_observation_space(description: RobotDescription) -> Dict:
 def modes_observation(state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
     """Return an operator's view: fields of the report, of the latest tick's output (None before the first), of safety.
 
-    A value that is not a number, of a simulation that is no longer sound, is 0. The standby's segment counts from 1.
+    NaN, of a simulation that has diverged, is 0. The standby's segment counts from 1.
     """
     merged = merge_safety(safety)
     standby = None if output is None else output.standby

@@ -98,7 +98,7 @@ class HardwareSetup(RobotSetup):
         self._joints = np.array([model.joint(name).qposadr[0] for name in description.joint_names])
 
     def qpos(self, state: MITState) -> FloatArray:
-        """Return the joints as they are measured; one that was never heard stands in its initial position."""
+        """Return the joints as they are measured; one that never reported is shown in its initial position."""
         qpos = self._qpos0.copy()
         known = np.isfinite(state.joint_position)
         qpos[self._joints] = np.where(known, state.joint_position, self.description.initial_position)
