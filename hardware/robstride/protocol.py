@@ -321,7 +321,7 @@ def _foreign(frame: Frame) -> str:
 
 
 def _addressee(kind: int, motor_id: int, destination: int, models: Mapping[int, MotorModel], host_id: int) -> str:
-    """Return why a frame is no reply to this host; empty: it is."""
+    """Return why a frame is not a reply to this host; empty if it is one."""
     if kind == FrameType.GET_DEVICE_ID and destination in {BROADCAST_ID, host_id}:
         return ""
     if kind in (FrameType.STATUS, FrameType.FAULT_REPORT) or (kind in _BOTH and destination == host_id):

@@ -39,7 +39,8 @@ def emulate(config: Emulate) -> int:
         offsets = {name: entries[name].homing_offset or 0.0 for name in description.joint_names if name in entries}
 
     def log(when: float, text: str) -> None:
-        print(f"{when:9.3f} s  {text}", flush=True)
+        if not config.quiet:
+            print(f"{when:9.3f} s  {text}", flush=True)
 
     signals: list[int] = []
     handlers = {

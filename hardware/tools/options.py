@@ -132,6 +132,8 @@ class Emulate:
     """Version that the motors of a model report, MODEL=VERSION, such as rs-02=0.2.3.32. May be repeated."""
     calibration: Path | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
+    quiet: bool = False
+    """Print no changes of motors and faults."""
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
 

@@ -240,7 +240,7 @@ def _episode(
     source: str, columns: Mapping[str, FloatArray], names: Mapping[str, list[str]], joints: tuple[str, ...]
 ) -> SourceMotion:
     """Return the motion in an episode's numeric features, each (F, …), whose values have names or none."""
-    found: dict[str, str] = {}  # feature of each role; what `record dataset --reference` added comes first
+    found: dict[str, str] = {}  # feature of each role; `reference.*` comes first
     for key in [key for key in columns if key.startswith("reference.")] or columns:
         role = key.rpartition(".")[2].replace("state", "joint_pos")
         if role in _ROLES and columns[key].ndim > 1:
