@@ -89,7 +89,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self._steps += 1
         with np.errstate(all="ignore"):  # the observation of a simulation that has diverged may be anything
             loop.act(raw, velocity=task.command(self._commands, self._steps))
-        if loop.tripped:
+        if loop.alarms:
             return self._fault(loop.alarms[0], frame)
         fault = self.robot.fault or loop.wiring.observation_problem(loop.observation)
         if fault:

@@ -71,7 +71,7 @@ class Task:
         kind = _kind(config.task, context)
         self._terms: list[tuple[str, float, Values]] = []
         for name, given in {**kind.rewards, **_EVERY, **config.rewards}.items():
-            if name in _ANCHORED and name not in config.rewards and not context.has("motion with an anchor"):
+            if name in _ANCHORED and name not in config.rewards and "motion with an anchor" not in context.parts:
                 continue
             weight, function = (given[0], _of_sample(given[1])) if isinstance(given, tuple) else (given, None)
             if not math.isfinite(weight):
@@ -81,7 +81,7 @@ class Task:
                 self._terms.append((name, rate, self._metric("rewards", name) if function is None else function))
         ends = config.terminations
         if ends is None:
-            follows = kind.reference in ("motion_body_pos_b", "reference_joint_pos") and context.has("motion")
+            follows = kind.reference in ("motion_body_pos_b", "reference_joint_pos") and "motion" in context.parts
             ends = (*(["strayed"] if follows else []), *(["fallen"] if robot.is_floating else []))
         self._ends = [self._metric("terminations", name) for name in ends]
         self._follows_motion = bool(kind.reference)

@@ -162,14 +162,11 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         wiring, found = loop.wiring, {}
         for i in np.flatnonzero(~moving & ~starting).tolist():
             found[i] = wiring.action_problem(raw[i])
+        found |= {i: alarm for i, alarm in loop.alarms.items() if moving[i]}
         blind = ~np.isfinite(loop.observation).all(axis=1)
-        for i in np.flatnonzero(moving & (loop.tripped | self.simulation.fault | blind)).tolist():
-            if loop.tripped.ndim and loop.tripped[i]:
-                found[i] = loop.alarms[i]
-            elif self.simulation.fault[i]:
-                found[i] = "simulation unstable"
-            else:
-                found[i] = wiring.observation_problem(loop.observation[i])
+        for i in np.flatnonzero(moving & (self.simulation.fault | blind)).tolist():
+            unstable = "simulation unstable" if self.simulation.fault[i] else ""
+            found.setdefault(i, unstable or wiring.observation_problem(loop.observation[i]))
         return found
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.piano_score import PianoScore, PlayedKeys
+from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion
 from humanoid_sim.recording.reader import open_recording
@@ -35,14 +35,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(PianoConfig, "piano", arguments)
     score = read_performance(options.recording, options.song)
     if options.json:
-        print(json.dumps(asdict(score), indent=1))
+        print(json.dumps(score, indent=1))
     else:
-        print(f"precision {score.precision:.3f}, recall {score.recall:.3f}, F1 {score.f1:.3f}")
+        print("precision {precision:.3f}, recall {recall:.3f}, F1 {f1:.3f}".format(**score))
     return 0
 
 
-def read_performance(recording: Path, song: Path | None = None) -> PianoScore:
-    """Return the score of a recording by its song, or by another `song`.
+def read_performance(recording: Path, song: Path | None = None) -> dict[str, float]:
+    """Return precision, recall and F1 of a recording by its song, or by another `song`.
 
     Raises `InputError` if there is no policy's step, no keys or no song in it, or their numbers differ.
     """

@@ -16,10 +16,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.failure import has_run_away, rms
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.step import StepContext
-from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, has_run_away, rms
 from humanoid_sim.mit import EXTERN_WIDTHS, FloatArray
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -159,9 +158,9 @@ class Simulations:
             return Outcome(0.0, {}, str(error))
         standing = robot.start_pose.standing_height
         context = StepContext(robot.description, contract, loaded.reference, standing_height=standing)
-        ends = [METRICS[name] for name, needs in _ENDS.items() if context.has(needs)]
+        ends = [METRICS[name] for name, needs in _ENDS.items() if needs in context.parts]
         names = _OF_WALKING if contract.task_type == "locomotion" else _OF_MOTIONS
-        metrics = {name: METRICS[name] for name in names if context.has(METRICS[name].needs)}
+        metrics = {name: METRICS[name] for name in names if METRICS[name].needs in context.parts}
         rows: list[dict[str, Any]] = []
         sample = loop.sample(0)
         steps = round(seconds / contract.policy_dt)

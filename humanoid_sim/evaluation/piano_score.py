@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BoolArray, FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class PianoScore:
-    """Means over the time steps, 0 to 1 each."""
-
-    precision: float
-    recall: float
-    f1: float
 
 
 class PlayedKeys:
@@ -35,12 +24,12 @@ class PlayedKeys:
         if frame < len(self._goals):
             self._pressed.setdefault(frame, keys > 0.5)
 
-    def score(self) -> PianoScore | None:
-        """Return the score over all frames that were shown; None without any."""
+    def score(self) -> dict[str, float] | None:
+        """Return `precision`, `recall` and `f1`, the means over all frames that were shown; None without any."""
         if not self._pressed:
             return None
         ratios = step_ratios(np.array(list(self._pressed.values())), self._goals[list(self._pressed)])
-        return PianoScore(*(float(ratio.mean()) for ratio in ratios))
+        return {name: float(ratio.mean()) for name, ratio in zip(("precision", "recall", "f1"), ratios, strict=True)}
 
 
 def step_ratios(down: BoolArray, goal: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -45,12 +45,10 @@ class ClosedLoop:
         self.state = self._read()
         """State that is observed, with the velocity command where the policy depends on one."""
         self.observation, self.memory = wiring.observe(wiring.activate(self.state), self.state)
-        self.action = self.previous = self.memory.last_action
-        """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
-        self.tripped: BoolArray = np.zeros((), dtype=np.bool_)
-        """Shape (...), or () for none: robots whose guard tripped in the latest step. They did not move in it."""
+        self.previous = self.memory.last_action
+        """Shape (..., m), raw: the action before the latest one; zeros before the first."""
         self.alarms: Mapping[int, str] = {}
-        """What those guards saw, by robot; 0 for the only one."""
+        """Guards that tripped in the latest step, in words, by robot, 0 for the only one: these did not move in it."""
         self._watched: GuardMemory | None = None
 
     def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
@@ -67,37 +65,30 @@ class ClosedLoop:
         self.command = _with_rows(self.command, chosen, velocity[chosen])
         self.observation = _with_rows(self.observation, chosen, observation)
         self.memory = _with_rows(self.memory, chosen, memory)
-        self.action = _with_rows(self.action, chosen, memory.last_action)
         self.previous = _with_rows(self.previous, chosen, memory.last_action)
 
     def act(
-        self,
-        action: Float32Array,
-        *,
-        velocity: FloatArray | None = None,
-        where: BoolArray | None = None,
+        self, action: Float32Array, *, velocity: FloatArray | None = None, where: BoolArray | None = None
     ) -> MITCommand:
         """One policy step, and the observation after it. Returns the command, shape (..., n).
 
         The action is raw, shape (..., m); `velocity`, shape (..., 3), has the commands from then on, None: as before.
         `where` is as of `BatchSim.step`, for a batch only.
         """
-        self.previous, self.command, self.action = self.memory.last_action, self.velocity, action
+        self.previous, self.command, self.alarms = self.memory.last_action, self.velocity, {}
         memory, command = self.wiring.act(self.memory, action)
-        self.tripped = np.zeros((), dtype=np.bool_)
         if self.guards is not None:
             self._watched = self.guards.watch(self._watched, self.state, command)
-        if self.guards is not None and self._watched is not None:
-            self.tripped = self.guards.tripped(self._watched)
-            if self.tripped.any():
-                self.alarms = self.guards.problems(self._watched, self.state, command)
-                if self.tripped.all():
-                    return command
-                where = ~self.tripped if where is None else where & ~self.tripped
-        if isinstance(self.robots, SimRobot):
-            self.robots.write(command)
-        else:
+            self.alarms = self.guards.problems(self._watched, self.state, command)
+        if isinstance(self.robots, BatchSim):
+            if self.alarms:
+                where = np.ones(len(action), dtype=np.bool_) if where is None else where.copy()
+                where[list(self.alarms)] = False
             self.robots.step(command, where=where)
+        elif self.alarms:
+            return command
+        else:
+            self.robots.write(command)
         self.velocity = self.velocity if velocity is None else velocity
         self.state = self._read()
         self.observation, self.memory = self.wiring.observe(memory, self.state)
@@ -109,7 +100,7 @@ class ClosedLoop:
         return StepSample(
             state=self.robots.state(),
             frame=self.memory.frame,
-            action=self.action,
+            action=self.memory.last_action,
             previous_action=self.previous,
             torque=self.robots.effort,
             step=step,

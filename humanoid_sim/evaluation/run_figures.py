@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Sequence
-from dataclasses import asdict
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
-from humanoid_sim.evaluation.failure import describe_fall, has_fallen, has_run_away, rms
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_fall, has_fallen, has_run_away, rms
 from humanoid_sim.messages import Event, TickRecord
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -23,6 +21,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
+REMARKS = ("events", "faults", "refusals", "safety")
 _SETTLING = 2.0  # s after release that the mean velocity leaves out: the robot starts from rest
 _KEPT = 1000  # newest modes, events, faults, refusals and safety statuses
 _NEWEST = 100_000  # ticks whose durations are kept
@@ -40,38 +39,32 @@ class MotionErrors:
     def __init__(self, description: RobotDescription, loaded: LoadedPolicy) -> None:
         """Prepare. Raises `InputError` if the robot lacks a body of the motion."""
         self._context = StepContext(description, loaded.contract, loaded.reference)
-        bodies = self._context.tracked
+        bodies, has_anchor = self._context.tracked, "motion with an anchor" in self._context.parts
         self._kinematics = ForwardKinematics(description, bodies) if bodies else None
-        self._names = _OF_BODIES if bodies else _OF_ANCHOR
+        self._names = _OF_BODIES if bodies else _OF_ANCHOR if has_anchor else ()
         self._samples: list[FloatArray] = []
         self._is_last_shown = False
         self._alignment: Alignment | None = None
 
-    @classmethod
-    def of(cls, description: RobotDescription, loaded: LoadedPolicy) -> Self | None:
-        """Return the errors of a policy that follows a motion of bodies or of an anchor body; else None."""
-        terms = loaded.reference.terms
-        return cls(description, loaded) if "motion_body_pos_b" in terms or "anchor_pos" in terms else None
-
     def update(self, frame: int, state: MITState) -> None:
-        last = self._context.reference.frame_count - 1
-        was_shown, self._is_last_shown = self._is_last_shown, frame >= last > 0
-        sample = None if was_shown and self._is_last_shown else self._sample(frame, state)
-        if sample is not None:
-            self._samples.append(np.array([METRICS[name].values(self._context, sample) for name in self._names]))
-
-    def _sample(self, frame: int, state: MITState) -> StepSample | None:
+        """Compare the state of the tick in which the policy was shown a frame."""
+        reference, anchor = self._context.reference, state.extern.get(ANCHOR_POSE)
+        was_shown, self._is_last_shown = self._is_last_shown, frame >= reference.frame_count - 1 > 0
+        if not self._names or (was_shown and self._is_last_shown):
+            return
         if self._kinematics is not None:
             position, rotation = self._kinematics(state.joint_position)
-            return StepSample(state, frame, body_position=position, body_quaternion=quaternion_from_matrix(rotation))
-        if ANCHOR_POSE not in state.extern:
-            return None
-        if self._context.contract.align_reference:
-            if frame == 0:
-                self._alignment = self._context.reference.align(state.extern[ANCHOR_POSE].value)
-            if self._alignment is None:
-                return None
-        return StepSample(state, frame, alignment=self._alignment)
+            sample = StepSample(state, frame, body_position=position, body_quaternion=quaternion_from_matrix(rotation))
+        elif anchor is None:
+            return
+        else:
+            aligns = self._context.contract.align_reference
+            if aligns and frame == 0:
+                self._alignment = reference.align(anchor.value)
+            if aligns and self._alignment is None:
+                return
+            sample = StepSample(state, frame, alignment=self._alignment)
+        self._samples.append(np.array([METRICS[name].values(self._context, sample) for name in self._names]))
 
     def summary(self) -> dict[str, Any] | None:
         """Return the errors so far, JSON: by row unit, mean, rms and max; None if nothing was compared."""
@@ -98,9 +91,7 @@ class RunFigures:
         """Start empty; `base` sees the floating base of a simulated robot."""
         self._robot, self._tracking, self._keys, self._base = robot, tracking, keys, base
         self.modes: deque[dict[str, Any]] = deque(maxlen=_KEPT)
-        self.remarks: dict[str, deque[dict[str, Any]]] = {
-            kind: deque(maxlen=_KEPT) for kind in ("events", "faults", "refusals", "safety")
-        }
+        self.remarks: dict[str, deque[dict[str, Any]]] = {kind: deque(maxlen=_KEPT) for kind in REMARKS}
         self.ticks = self.missing = self.overruns = self.inferences = 0
         self.time = 0.0
         self._durations: deque[float] = deque(maxlen=_NEWEST)  # s
@@ -134,7 +125,12 @@ class RunFigures:
             self._safety = safety
             self._remark("safety", time, [safety] if safety else [])
         if output.policy_step is not None:
-            self._judge_step(output.policy_step.frame, state)
+            self.inferences += 1
+            frame, keys = output.policy_step.frame, state.extern.get(KEY_PRESSED)
+            if self._tracking is not None:
+                self._tracking.update(frame, state)
+            if self._keys is not None and keys is not None:
+                self._keys.update(frame, keys.value)
         if record.qpos is not None and control.mode.is_free:
             return self._watch_base(state, record.qpos)
         return ""
@@ -144,14 +140,6 @@ class RunFigures:
 
     def _remark(self, kind: str, time: float, messages: Sequence[str]) -> None:
         self.remarks[kind] += [{"time": time, "message": message} for message in messages]
-
-    def _judge_step(self, frame: int, state: MITState) -> None:
-        self.inferences += 1
-        if self._tracking is not None:
-            self._tracking.update(frame, state)
-        live = state.extern.get(KEY_PRESSED)
-        if self._keys is not None and live is not None:
-            self._keys.update(frame, live.value)
 
     def _watch_base(self, state: MITState, qpos: FloatArray) -> str:
         """Watch a free base; a tick in which the simulation breaks says nothing about the robot."""
@@ -168,35 +156,24 @@ class RunFigures:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures, JSON, in SI units and radians; times in s on the robot's clock."""
-        piano = None if self._keys is None else self._keys.score()
+        efforts = []
+        if self._robot is not None:
+            limits = self._robot.effort_limit.tolist()
+            rows = zip(self._robot.joint_names, self._effort.tolist(), limits, strict=True)
+            efforts = [{"joint": name, "peak": peak, "limit": limit} for name, peak, limit in rows]
+        base = None
+        if self._released is not None:
+            mean = (self._speed / self._moving).tolist() if self._moving else None  # m/s forward, to the left; rad/s
+            base = {"released": self._released, "velocity": mean, "fall": self._fall, "fell": self._fell}
         return {
             "modes": list(self.modes),
             **{kind: list(remarks) for kind, remarks in self.remarks.items()},
             "tick_time": spread(self._durations),
             "inferences": self.inferences,
-            "effort": self._efforts(),
+            "effort": sorted(efforts, key=lambda row: row["peak"] / row["limit"], reverse=True),
             "tracking": None if self._tracking is None else self._tracking.summary(),
-            "base": self._base_summary(),
-            "piano": None if piano is None else asdict(piano),
-        }
-
-    def _efforts(self) -> list[dict[str, Any]]:
-        if self._robot is None:
-            return []
-        limits = self._robot.effort_limit
-        rows = zip(self._robot.joint_names, self._effort.tolist(), limits.tolist(), strict=True)
-        found = [{"joint": name, "peak": peak, "limit": limit} for name, peak, limit in rows]
-        return sorted(found, key=lambda row: row["peak"] / row["limit"], reverse=True)
-
-    def _base_summary(self) -> dict[str, Any] | None:
-        if self._released is None:
-            return None
-        mean = (self._speed / self._moving).tolist() if self._moving else None
-        return {
-            "released": self._released,
-            "velocity": mean,  # m/s forward and to the left of the heading, rad/s
-            "fall": self._fall,
-            "fell": self._fell,
+            "base": base,
+            "piano": None if self._keys is None else self._keys.score(),
         }
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.evaluation.run_figures import REMARKS
 from humanoid_sim.messages import Mode
 
 MODE_STYLES = {
@@ -20,7 +21,6 @@ MODE_STYLES = {
     Mode.LOCOMOTION: "green",
     Mode.REMOTE: "magenta",
 }
-REMARKS = ("events", "faults", "refusals", "safety")
 _SHOWN = 40  # of these that are printed; JSON has them all
 
 
@@ -39,10 +39,14 @@ def print_figures(console: Console, summary: dict[str, Any], kinds: Sequence[str
         (one["mode"], _s(one["start"]), _s(one["end"]), one["controller"], one["reason"]) for one in summary["modes"]
     ]
     print_table(console, "Modes", modes, "mode", "from", "to", "controller", "reason")
-    if summary["tracking"]:
-        title = f"Tracking, {summary['tracking']['samples']} policy steps while the motion ran"
-        print_table(console, title, _errors(summary["tracking"]["errors"]), "error", "mean", "RMS", "max")
-    base, piano = summary["base"], summary["piano"]
+    tracking, base, piano = (summary[name] for name in ("tracking", "base", "piano"))
+    if tracking:
+        rows = []
+        for name, error in tracking["errors"].items():
+            factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")
+            rows.append((name, *(f"{factor * error[figure]:.1f} {unit}" for figure in ("mean", "rms", "max"))))
+        title = f"Tracking, {tracking['samples']} policy steps while the motion ran"
+        print_table(console, title, rows, "error", "mean", "RMS", "max")
     if base and base["velocity"]:
         forward, left, turning = base["velocity"]
         text = f"{forward:.3f} m/s forward, {left:.3f} m/s to the left, {turning:.3f} rad/s"
@@ -74,11 +78,3 @@ def describe_effort(efforts: Sequence[dict[str, Any]]) -> str:
 
 def _s(seconds: float) -> str:
     return f"{seconds:.3f} s"
-
-
-def _errors(errors: dict[str, Any]) -> list[tuple[str, ...]]:
-    rows = []
-    for name, error in errors.items():
-        factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")
-        rows.append((name, *(f"{factor * error[figure]:.1f} {unit}" for figure in ("mean", "rms", "max"))))
-    return rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,12 @@ from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState
 
 _STOP_MARGIN = 0.05  # rad from a joint's limit within which it counts as at its stop
+
+
+Needs = Literal[
+    "", "motion", "motion of bodies", "motion with joints", "motion with an anchor", "floating base", "song"
+]
+"""Part of robot, contract or motion that a figure may need."""
 
 
 def _empty() -> Any:
@@ -70,24 +76,21 @@ class StepContext:
         hands = [i for i, name in enumerate(self.tracked) if name in description.hands]
         self.hands = hands or list(range(len(self.tracked)))
         """Indices of the tracked bodies that are hands; all of them if none is."""
-
-    def has(self, needs: str) -> bool:
-        """Return whether this robot, contract and motion have what a metric needs."""
-        has_anchor = "anchor_pos" in self.reference.terms and bool(self.contract.anchor_body)
-        known = {
+        has_anchor = "anchor_pos" in terms and bool(contract.anchor_body)
+        known: dict[Needs, bool] = {
             "": True,
             "motion": bool(self.tracked) or has_anchor,
             "motion of bodies": bool(self.tracked),
-            "motion with joints": self.joint_target is not None,
+            "motion with joints": joints in terms,
             "motion with an anchor": has_anchor,
-            "floating base": self.description.is_floating,
-            "song": self.description.piano is not None and "target_keys" in self.reference.terms,
+            "floating base": description.is_floating,
+            "song": description.piano is not None and "target_keys" in terms,
         }
-        return known[needs]
+        self.parts = {needs for needs, is_there in known.items() if is_there}
 
-    def require(self, metric: str, needs: str) -> None:
+    def require(self, metric: str, needs: Needs) -> None:
         """Raise `InputError` if this robot, contract or motion does not have what a metric needs."""
-        if not self.has(needs):
+        if needs not in self.parts:
             robot = self.description.name
             raise InputError(f"{metric}: needs a {needs}, which robot '{robot}' with this policy does not have")
 

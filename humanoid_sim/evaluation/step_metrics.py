@@ -1,38 +1,33 @@
 """Figures of one policy step, in one table: rewards, `regress` and `doctor` choose rows by name.
 
 A row is a function of a `StepContext` c and a `StepSample` s, of one robot or a batch: one value for each, shape (...).
+What a fall is, and how far is too far from a motion, is defined here alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.failure import (
-    body_has_strayed,
-    describe_body_stray,
-    describe_fall,
-    describe_stray,
-    has_fallen,
-    has_strayed,
-    length,
-    quaternion_angle,
-    rms,
-    total,
-)
+from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.evaluation.piano_score import step_ratios
-from humanoid_sim.evaluation.step import StepContext, StepSample
+from humanoid_sim.evaluation.step import Needs, StepContext, StepSample
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
+FALLEN_TILT = 1.0  # rad between the vertical and the axis of a floating base that points up where the robot stands
+FALLEN_HEIGHT = 0.6  # share of the standing height of the centre of mass: the base's frame may lie anywhere on a robot
+STRAYED_DISTANCE = 0.3  # m between a tracked body and its reference in the base frame
+STRAYED_HEIGHT = 0.35  # m between the anchor body and its reference, along the vertical
+STRAYED_TILT = 1.2  # rad between the two, without the heading: a reference that is not aligned is not yet a loss
+_RUNAWAY = 100.0  # rad/s: no motor of a humanoid is as fast; a simulation that is about to diverge is
+
+Index = int | tuple[()]  # of a robot of a batch; () for the only one
 Values = Callable[[StepContext, StepSample], FloatArray]
-Needs = Literal[
-    "", "motion", "motion of bodies", "motion with joints", "motion with an anchor", "floating base", "song"
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,93 +36,124 @@ class StepMetric:
 
     unit: str
     formula: str
-    better: Literal["lower", "higher"]
     values: Values
     needs: Needs  # part of robot, contract or motion without which it means nothing
 
 
-METRICS: dict[str, StepMetric] = {}
+# --- vectors, along the last axis ---
 
 
-def metric(
-    unit: str, formula: str, needs: Needs = "", better: Literal["lower", "higher"] = "lower"
-) -> Callable[[Values], Values]:
-    """Add the function to the table under its own name."""
+def length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
-    def add(values: Values) -> Values:
-        METRICS[values.__name__] = StepMetric(unit, formula, better, values, needs)
-        return values
 
-    return add
+def rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square."""
+    return np.asarray(np.sqrt(np.vecdot(values, values) / values.shape[-1]))
+
+
+def _total(values: FloatArray) -> FloatArray:
+    """Return the sum; for one robot in half the time of `values.sum(axis=-1)`."""
+    return np.asarray(np.add.reduce(values, axis=-1, dtype=np.float64))
 
 
 def _squares(values: npt.NDArray[np.floating]) -> FloatArray:
     return np.asarray(np.vecdot(values, values, dtype=np.float64))
 
 
-# ---- motions
+def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the angle between unit quaternions (..., 4) of either sign: shape (...), rad, in [0, π]."""
+    # by the chord 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product
+    chord = a - np.copysign(1.0, np.vecdot(a, b))[..., None] * b
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0)))
 
 
-def body_distance(c: StepContext, s: StepSample) -> FloatArray:
+# --- losses ---
+
+
+def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArray:
+    """Return which floating bases have fallen, shape (...).
+
+    `standing_height`, shape (...) or scalar, m, is that of the centre of mass above the floor where the robot stands.
+    """
+    return np.asarray((base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height))
+
+
+def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index = ()) -> str:
+    """Return how robot `i` fell; the others as of `has_fallen`."""
+    tilt, share = np.degrees(base.tilt)[i], np.asarray(base.mass_height / standing_height)[i]
+    return f"fell: tilted by {tilt:.0f}°, its centre of mass at {share:.0%} of its standing height"
+
+
+def has_run_away(joint_velocity: FloatArray) -> BoolArray:
+    """Return which robots' joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault."""
+    return np.asarray(np.abs(joint_velocity).max(axis=-1) > _RUNAWAY)
+
+
+def _strayed(c: StepContext, s: StepSample) -> FloatArray:
+    if c.tracked:
+        is_near = np.maximum.reduce(_distance(c, s), axis=-1) <= STRAYED_DISTANCE
+    else:
+        height, tilt = _anchor_stray(c, s)
+        is_near = (height <= STRAYED_HEIGHT) & (tilt <= STRAYED_TILT)
+    return np.asarray(~is_near, dtype=np.float64)  # NaN has strayed
+
+
+def _anchor_stray(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray]:
+    """Return how far the anchor body is off the motion's height, m, and tilted against it, rad; shape (...) each."""
+    pose, position, quaternion = _anchor_poses(c, s)
+    level = length(multiply(conjugate(pose[..., 3:]), quaternion)[..., 1:3])
+    return np.abs(position[..., 2] - pose[..., 2]), 2.0 * np.arcsin(np.minimum(level, 1.0))
+
+
+def describe_failure(c: StepContext, s: StepSample, i: Index = ()) -> str:
+    """Return why robot `i` of a batch, () for the only one, has fallen or strayed."""
+    if s.base is not None and has_fallen(s.base, c.standing_height)[i]:
+        return describe_fall(s.base, c.standing_height, i)
+    if c.tracked:
+        distance = _distance(c, s)[i]
+        worst = int(np.argmax(np.where(np.isnan(distance), np.inf, distance)))
+        return f"strayed: {c.tracked[worst]} is {distance[worst]:.2f} m from the motion"
+    height, tilt = (values[i] for values in _anchor_stray(c, s))
+    return f"strayed: {height:.2f} m off the motion's height, tilted by {math.degrees(tilt):.0f}° against it"
+
+
+# --- parts of rows ---
+
+
+def _distance(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), m, of the tracked bodies from the motion, base frame."""
     return length(s.body_position - c.body_target[0][c.reference.clamp(s.frame)])
 
 
-def body_angle(c: StepContext, s: StepSample) -> FloatArray:
+def _angle(c: StepContext, s: StepSample) -> FloatArray:
     """Shape (..., b), rad, between the tracked bodies and the motion."""
     return quaternion_angle(s.body_quaternion, c.body_target[1][c.reference.clamp(s.frame)])
 
 
-def anchor_poses(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _anchor_poses(c: StepContext, s: StepSample) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the anchor body's pose (..., 7), and the position and quaternion of the motion laid onto the robot."""
     return s.state.extern[ANCHOR_POSE].value, *c.reference.anchor(s.frame, s.alignment)
 
 
-@metric("m", "distance of the anchor from the motion", "motion with an anchor")
-def anchor_position_error(c: StepContext, s: StepSample) -> FloatArray:
-    pose, position, _ = anchor_poses(c, s)
+def _anchor_distance(c: StepContext, s: StepSample) -> FloatArray:
+    pose, position, _ = _anchor_poses(c, s)
     return length(position - pose[..., :3])
 
 
-@metric("rad", "angle between the anchor and the motion", "motion with an anchor")
-def anchor_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
-    pose, _, quaternion = anchor_poses(c, s)
+def _anchor_angle(c: StepContext, s: StepSample) -> FloatArray:
+    pose, _, quaternion = _anchor_poses(c, s)
     return quaternion_angle(pose[..., 3:], quaternion)
 
 
-@metric("m", "rms distance from the motion of its tracked bodies (base frame), else of its anchor (world)", "motion")
-def body_position_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_distance(c, s)) if c.tracked else anchor_position_error(c, s)
-
-
-@metric("rad", "rms angle to the motion of its tracked bodies, else of its anchor", "motion")
-def body_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_angle(c, s)) if c.tracked else anchor_orientation_error(c, s)
-
-
-@metric("m", "rms distance from the motion of those tracked bodies that are hands", "motion of bodies")
-def hand_position_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_distance(c, s)[..., c.hands])
-
-
-@metric("rad", "rms angle to the motion of those tracked bodies that are hands", "motion of bodies")
-def hand_orientation_error(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(body_angle(c, s)[..., c.hands])
-
-
-@metric("rad", "rms(q - q_motion)", "motion with joints")
-def joint_error(c: StepContext, s: StepSample) -> FloatArray:
+def _joint_error(c: StepContext, s: StepSample) -> FloatArray:
     assert c.joint_target is not None
     return rms(s.state.joint_position - c.joint_target[np.minimum(s.frame, len(c.joint_target) - 1)])
 
 
-@metric("1", "1 where a tracked body is > 0.3 m off, or the anchor > 0.35 m in height or > 1.2 rad in tilt", "motion")
-def strayed(c: StepContext, s: StepSample) -> FloatArray:
-    is_lost = body_has_strayed(body_distance(c, s)) if c.tracked else has_strayed(*anchor_poses(c, s))
-    return is_lost.astype(np.float64)
-
-
-# ---- floating bases
+def _joint_stops(c: StepContext, s: StepSample) -> FloatArray:
+    q = s.state.joint_position
+    return _total(np.maximum(np.maximum(c.lowest - q, q - c.highest), 0.0))
 
 
 def _base(s: StepSample) -> BaseState:
@@ -135,128 +161,94 @@ def _base(s: StepSample) -> BaseState:
     return s.base
 
 
-@metric("1", "1 where it has fallen: centre of mass < 0.6 of its standing height, or tilt > 1 rad", "floating base")
-def fallen(c: StepContext, s: StepSample) -> FloatArray:
-    return has_fallen(_base(s), c.standing_height).astype(np.float64)
+def _off_command(s: StepSample) -> FloatArray:
+    """Shape (..., 3): velocity less its command, m/s, m/s and rad/s, heading frame."""
+    return _base(s).planar_velocity - s.command
 
 
-@metric("m/s", "|v - v_command|, horizontal, heading frame", "floating base")
-def velocity_error(c: StepContext, s: StepSample) -> FloatArray:
-    return length(_base(s).planar_velocity[..., :2] - s.command[..., :2])
-
-
-@metric("rad/s", "|yaw rate - its command|", "floating base")
-def yaw_rate_error(c: StepContext, s: StepSample) -> FloatArray:
-    return np.abs(_base(s).planar_velocity[..., 2] - s.command[..., 2])
-
-
-@metric("rad", "angle between the axis that points up where it stands and the vertical", "floating base")
-def tilt(c: StepContext, s: StepSample) -> FloatArray:
-    return _base(s).tilt
-
-
-@metric("1", "squared sine of the angle between the base's z axis and the vertical", "floating base")
-def lean(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(_base(s).gravity[..., :2])
-
-
-@metric("m²/s²", "squared vertical velocity of the base", "floating base")
-def vertical_velocity(c: StepContext, s: StepSample) -> FloatArray:
-    return np.asarray(_base(s).linear_velocity[..., 2] ** 2)
-
-
-@metric("rad²/s²", "squared angular velocity of the base about its x and y axes", "floating base")
-def rocking(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(_base(s).angular_velocity[..., :2])
-
-
-# ---- joints
-
-
-@metric("1", "1", better="higher")
-def alive(c: StepContext, s: StepSample) -> FloatArray:
-    return np.ones(s.torque.shape[:-1])
-
-
-@metric("N·m", "rms torque over the joints")
-def effort(c: StepContext, s: StepSample) -> FloatArray:
-    return rms(s.torque)
-
-
-@metric("W", "sum of |torque · joint velocity|")
-def power(c: StepContext, s: StepSample) -> FloatArray:
-    return total(np.abs(s.torque * s.state.joint_velocity))
-
-
-@metric("1", "sum of (torque / effort limit)²")
-def effort_share(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(s.torque * c.inverse_effort)
-
-
-@metric("action²", "sum of the squared change of the raw action")
-def action_change(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(s.action - s.previous_action)
-
-
-@metric("rad", "sum of how far joints are beyond their limits less 0.05 rad")
-def joint_stops(c: StepContext, s: StepSample) -> FloatArray:
-    q = s.state.joint_position
-    return total(np.maximum(np.maximum(c.lowest - q, q - c.highest), 0.0))
-
-
-@metric("rad²/s²", "sum of squared joint velocities")
-def joint_speed(c: StepContext, s: StepSample) -> FloatArray:
-    return _squares(s.state.joint_velocity)
-
-
-# ---- pianos; the first two are the key press reward of RoboPianist (Zakka et al. 2023)
-
-
-def pressed_and_wanted(c: StepContext, s: StepSample) -> tuple[BoolArray, BoolArray]:
+def _keys(c: StepContext, s: StepSample) -> tuple[BoolArray, BoolArray]:
     """Return which keys are down and which should be, shape (..., 88)."""
     return np.asarray(s.state.extern[KEY_PRESSED].value > 0.5), c.song[c.reference.clamp(s.frame)]
 
 
-@metric("1", "1 where no other key is down", "song", "higher")
-def no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
-    pressed, wanted = pressed_and_wanted(c, s)
+def _no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
+    pressed, wanted = _keys(c, s)
     return np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0)
 
 
-def _ratio(name: str, formula: str, which: int) -> None:
-    def values(c: StepContext, s: StepSample) -> FloatArray:
-        return step_ratios(*pressed_and_wanted(c, s))[which]
-
-    METRICS[name] = StepMetric("share", formula, "higher", values, "song")
+def _key_ratio(which: int) -> Values:
+    return lambda c, s: step_ratios(*_keys(c, s))[which]
 
 
-_ratio("precision", "of the keys that are down, those that should be", 0)
-_ratio("recall", "of the keys that should be down, those that are; 1 where there are none", 1)
-_ratio("f1", "harmonic mean of precision and recall", 2)
+# --- the table ---
+
+_ROWS: Mapping[Needs, Mapping[str, tuple[str, str, Values]]] = {
+    "": {
+        "alive": ("1", "1", lambda _, s: np.ones(s.torque.shape[:-1])),
+        "effort": ("N·m", "rms torque over the joints", lambda _, s: rms(s.torque)),
+        "effort_share": ("1", "sum of (torque / effort limit)²", lambda c, s: _squares(s.torque * c.inverse_effort)),
+        "power": ("W", "sum of |torque · speed|", lambda _, s: _total(np.abs(s.torque * s.state.joint_velocity))),
+        "joint_speed": ("rad²/s²", "sum of squared speeds", lambda _, s: _squares(s.state.joint_velocity)),
+        "joint_stops": ("rad", "sum of how far joints are beyond their limits less 0.05 rad", _joint_stops),
+        "action_change": ("action²", "sum of its squared change", lambda _, s: _squares(s.action - s.previous_action)),
+    },
+    "floating base": {
+        "fallen": ("1", "1 where it has fallen", lambda c, s: has_fallen(_base(s), c.standing_height).astype(float)),
+        "tilt": ("rad", "angle of the axis that points up where it stands", lambda _, s: _base(s).tilt),
+        "lean": ("1", "squared sine of its z axis' tilt", lambda _, s: _squares(_base(s).gravity[..., :2])),
+        "vertical_velocity": ("m²/s²", "square of it", lambda _, s: np.asarray(_base(s).linear_velocity[..., 2] ** 2)),
+        "rocking": ("rad²/s²", "w_x² + w_y², base frame", lambda _, s: _squares(_base(s).angular_velocity[..., :2])),
+        "velocity_error": ("m/s", "|v - v_command|, horizontal", lambda _, s: length(_off_command(s)[..., :2])),
+        "yaw_rate_error": ("rad/s", "|yaw rate - its command|", lambda _, s: np.abs(_off_command(s)[..., 2])),
+    },
+    "motion": {  # from its tracked bodies in the base frame, or from its anchor in the world
+        "strayed": ("1", "1 where it has strayed", _strayed),
+        "body_position_error": (
+            "m",
+            "rms distance",
+            lambda c, s: rms(_distance(c, s)) if c.tracked else _anchor_distance(c, s),
+        ),
+        "body_orientation_error": (
+            "rad",
+            "rms angle",
+            lambda c, s: rms(_angle(c, s)) if c.tracked else _anchor_angle(c, s),
+        ),
+    },
+    "motion of bodies": {
+        "hand_position_error": ("m", "rms distance of hands", lambda c, s: rms(_distance(c, s)[..., c.hands])),
+        "hand_orientation_error": ("rad", "rms angle of hands", lambda c, s: rms(_angle(c, s)[..., c.hands])),
+    },
+    "motion with joints": {"joint_error": ("rad", "rms(q - q_motion)", _joint_error)},
+    "motion with an anchor": {
+        "anchor_position_error": ("m", "distance of the anchor", _anchor_distance),
+        "anchor_orientation_error": ("rad", "angle to the anchor", _anchor_angle),
+    },
+    "song": {  # recall and no wrong key are the key press reward of RoboPianist (Zakka et al. 2023)
+        "no_wrong_key": ("1", "1 where no other key is down", _no_wrong_key),
+        "precision": ("share", "of the keys that are down, those that should be", _key_ratio(0)),
+        "recall": ("share", "of the keys that should be down, those that are; 1 without any", _key_ratio(1)),
+        "f1": ("share", "harmonic mean of precision and recall", _key_ratio(2)),
+    },
+}
+_CLOSENESS = {  # rewards that are 1 without an error, and e⁻¹ where the error is the scale
+    "body_position": ("body_position_error", 0.1),
+    "body_orientation": ("body_orientation_error", 0.4),
+    "joint_position": ("joint_error", 0.3),
+    "anchor_position": ("anchor_position_error", 0.3),
+    "anchor_orientation": ("anchor_orientation_error", 0.4),
+    "linear_velocity": ("velocity_error", 0.25),
+    "yaw_rate": ("yaw_rate_error", 0.5),
+}
 
 
-def _closeness(name: str, of: str, scale: float) -> None:
-    error = METRICS[of]
+def _closeness(of: str, scale: float) -> StepMetric:
+    error = _ERRORS[of]
 
     def values(c: StepContext, s: StepSample) -> FloatArray:
         return np.asarray(np.exp(-np.square(error.values(c, s) / scale)))
 
-    METRICS[name] = StepMetric("1", f"exp(-({of} / {scale:g} {error.unit})²)", "higher", values, error.needs)
+    return StepMetric("1", f"exp(-({of} / {scale:g} {error.unit})²)", values, error.needs)
 
 
-_closeness("body_position", "body_position_error", 0.1)
-_closeness("body_orientation", "body_orientation_error", 0.4)
-_closeness("joint_position", "joint_error", 0.3)
-_closeness("anchor_position", "anchor_position_error", 0.3)
-_closeness("anchor_orientation", "anchor_orientation_error", 0.4)
-_closeness("linear_velocity", "velocity_error", 0.25)
-_closeness("yaw_rate", "yaw_rate_error", 0.5)
-
-
-def describe_failure(c: StepContext, s: StepSample, i: int | tuple[()] = ()) -> str:
-    """Return why robot `i` of a batch, () for the only one, has fallen or strayed."""
-    if s.base is not None and np.asarray(has_fallen(s.base, c.standing_height))[i]:
-        return describe_fall(s.base, c.standing_height, i)
-    if c.tracked:
-        return describe_body_stray(body_distance(c, s)[i], c.tracked)
-    return describe_stray(*(part[i] for part in anchor_poses(c, s)))
+_ERRORS = {name: StepMetric(*row, needs) for needs, rows in _ROWS.items() for name, row in rows.items()}
+METRICS: Mapping[str, StepMetric] = {**_ERRORS, **{name: _closeness(*of) for name, of in _CLOSENESS.items()}}

@@ -158,7 +158,7 @@ class Run:
         tracking = keys = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
             contract = first.loaded.contract
-            tracking = MotionErrors.of(plan.description, first.loaded)
+            tracking = MotionErrors(plan.description, first.loaded)
             if first.motion is not None and first.motion.task_type == "piano":
                 keys = PlayedKeys(first.motion.frames)
             ghost = ReferenceGhost(plan.description, contract, first.loaded.reference) if is_drawn else None

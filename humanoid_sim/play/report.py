@@ -8,8 +8,8 @@ from typing import Any
 
 from rich.console import Console
 
-from humanoid_sim.evaluation.run_figures import spread
-from humanoid_sim.evaluation.run_report import REMARKS, describe_effort, describe_spread, print_figures, print_table
+from humanoid_sim.evaluation.run_figures import REMARKS, spread
+from humanoid_sim.evaluation.run_report import describe_effort, describe_spread, print_figures, print_table
 from humanoid_sim.files import finite, whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.session.session import SessionResult

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.failure import length, rms
-from humanoid_sim.evaluation.feet import find_feet
+from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.step import StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, length, rms
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
@@ -54,7 +53,7 @@ class EpisodeBatch:
         scenario, suite = case.scenario, case.suite
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
-        self._feet = find_feet(scenario.description) if suite.task == "velocity" else None
+        self._feet = Feet(scenario.description) if suite.task == "velocity" else None
         bodies = scenario.sim_config.bodies if self._feet is None else self._feet.bodies
         self.simulation = BatchSim(
             scenario.description,
@@ -105,7 +104,7 @@ class EpisodeBatch:
 
     def _infer(self, loop: ClosedLoop, alive: BoolArray) -> Float32Array:
         """One inference each, as on the robot: a model may answer otherwise in a batch. NaN where it raises."""
-        actions = np.full(loop.action.shape, np.nan, dtype=np.float32)
+        actions = np.full(loop.memory.last_action.shape, np.nan, dtype=np.float32)
         for i in np.flatnonzero(alive):
             with suppress(Exception):  # of ONNX Runtime: NaN ends this episode, and no other
                 actions[i] = self.case.scenario.policy(loop.observation[i], int(np.asarray(loop.memory.frame)[i]))
@@ -117,7 +116,7 @@ class EpisodeBatch:
         rows: dict[str, npt.NDArray[Any]] = {
             name: METRICS[name].values(context, sample)
             for name in metrics_of(task)
-            if name in METRICS and context.has(METRICS[name].needs)
+            if name in METRICS and METRICS[name].needs in context.parts
         }
         rows["position"] = command.position
         if self._feet is not None and sample.base is not None:

@@ -36,8 +36,7 @@ class Metric(NamedTuple):
 
 
 def _of_steps(name: str, summary: Literal["rms", "mean"], task: TaskName | None = None) -> Metric:
-    row = METRICS[name]
-    return Metric(name, row.unit, summary, task, row.better)
+    return Metric(name, METRICS[name].unit, summary, task, "higher" if task == "piano" else "lower")
 
 
 _ROWS = (

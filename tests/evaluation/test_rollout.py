@@ -1,4 +1,4 @@
-"""The closed loop: one robot does what it does in a batch, and a restart touches nobody else."""
+"""The closed loop: a restart touches nobody else."""
 
 import numpy as np
 import pytest

@@ -8,11 +8,11 @@ import pytest
 from models import contract_of
 
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.rotation import rotation_6d
+from humanoid_sim.controllers.rotation import multiply, rotation_6d
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.feet import Feet, find_feet
+from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, has_fallen, has_run_away, quaternion_angle
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, Extern, MITState
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseState
@@ -74,10 +74,27 @@ def test_a_walking_robot(walker, name, expected):
     assert METRICS[name].values(walker, sample(base=BASE)) == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_robot_that_lies_has_fallen(walker):
+def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_height(walker):
+    tilt, mass = np.array([0.0, 0.0, 0.0, 0.99, 1.01]), np.zeros((5, 3))
+    mass[:, 2] = [0.8, 0.49, 0.47, 0.8, 0.8]
+    bases = replace(BASE, quaternion=np.stack([about(angle, (1.0, 0.0, 0.0)) for angle in tilt]), centre_of_mass=mass)
+    assert has_fallen(bases, 0.8).tolist() == [False, False, True, False, True]
+    assert has_fallen(bases, np.array([0.8, 0.9, 0.7, 0.8, 0.8])).tolist() == [False, True, False, False, True]
     step = sample(base=replace(BASE, centre_of_mass=np.array([0.0, 0.0, 0.3])))
     assert METRICS["fallen"].values(walker, step) == 1.0
     assert describe_failure(walker, step).startswith("fell: tilted by 0°, its centre of mass at 50% ")
+
+
+def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
+    assert has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_angle_between_quaternions_is_exact_from_tiny_to_half_a_turn(angle, sign):
+    start = about(0.7, (0.0, 0.6, 0.8))
+    other = sign * multiply(start, about(angle, (0.6, 0.0, 0.8)))
+    assert quaternion_angle(start, other) == pytest.approx(angle, rel=1e-6, abs=1e-15)
 
 
 def test_joints_at_their_stops_and_at_their_effort_limit(walker):
@@ -105,6 +122,7 @@ def test_bodies_of_a_motion():
     far = replace(step, body_position=position + np.array([[0.0, 0.0, 0.0], [0.0, 0.31, 0.0]]))
     assert METRICS["strayed"].values(context, far) == 1.0
     assert describe_failure(context, far) == "strayed: right_hand is 0.31 m from the motion"
+    assert METRICS["strayed"].values(context, replace(step, body_position=np.full((2, 3), np.nan))) == 1.0
 
 
 def test_joints_and_anchor_of_a_motion():
@@ -127,6 +145,18 @@ def test_joints_and_anchor_of_a_motion():
     }
     assert {name: METRICS[name].values(context, step) for name in expected} == pytest.approx(expected, rel=1e-6)
     assert describe_failure(context, step) == "strayed: 0.40 m off the motion's height, tilted by 0° against it"
+    roll, yaw = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    poses = [  # height and rotation against the motion, and whether it has strayed: not by heading or place
+        (0.34, about(3.0, yaw), False),
+        (-0.36, about(0.0, yaw), True),
+        (0.0, about(1.19, roll), False),
+        (0.0, about(1.21, roll), True),
+        (np.nan, about(0.0, yaw), True),
+    ]
+    for height, turn, expected in poses:
+        pose = np.array([5.0, 5.0, 0.8 + height, *turn])
+        step = sample(2, extern={ANCHOR_POSE: Extern(pose, 0.0)})
+        assert METRICS["strayed"].values(context, step) == float(expected), height
 
 
 def test_keys_of_a_song():
@@ -147,10 +177,10 @@ def test_a_metric_that_does_not_fit_is_refused(walker):
 
 
 def test_feet_are_found_and_slide():
-    feet = find_feet(ROBOT)
+    feet = Feet(ROBOT)
     assert feet.bodies == ("left_foot", "right_foot")
-    assert np.bincount(feet.foot).min() > 0
-    sole, before = Feet(("foot",), np.array([0]), np.zeros((1, 3)), 0.0), np.zeros((1, 1, 3))
+    before = feet.place(np.zeros((1, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1, 2, 1)))
+    before[..., 2] = 0.0
     moved = before + np.array([0.6, 0.8, 0.0]) * 0.5 * 0.02
-    assert sole.slip(before, moved, 0.02) == pytest.approx([0.5])
-    assert np.isnan(sole.slip(before + np.array([0.0, 0.0, 0.02]), moved, 0.02)).all(), "in the air it does not slide"
+    assert feet.slip(before, moved, 0.02) == pytest.approx([0.5])
+    assert np.isnan(feet.slip(before + np.array([0.0, 0.0, 0.02]), moved, 0.02)).all(), "in the air it does not slide"

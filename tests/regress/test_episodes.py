@@ -129,7 +129,7 @@ def test_a_song_is_scored_as_a_run_is(samples):
     played = PlayedKeys(case.scenario.motion.frames[1:101])
     for frame, keys in enumerate(pressed):
         played.update(frame, keys)
-    for name, expected in dataclasses.asdict(played.score()).items():
+    for name, expected in played.score().items():
         assert episode.metrics[name] == pytest.approx(expected)
     assert 1.0 < episode.metrics["key_force"] < 14.0
     assert episode.metrics["hard_touches"] == 0.0
