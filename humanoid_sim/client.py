@@ -28,19 +28,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    import numpy as np
+    from typing import Self
+
 
 LOCK = "lock"  # held locked by a session for as long as it lives
 FEED_HEAD = struct.Struct("<BQQ")  # a datagram of the feed begins with its kind, number, and CLOCK_MONOTONIC ns
 TICK, STATUS = range(2)  # kinds of the feed: a tick by the message definition; JSON
-
-DATA_MAGIC = b"hsdat1"
-DATA_HEAD = struct.Struct("<6sBBHHIQ")
-"""A datagram of the data socket begins with: magic, kind, 0, bytes of the producer's name, bytes of the topic, the
-producer's process id, its stamp in CLOCK_MONOTONIC ns. Name, topic and float64 values follow."""
-REMOTE, VELOCITY, LIVE, HEARTBEAT = range(4)
-"""Kinds, and their topics and values. REMOTE: joint names, one a line, and the five MIT fields one after the other.
-VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its value."""
 
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
 LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is stale, unless its contract says otherwise
@@ -137,16 +130,42 @@ class Sample:
         return 1e-9 * (monotonic_ns() - self.stamp)
 
 
-class Feed:
-    """A session's ticks and status, received on a thread; raises `SessionError` if the session has ended."""
+class _Connection:
+    """A datagram socket of this process in a session's folder."""
 
     def __init__(self, session: SessionInfo) -> None:
         self.session = session
-        self._path = session.path / f"{os.getpid()}-{next(_NAMES)}.feed"
+        self._path = session.path / f"{os.getpid()}-{next(_NAMES)}"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._path.unlink(missing_ok=True)  # of a process that had this id before
+            self._socket.bind(str(self._path))
+        except OSError as error:
+            self._socket.close()
+            raise self._unreachable(error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def _unreachable(self, error: Exception) -> SessionError:
+        return SessionError(f"{self.session}: cannot be reached: {getattr(error, 'strerror', None) or error}")
+
+
+class Feed(_Connection):
+    """A session's ticks and status, received on a thread; raises `SessionError` if the session has ended."""
+
+    def __init__(self, session: SessionInfo) -> None:
+        super().__init__(session)
         self._ticks: deque[Sample] = deque(maxlen=_KEPT)
         self._status: dict[str, Any] = {}
         self._arrived = threading.Condition()
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._thread = threading.Thread(target=self._receive, name="feed", daemon=True)
         try:
             described = json.loads((session.path / "header.json").read_text(encoding="utf-8"))
@@ -155,35 +174,20 @@ class Feed:
             self.header: Mapping[str, Any] = described["header"]  # the recording's: `session`, and `documents` by name
             self.live_inputs: Mapping[str, int] = described["live_inputs"]  # name and width of those from outside
             self._decoder = Decoder(described["definition"])
-            self._path.unlink(missing_ok=True)  # of a process that had this id before
-            self._socket.bind(str(self._path))
             self._socket.sendto(b"", socket.MSG_DONTWAIT, str(session.path / "ticks"))
         except (OSError, ValueError, KeyError) as error:
-            self._leave()
-            raise SessionError(f"{session}: its feed cannot be read: {error}") from None
+            super().close()
+            raise self._unreachable(error) from None
         self._thread.start()
-
-    def __enter__(self) -> Feed:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
-        self._leave()
-
-    def _leave(self) -> None:
-        self._socket.close()
-        self._path.unlink(missing_ok=True)
+        super().close()
 
     def _receive(self) -> None:
         buffer = memoryview(bytearray(1 << 18))
-        while True:
-            size = self._socket.recv_into(buffer)
-            if size < FEED_HEAD.size:  # closed
-                return
+        while (size := self._socket.recv_into(buffer)) >= FEED_HEAD.size:  # until it is closed
             kind, number, stamp = FEED_HEAD.unpack_from(buffer)
             data = bytes(buffer[FEED_HEAD.size : size])
             with self._arrived:
@@ -230,21 +234,19 @@ class Feed:
             return self._status
 
 
-_INTEGERS = {"int8": "b", "int16": "h", "int32": "i", "int64": "q"}
-_UNSIGNED = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
-_PRIMITIVES = {"bool": "?", "float32": "f", "float64": "d", **_INTEGERS, **_UNSIGNED}  # codes of `struct` by type
-_FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[(\d*)\])?\s+([a-z][a-z0-9_]*)\s*(?:#.*)?$")
+_CODES = {
+    "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q",
+    "uint64": "Q", "float32": "f", "float64": "d"
+}  # fmt: skip
+_TYPE = re.compile(r"^MSG: (\S*)\n(.*?)(?=^=+\nMSG: |\Z)", re.MULTILINE | re.DOTALL)
+_FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[\d*\])? +([a-z][a-z0-9_]*) *(?:#.*)?$", re.MULTILINE)
 
 
 class Decoder:
     """Little-endian CDR by a `ros2msg` definition; for one thread at a time."""
 
     def __init__(self, definition: str) -> None:
-        first, *others = re.split(r"^=+\nMSG: ", definition, flags=re.MULTILINE)
-        self._types = {"": _fields(first)}
-        for text in others:
-            name, _, body = text.partition("\n")
-            self._types[name.strip()] = _fields(body)
+        self._types = {name: _FIELD.findall(text) for name, text in _TYPE.findall(f"MSG: \n{definition}")}
         self._data, self._offset = b"", 0
 
     def __call__(self, message: bytes) -> dict[str, Any]:
@@ -256,45 +258,32 @@ class Decoder:
             raise SessionError(f"a message that does not fit its definition: {error}") from None
 
     def _struct(self, name: str) -> dict[str, Any]:
-        return {label: self._value(kind, length) for label, kind, length in self._types[name]}
+        return {
+            label: self._values(kind, brackets[1:-1]) if brackets else self._value(kind)
+            for kind, brackets, label in self._types[name]
+        }
 
-    def _value(self, kind: str, length: str | None) -> Any:
-        if length is None:
-            return self._one(kind)
-        number = int(length) if length else self._number("I")
-        if kind in _PRIMITIVES:
-            return self._array(_PRIMITIVES[kind], number)
-        return [self._one(kind) for _ in range(number)]
+    def _value(self, kind: str) -> Any:
+        if kind in _CODES:
+            size = struct.calcsize(f"<{_CODES[kind]}")
+            return struct.unpack(f"<{_CODES[kind]}", self._next(size, size))[0]
+        if kind == "string":
+            return self._next(self._value("uint32"), 1)[:-1].decode("utf-8", "surrogatepass")
+        return self._struct(kind)
 
-    def _one(self, kind: str) -> Any:
-        if kind in _PRIMITIVES:
-            return self._number(_PRIMITIVES[kind])
-        if kind != "string":
-            return self._struct(kind)
-        size = self._number("I")
-        start, self._offset = self._offset, self._offset + size
-        return self._data[start : self._offset - 1].decode("utf-8", "surrogatepass")
-
-    def _number(self, code: str) -> Any:
-        size = struct.calcsize(f"<{code}")
-        self._offset += -self._offset % size
-        (value,) = struct.unpack_from(f"<{code}", self._data, self._offset)
-        self._offset += size
-        return value
-
-    def _array(self, code: str, number: int) -> np.ndarray[Any, Any]:
+    def _values(self, kind: str, length: str) -> Any:
+        count = int(length or self._value("uint32"))
+        if kind not in _CODES:
+            return [self._value(kind) for _ in range(count)]
         import numpy as np  # noqa: PLC0415 - sending an intent needs none, and must be quick
 
-        size = struct.calcsize(f"<{code}")
-        start = self._offset + (-self._offset % size if number else 0)
-        self._offset = start + number * size
-        return np.frombuffer(self._data[start : self._offset], np.dtype(f"<{code}"), number)
+        dtype = np.dtype(f"<{_CODES[kind]}")
+        return np.frombuffer(self._next(count * dtype.itemsize, dtype.itemsize if count else 1), dtype, count)
 
-
-def _fields(text: str) -> list[tuple[str, str, str | None]]:
-    """Return name, type and length of each field; length '' for as many as the message says, None for no array."""
-    matches = (_FIELD.match(line) for line in text.splitlines())
-    return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
+    def _next(self, size: int, alignment: int) -> bytes:
+        start = self._offset + -self._offset % alignment
+        self._offset = start + size
+        return self._data[start : self._offset]
 
 
 @dataclass(frozen=True)
@@ -305,7 +294,7 @@ class Answer:
     text: str
 
 
-class Intake:
+class Intake(_Connection):
     """The sockets by which a program joins a session, for one thread; `SessionError` if it cannot be reached.
 
     Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts. `process` tells
@@ -313,33 +302,22 @@ class Intake:
     """
 
     def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
-        self.session = session
-        self.producer = " ".join(producer.split())[:40] or "?"
-        self._process = os.getpid() if process is None else process
-        self._reply = session.path / f"{os.getpid()}-{next(_NAMES)}.reply"
-        self._intents = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        super().__init__(session)
+        process = os.getpid() if process is None else process
+        self._producer = (" ".join(producer.split())[:40] or "?") + (f" ({process})" if process else "")
+        # The kernel lets senders that wait in by turns, which those that poll are not.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _POST_TIMEOUT, 0))
         self._data = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            self._reply.unlink(missing_ok=True)  # of a process that had this id before
-            self._intents.bind(str(self._reply))
-            # The kernel lets senders that wait in by turns, which those that poll are not.
-            self._intents.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _POST_TIMEOUT, 0))
             self._data.connect(str(session.path / "data"))
         except OSError as error:
             self.close()
-            raise SessionError(f"{session}: cannot be reached: {error.strerror or error}") from None
+            raise self._unreachable(error) from None
         self._data.settimeout(_SEND_TIMEOUT)
 
-    def __enter__(self) -> Intake:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def close(self) -> None:
-        self._intents.close()
         self._data.close()
-        self._reply.unlink(missing_ok=True)
+        super().close()
 
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Request something, and wait `timeout` s for what became of it in the session's next tick.
@@ -371,14 +349,12 @@ class Intake:
         """Request as `ask` does without waiting; returns what `answer` takes."""
         token = str(next(_NAMES))
         line = " ".join(word.splitlines())[:_LONGEST_WORD]  # a mark's text is a line
-        seen = monotonic_ns() if seen is None else seen
-        message = f"{line}\n{self.producer} ({self._process})\n{token}\n{seen}".encode()
         try:
-            self._intents.settimeout(None)
+            self._socket.settimeout(None)
             # Not connected: it takes answers from whatever socket the session sends them by.
-            self._intents.sendto(message, str(self.session.path / "intents"))
+            self._socket.sendto(self._message(line, seen, token), str(self.session.path / "intents"))
         except OSError as error:
-            raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
+            raise self._unreachable(error) from None
         return token
 
     def answer(self, token: str, timeout: float) -> Answer:
@@ -386,14 +362,14 @@ class Intake:
         deadline = time.monotonic() + timeout
         try:
             while True:
-                self._intents.settimeout(max(deadline - time.monotonic(), 1e-6))
-                verdict, _, text = self._intents.recv(4096).decode(errors="replace").partition("\n")
+                self._socket.settimeout(max(deadline - time.monotonic(), 1e-6))
+                verdict, _, text = self._socket.recv(4096).decode(errors="replace").partition("\n")
                 if verdict[1:] == token:  # not one that came too late for its question
                     return Answer(verdict[0] == "1", text)
         except socket.timeout:  # noqa: UP041 - another type before Python 3.10
             raise SessionError(f"{self.session}: did not answer within {timeout:g} s") from None
         except OSError as error:
-            raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
+            raise self._unreachable(error) from None
 
     def remote(
         self,
@@ -413,31 +389,34 @@ class Intake:
         fields = (position, velocity, effort, stiffness, damping)
         if any(len(values) != len(joint_names) for values in fields):
             raise ValueError(f"expected {len(joint_names)} values in each field, one for each joint")
-        return self._send(REMOTE, "\n".join(joint_names), [x for values in fields for x in values], stamp)
+        return self._send("remote " + "\t".join(joint_names), [x for values in fields for x in values], stamp)
 
     def velocity(self, vx: float, vy: float, wz: float, *, deliberate: bool, stamp: int | None = None) -> bool:
         """Send a velocity command, m/s forward and to the left, and rad/s; `deliberate` takes the velocity over."""
-        return self._send(VELOCITY, "", (vx, vy, wz, float(deliberate)), stamp)
+        return self._send("velocity", (vx, vy, wz, float(deliberate)), stamp)
 
     def live(self, name: str, values: Sequence[float], *, stamp: int | None = None) -> bool:
         """Send a live input that the policy observes."""
-        return self._send(LIVE, name, values, stamp)
+        return self._send(f"live {name}", values, stamp)
 
     def heartbeat(self, *, stamp: int | None = None) -> bool:
         """Report that this producer and its device are there."""
-        return self._send(HEARTBEAT, "", (), stamp)
+        return self._send("heartbeat", (), stamp)
 
-    def _send(self, kind: int, topic: str, values: Sequence[float], stamp: int | None) -> bool:
-        name, label = self.producer.encode(), topic.encode()
-        stamp = monotonic_ns() if stamp is None else stamp
-        head = DATA_HEAD.pack(DATA_MAGIC, kind, 0, len(name), len(label), self._process, stamp)
+    def _send(self, line: str, values: Sequence[float], stamp: int | None) -> bool:
         try:
-            self._data.send(head + name + label + struct.pack(f"<{len(values)}d", *values))
+            self._data.send(self._message(line, stamp, values=values))
         except (socket.timeout, BlockingIOError):  # noqa: UP041 - another type before Python 3.10
             return False
         except OSError as error:
             raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
         return True
+
+    def _message(self, line: str, stamp: int | None, token: str = "", values: Sequence[float] = ()) -> bytes:
+        """Return four lines and float64 values; see `humanoid_sim.session.datagrams.Message`."""
+        stamp = monotonic_ns() if stamp is None else stamp
+        lines = f"{line}\n{self._producer}\n{token}\n{stamp}\n"
+        return lines.encode() + struct.pack(f"<{len(values)}d", *values)
 
 
 def ask_sessions(

@@ -12,32 +12,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from humanoid_sim import client as wire
+from humanoid_sim.client import LIVE_TIMEOUT, VELOCITY_TIMEOUT
 from humanoid_sim.messages import Mode, RemoteCommand, TickRecord
-from humanoid_sim.mit import Extern, FloatArray, MITCommand
-from humanoid_sim.session.intent_socket import LimitedLog, listening, queue_length
+from humanoid_sim.mit import Extern, MITCommand
+from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import ExternSource, Turn, VelocityCommand, printable, remote_problem
+from humanoid_sim.session.sources import ExternSource, Turn, VelocityCommand, remote_problem
 
-_LONGEST = 1 << 14  # bytes; a longer datagram is not a message
 _MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of its producer and topic
 _REMEMBERED = 256  # refusals, each of which is reported once
-
-
-class _Sample(NamedTuple):
-    kind: int
-    producer: str  # name and process id
-    topic: str
-    values: FloatArray
-    arrival_time: float  # s, robot's clock
-
-
-class _RefusedError(Exception):
-    """Refusal of a sample; the message is the reason."""
 
 
 class DataSocket(ExternSource, Sink):
@@ -65,7 +51,7 @@ class DataSocket(ExternSource, Sink):
             timeouts: of those that state one, s, also infinite.
             tell: records a line: owners and refusals as they change.
         """
-        self._socket, self._most = listening(path), queue_length() + 1
+        self._mailbox = Mailbox(path)
         self._joints, self._stale_timeout, self._clock = joints, stale_timeout, clock
         self._velocity, self._widths, self._timeouts = velocity, live or {}, timeouts or {}
         self._tell = LimitedLog(tell, clock)
@@ -87,15 +73,13 @@ class DataSocket(ExternSource, Sink):
             self._velocity.expire(time)
         for turn in self._turns.values():
             turn.expire(time)
-        refusals = []
-        for datagram in self._drain():
-            try:
-                self._accept(_read(datagram, time), time)
-            except _RefusedError as refusal:
-                refusals.append(str(refusal))
+        newest = {tuple(datagram.split(b"\n", 2)[:2]): datagram for datagram, _ in self._mailbox.take()}
+        messages = [read_message(datagram) for datagram in list(newest.values())[:_MOST_SAMPLES]]
+        refusals = [(message.producer, self._accept(message, time)) for message in messages]
         self._show_owners()
-        for text in refusals:
-            if text not in self._refused and len(self._refused) < _REMEMBERED and self._tell(text):
+        for producer, problem in refusals:
+            text = f"refused of {producer}: {problem[:1000]}"
+            if problem and text not in self._refused and len(self._refused) < _REMEMBERED and self._tell(text):
                 self._refused.add(text)
         return self._live
 
@@ -108,82 +92,70 @@ class DataSocket(ExternSource, Sink):
             self._show_owners()
 
     def close(self) -> None:
-        self._socket.close()
+        self._mailbox.close()
 
-    def _drain(self) -> list[bytes]:
-        """Return the newest datagram of each producer and topic."""
-        newest: dict[bytes, bytes] = {}
-        head = wire.DATA_HEAD.size
-        for _ in range(self._most):
-            try:
-                datagram = self._socket.recv(_LONGEST)
-            except OSError:  # nothing more
-                break
-            if len(datagram) < head or not datagram.startswith(wire.DATA_MAGIC):
-                continue
-            # The stamp is the head's last field; what is before it, the name and the topic tell senders apart.
-            name_end = head + int.from_bytes(datagram[8:10], "little") + int.from_bytes(datagram[10:12], "little")
-            newest[datagram[: head - 8] + datagram[head:name_end]] = datagram
-        return list(newest.values())[:_MOST_SAMPLES]
+    def _accept(self, message: Message, time: float) -> str:
+        """Take what a message holds, or return why not."""
+        age = message.age()
+        if age < 0.0:
+            return "its stamp lies in the future"
+        match message.word:
+            case "remote":
+                return self._accept_remote(message, time, time - age)
+            case "velocity":
+                return self._accept_velocity(message, time - age)
+            case "live":
+                return self._accept_live(message, time - age)
+            case "heartbeat":
+                self.heartbeats[message.producer.partition(" (")[0]] = time - age
+                return ""
+        return f"'{message.word[:40]}' means nothing, expected one of remote, velocity, live, heartbeat"
 
-    def _accept(self, sample: _Sample, time: float) -> None:
-        if sample.kind == wire.REMOTE:
-            problem = self._accept_remote(sample, time)
-        elif sample.kind == wire.VELOCITY:
-            problem = self._accept_velocity(sample)
-        elif sample.kind == wire.LIVE:
-            problem = self._accept_live(sample)
-        else:
-            self.heartbeats[sample.producer.partition(" (")[0]] = sample.arrival_time
-            return
-        if problem:
-            raise _RefusedError(f"refused of {sample.producer}: {problem[:1000]}")
-
-    def _accept_remote(self, sample: _Sample, time: float) -> str:
-        is_remote, names = self._mode is Mode.REMOTE, tuple(sample.topic.split("\n"))
-        if time - sample.arrival_time > self._stale_timeout:
+    def _accept_remote(self, message: Message, time: float, arrival_time: float) -> str:
+        is_remote, names, values = self._mode is Mode.REMOTE, tuple(message.rest.split("\t")), message.values
+        if time - arrival_time > self._stale_timeout:
             return f"a remote command that is already stale, expected one younger than {self._stale_timeout:g} s"
-        if is_remote and sample.arrival_time <= self._entered:
+        if is_remote and arrival_time <= self._entered:
             return ""  # of before REMOTE was entered: it takes no turn
-        if len(sample.values) != 5 * len(names):
-            return f"remote command: has {len(sample.values)} values, expected 5 for each of {len(names)} joints"
-        command = MITCommand(*sample.values.reshape(5, -1))
+        if len(values) != 5 * len(names):
+            return f"remote command: has {len(values)} values, expected 5 for each of {len(names)} joints"
+        command = MITCommand(*values.reshape(5, -1))
         problem = remote_problem(names, command, self._joints)
         if not problem and is_remote:
-            problem = self._owner_problem("REMOTE", sample, self._stale_timeout)
+            problem = self._owner_problem("REMOTE", message.producer, arrival_time + self._stale_timeout)
         if not problem:
-            self.remote = RemoteCommand(command, sample.arrival_time)
+            self.remote = RemoteCommand(command, arrival_time)
         return problem
 
-    def _accept_velocity(self, sample: _Sample) -> str:
+    def _accept_velocity(self, message: Message, arrival_time: float) -> str:
         if self._velocity is None:
             return "a velocity command, which the policy does not observe"
-        if len(sample.values) != 4 or not np.isfinite(sample.values).all():
+        if len(message.values) != 4 or not np.isfinite(message.values).all():
             return "a velocity command that is not four finite numbers: vx, vy, wz, deliberate"
-        velocity, is_deliberate = sample.values[:3], bool(sample.values[3])
+        velocity, is_deliberate = message.values[:3], bool(message.values[3])
         is_owner = self._velocity.offer(
-            sample.producer, velocity, sample.arrival_time, timeout=wire.VELOCITY_TIMEOUT, deliberate=is_deliberate
+            message.producer, velocity, arrival_time, timeout=VELOCITY_TIMEOUT, deliberate=is_deliberate
         )
         return "" if is_owner or not velocity.any() else f"velocity: belongs to {self._velocity.turn.owner or 'nobody'}"
 
-    def _accept_live(self, sample: _Sample) -> str:
-        name, values, width = sample.topic, sample.values, self._widths.get(sample.topic)
+    def _accept_live(self, message: Message, arrival_time: float) -> str:
+        name, values, width = message.rest, message.values, self._widths.get(message.rest)
         if width is None:
             return f"live input '{name[:40]}' is not observed; the policy observes: {', '.join(self._widths) or 'none'}"
         if len(values) != width or not np.isfinite(values).all():
             return f"live input '{name}': has {len(values)} values, expected {width}, all finite"
-        timeout = self._timeouts.get(name, wire.LIVE_TIMEOUT)
+        timeout = self._timeouts.get(name, LIVE_TIMEOUT)
         # A value may count for ever; its producer owns the input only while it may still be there.
-        problem = self._owner_problem(name, sample, timeout if math.isfinite(timeout) else wire.LIVE_TIMEOUT)
+        until = arrival_time + (timeout if math.isfinite(timeout) else LIVE_TIMEOUT)
+        problem = self._owner_problem(name, message.producer, until)
         if not problem:
-            self._live = {**self._live, name: Extern(values, sample.arrival_time, timeout)}
+            self._live = {**self._live, name: Extern(values, arrival_time, timeout)}
         return problem
 
-    def _owner_problem(self, name: str, sample: _Sample, timeout: float) -> str:
-        """Take the turn for a sample's producer, or return whose it is."""
+    def _owner_problem(self, name: str, producer: str, until: float) -> str:
+        """Take the turn for a producer, or return whose it is."""
         turn = self._turns[name]
-        is_owner = turn.admit(sample.producer, sample.arrival_time + timeout)
-        return "" if is_owner else f"{name}: belongs to {turn.owner}"
+        return "" if turn.admit(producer, until) else f"{name}: belongs to {turn.owner}"
 
     def _show_owners(self) -> None:
         for name, turn in self._turns.items():
@@ -192,17 +164,3 @@ class DataSocket(ExternSource, Sink):
                 self.owners[name] = turn.owner
                 self._tell(f"{name}: belongs to {turn.owner}" if turn.owner else f"{name}: left by {before}")
                 self._refused.clear()
-
-
-def _read(datagram: bytes, time: float) -> _Sample:
-    """Return the sample in a datagram that has just been received, at a time in s on the robot's clock."""
-    _, kind, _, name_size, topic_size, process, stamp = wire.DATA_HEAD.unpack_from(datagram)
-    topic_at = wire.DATA_HEAD.size + name_size
-    name = printable(datagram[wire.DATA_HEAD.size : topic_at].decode(errors="replace"))[:40] or "?"
-    producer = f"{name} ({process})" if process else name
-    topic, body = datagram[topic_at : topic_at + topic_size], datagram[topic_at + topic_size :]
-    age = 1e-9 * (wire.monotonic_ns() - stamp)
-    if len(body) % 8 or age < 0.0 or kind > wire.HEARTBEAT:
-        raise _RefusedError(f"refused of {producer}: a message of another version, or a stamp in the future")
-    topics = map(printable, topic.decode(errors="replace").split("\n"))
-    return _Sample(kind, producer, "\n".join(topics), np.frombuffer(body, dtype="<f8"), time - age)

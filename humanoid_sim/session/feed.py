@@ -18,7 +18,7 @@ from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import header_fields
 from humanoid_sim.ros2.definitions import TICK as TICK_MESSAGE
 from humanoid_sim.ros2.definitions import schema_text
-from humanoid_sim.session.intent_socket import listening
+from humanoid_sim.session.datagrams import Mailbox
 from humanoid_sim.session.sinks import Sink
 
 MODEL_BLOB = "model.mjb"
@@ -26,7 +26,6 @@ MODEL_BLOB = "model.mjb"
 _EVENTS = 64  # newest events that a status holds
 _LONGEST_EVENT = 300  # characters
 _MOST_SUBSCRIBERS = 32
-_MOST_ACCEPTED = 4  # in one tick
 _ACCEPT_EVERY = 8  # ticks, while there are subscribers
 
 
@@ -58,7 +57,7 @@ class FeedWriter(Sink):
             for name, data in {**header.attachments, **(blobs or {})}.items():
                 (folder / "files" / name).write_bytes(data)
             (folder / "header.json").write_text(json.dumps(described), encoding="utf-8")
-        self._socket = listening(folder / "ticks")
+        self._mailbox = Mailbox(folder / "ticks")
         self._subscribers: dict[str, socket.socket] = {}
         self._number = self._event_number = 0
         self._latest: tuple[TickRecord, bytes] | None = None
@@ -90,16 +89,12 @@ class FeedWriter(Sink):
         self._send(STATUS, 0, self._status)
 
     def close(self) -> None:
-        self._socket.close()
+        self._mailbox.close()
         while self._subscribers:
             self._subscribers.popitem()[1].close()
 
     def _accept(self) -> None:
-        for _ in range(_MOST_ACCEPTED):
-            try:
-                path = self._socket.recvfrom(1)[1]
-            except OSError:  # nobody more
-                return
+        for _, path in self._mailbox.take():
             if not isinstance(path, str) or len(self._subscribers) >= _MOST_SUBSCRIBERS:
                 continue
             subscriber = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)

@@ -7,7 +7,7 @@ import pytest
 import rig
 from local_session import LocalSession
 
-from humanoid_sim.client import DATA_HEAD, DATA_MAGIC
+from humanoid_sim.client import monotonic_ns
 
 ME = f"({os.getpid()})"
 
@@ -163,9 +163,8 @@ def test_random_datagrams_do_nothing_worse_than_being_refused(local):
             path = local.registration.path / ("data", "intents")[i % 2]
             data = generator.bytes(int(generator.integers(0, 300)))
             if i % 4 == 0:
-                kind, name, topic = (int(generator.integers(0, limit)) for limit in (6, 20, 60))
-                stamp = int(generator.integers(0, 2**63))
-                data = DATA_HEAD.pack(DATA_MAGIC, kind, 0, name, topic, 1, stamp) + data
+                word = ("remote a\tb", "velocity", "live keys", "heartbeat", "live")[int(generator.integers(0, 5))]
+                data = f"{word}\nme\n\n{monotonic_ns()}\n".encode() + data
             try:
                 client.sendto(data, str(path))
             except BlockingIOError:

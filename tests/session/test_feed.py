@@ -42,7 +42,7 @@ def test_a_subscriber_gets_ticks_files_and_what_interprets_them(local):
         assert feed.is_running()
         local.stack.close()
         assert not feed.is_running()
-    with pytest.raises(SessionError, match="its feed cannot be read"):
+    with pytest.raises(SessionError, match="cannot be reached"):
         Feed(local_info := feed.session)
     assert not local_info.path.exists()
 

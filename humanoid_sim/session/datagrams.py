@@ -1,0 +1,90 @@
+"""Datagrams of other programs on this machine: the sockets that they come by, and what they hold."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.session.sources import printable
+
+_LONGEST = 1 << 14  # bytes; no message is longer
+_MOST_LINES = 10  # events in a second
+
+
+class Mailbox:
+    """A datagram socket at a path, whose senders are of this user alone."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the socket. Raises `InputError` if that fails."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        try:
+            self._socket.bind(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise InputError(f"{path}: cannot listen: {error.strerror or error}") from None
+        queue = Path("/proc/sys/net/unix/max_dgram_qlen").read_text(encoding="ascii")
+        self.capacity = int(queue) + 1  # datagrams that wait before their senders must
+
+    def take(self) -> list[tuple[bytes, object]]:
+        """Return everything that has come, with the address of its sender; a flood costs a bounded time."""
+        found: list[tuple[bytes, object]] = []
+        with suppress(OSError):  # nothing more
+            while len(found) < self.capacity:
+                found.append(self._socket.recvfrom(_LONGEST))
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Message(NamedTuple):
+    """A request, or data: a word and its arguments, producer, token and stamp, a line each; then float64 values."""
+
+    word: str
+    rest: str
+    producer: str  # name and process id
+    token: str  # the message's own, which its answer repeats
+    stamp: int  # ns, when what it is made of arrived, or what its sender had seen was so
+    values: FloatArray
+    sender: str  # its address for the answer; empty without one
+
+    def age(self) -> float:  # s
+        return 1e-9 * (monotonic_ns() - self.stamp)
+
+
+def read_message(datagram: bytes, sender: object = None) -> Message:
+    """Return what a datagram holds, which may be anything."""
+    *lines, body = (*datagram.split(b"\n", 4), b"", b"", b"", b"")[:5]
+    text, producer, token, stamp = (
+        "\t".join(map(printable, line.decode(errors="replace").split("\t"))) for line in lines
+    )
+    word, _, rest = text.partition(" ")
+    values = np.frombuffer(body[: len(body) // 8 * 8], dtype="<f8")
+    address = sender if isinstance(sender, str) else ""
+    seen = int(stamp[:20]) if stamp.isdecimal() else 0
+    return Message(word, rest, producer[:80] or "?", token, seen, values, address)
+
+
+class LimitedLog:
+    """Records at most so many lines a second: what other programs do may be worth one in every tick."""
+
+    def __init__(self, tell: Callable[[str], object], clock: Callable[[], float]) -> None:
+        self._tell, self._clock = tell, clock
+        self._second, self._count = 0, 0
+
+    def __call__(self, text: str) -> bool:
+        second = int(self._clock())
+        self._count = self._count + 1 if second == self._second else 1
+        self._second = second
+        if self._count > _MOST_LINES:
+            return False
+        self._tell(text)
+        return True
