@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from time import perf_counter, sleep
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.native_viewer import check_window, open_window
-from humanoid_sim.rendering.pictures import PoseRenderer, update_pose
+from humanoid_sim.rendering.pictures import PoseRenderer, check_window, update_pose
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 
@@ -31,24 +29,32 @@ class Display:
         if render_mode == "human":
             check_window()
         self._mode, self._period, self._description = render_mode, period, description
-        self._pictures = PoseRenderer(lambda: build_model(description), *PICTURE)
         self._open, self._shown = ExitStack(), 0.0
+        self._pictures: PoseRenderer | None = None
         self._window: Any = None
         self.metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": round(1.0 / period)}
         """An environment's."""
 
     def picture(self, qpos: FloatArray) -> npt.NDArray[np.uint8] | None:
         """Return a picture of a pose (nq,), shape (height, width, 3); None unless the mode is `rgb_array`."""
-        return self._pictures.draw(qpos) if self._mode == "rgb_array" else None
+        if self._mode != "rgb_array":
+            return None
+        if self._pictures is None:
+            pictures = PoseRenderer(build_model(self._description), *PICTURE)
+            self._pictures = self._open.enter_context(closing(pictures))
+        return self._pictures.draw(qpos)
 
     def show(self, qpos: FloatArray) -> None:
         """Show a pose (nq,) in the window, a period after the last one."""
         if self._mode != "human":
             return
         if self._window is None:
+            import mujoco.viewer  # noqa: PLC0415 - loads GLFW
+
             self._model = build_model(self._description)
             self._data = mujoco.MjData(self._model)
-            self._window = self._open.enter_context(open_window(self._model, self._data))
+            window = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False, show_right_ui=False)
+            self._window = self._open.enter_context(window)
         sleep(max(self._shown + self._period - perf_counter(), 0.0))
         self._shown = perf_counter()
         with self._window.lock():
@@ -57,5 +63,5 @@ class Display:
 
     def close(self) -> None:
         """Close window and contexts. May be called twice."""
-        self._pictures.close()
         self._open.close()
+        self._pictures = self._window = None

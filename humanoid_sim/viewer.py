@@ -13,8 +13,7 @@ import mujoco
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.frontends.attach import Attachment, attached
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.rendering.native_viewer import check_window, open_window
-from humanoid_sim.rendering.pictures import update_pose
+from humanoid_sim.rendering.pictures import check_window, update_pose
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
@@ -59,9 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show(model: mujoco.MjModel, attachment: Attachment | None) -> None:
     """Show a session; or a robot whose joints the window's sliders move: they write into `qpos`."""
+    import mujoco.viewer  # noqa: PLC0415 - loads GLFW
+
     data: Any = mujoco.MjData(model)
     update_pose(model, data, data.qpos.copy())
-    with open_window(model, data, sliders=attachment is None) as window:
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=attachment is None) as window:
         print("window open", flush=True)
         while window.is_running() and (attachment is None or attachment.is_running()):
             qpos = data.qpos.copy()

@@ -27,16 +27,15 @@ class ReferenceGhost:
     def __init__(self, description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> None:
         self._contract, self._reference, self._joints = contract, reference, description.joint_names
         self._order = joint_indices(contract.joint_names, self._joints, "joint_names of the policy")
-        self._has_poses = bool({"reference_joint_pos", "motion_body_pos_b"} & reference.terms.keys())
-        self._has_anchor = "anchor_pos" in reference.terms
+        self._has_joints, self._has_anchor = (name in reference.terms for name in ("reference_joint_pos", "anchor_pos"))
         self._kinematics: InverseKinematics | None = None
-        if "reference_joint_pos" not in reference.terms and "motion_body_pos_b" in reference.terms:
+        if not self._has_joints and "motion_body_pos_b" in reference.terms:
             self._kinematics = InverseKinematics(description, contract.body_names)
 
     def update(self, record: TickRecord) -> None:
         """Take in a tick; the motion is laid onto the robot in that of the first frame."""
         step = record.output.policy_step
-        if step is not None and self._has_poses:
+        if step is not None and (self._has_joints or self._kinematics is not None):
             self.frame = step.frame
             anchor = record.input.state.extern.get(ANCHOR_POSE)
             if step.frame == 0 and anchor is not None and self._has_anchor and self._contract.align_reference:
@@ -50,7 +49,7 @@ class ReferenceGhost:
         """Return the ghost at a frame, shape (nq,): what the motion does not say is the robot's own pose, `qpos`."""
         ghost, reference = qpos.copy(), self._reference
         addresses = joint_addresses(model, self._joints).qpos
-        if "reference_joint_pos" in reference.terms:
+        if self._has_joints:
             ghost[addresses[self._order]] = reference.term("reference_joint_pos", frame)
         elif self._kinematics is not None:
             terms = [reference.term(name, frame) for name in ("motion_body_pos_b", "motion_body_ori_b")]

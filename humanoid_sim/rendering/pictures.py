@@ -1,11 +1,11 @@
-"""Pictures of poses without a window, by the OpenGL of this machine."""
+"""Pictures of poses, by the OpenGL of this machine, and whether it can open a window."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import sys
-from collections.abc import Callable
+import warnings
 from ctypes.util import find_library
 from importlib.util import find_spec
 
@@ -21,6 +21,23 @@ from humanoid_sim.mit import FloatArray
 def has_display() -> bool:
     """Return True if a window could be opened: on Linux, if the environment names an X or Wayland display."""
     return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def check_window() -> None:
+    """Raise `InputError` if MuJoCo's window cannot be opened."""
+    reason = "no display: neither DISPLAY nor WAYLAND_DISPLAY is set"
+    if has_display():
+        try:
+            import glfw  # noqa: PLC0415 - fails where its library is missing
+
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                if glfw.init():
+                    return
+            reason = "the display does not answer"
+        except (ImportError, OSError) as error:
+            reason = str(error)
+    raise InputError(f"viewer native: {reason}; --html out.html shows the run in a browser")
 
 
 def choose_opengl() -> str:
@@ -55,48 +72,32 @@ def update_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) ->
 
 
 class PoseRenderer:
-    """Pictures of a model's poses, by a camera that follows a floating base; width and height in pixels.
+    """Pictures of a model's poses, by a camera that follows a floating base. Draw and close on the same thread."""
 
-    Nothing is loaded before the first; draw and close on the same thread.
-    """
-
-    def __init__(self, model_factory: Callable[[], mujoco.MjModel], width: int, height: int) -> None:
-        self._model_factory, self._width, self._height = model_factory, width, height
-        self._renderer: mujoco.Renderer | None = None
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        """Open a context; width and height in pixels. Raises `InputError` where OpenGL does not work."""
+        opengl = choose_opengl()
+        if not opengl:
+            raise InputError("pictures: no OpenGL here; Debian's package libosmesa6 brings one")
+        try:
+            gl_context.GLContext = importlib.import_module(f"mujoco.{opengl}").GLContext
+            self._renderer = mujoco.Renderer(model, height, width)
+        except Exception as error:  # drivers raise anything: ImportError, AttributeError, FatalError, ...
+            reason = f"OpenGL ({opengl}) does not work here: {type(error).__name__}: {error}"
+            raise InputError(f"pictures: {reason}") from None
+        self._model, self._data, self._camera = model, mujoco.MjData(model), mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(model, self._camera)
+        if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+            self._camera.trackbodyid = model.jnt_bodyid[0]
 
     def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
-        """Draw a pose (nq,), shape (height, width, 3), RGB. Raises `InputError` where OpenGL does not work."""
-        if self._renderer is None:
-            self._model = self._model_factory()
-            self._data = mujoco.MjData(self._model)
-            self._camera = _default_camera(self._model)
-            self._renderer = _make_renderer(self._model, self._width, self._height)
+        """Draw a pose (nq,), shape (height, width, 3), RGB."""
         update_pose(self._model, self._data, qpos)
         self._renderer.update_scene(self._data, self._camera)
         picture: npt.NDArray[np.uint8] = self._renderer.render()
         return picture
 
     def close(self) -> None:
-        """Release the context. May be called twice."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-
-def _default_camera(model: mujoco.MjModel) -> mujoco.MjvCamera:
-    camera = mujoco.MjvCamera()
-    mujoco.mjv_defaultFreeCamera(model, camera)
-    if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
-        camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, model.jnt_bodyid[0]
-    return camera
-
-
-def _make_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
-    opengl = choose_opengl()
-    if not opengl:
-        raise InputError("pictures: no OpenGL here; Debian's package libosmesa6 brings one")
-    try:
-        gl_context.GLContext = importlib.import_module(f"mujoco.{opengl}").GLContext
-        return mujoco.Renderer(model, height, width)
-    except Exception as error:  # drivers raise anything: ImportError, AttributeError, FatalError, ...
-        raise InputError(f"pictures: OpenGL ({opengl}) does not work here: {type(error).__name__}: {error}") from None
+        """Release the context."""
+        self._renderer.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.messages import Mode, TickRecord
@@ -14,8 +14,7 @@ from humanoid_sim.session.sinks import Sink
 _MOST = 5000  # poses, beyond which every second one is dropped
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """One pose of a run."""
 
     time: float  # s since the first one
@@ -38,15 +37,15 @@ class Poses(Sink):
         """Keep the pose, if one is due."""
         if record.qpos is None:
             return
-        ghost = self.ghost
-        if ghost is not None:
-            ghost.update(record)
+        frame = alignment = None
+        if self.ghost is not None:
+            self.ghost.update(record)
+            frame, alignment = self.ghost.frame, self.ghost.alignment
         if not self.kept:
             self._start = float(record.input.state.time)
         time = float(record.input.state.time) - self._start
         if time < self._due:
             return
-        frame, alignment = (None, None) if ghost is None else (ghost.frame, ghost.alignment)
         self.kept.append(Pose(time, record.qpos, record.output.control_mode.mode, frame, alignment))
         if len(self.kept) >= _MOST:
             self.kept, self.rate = self.kept[::2], self.rate / 2.0

@@ -53,14 +53,12 @@ def write_page(path: str | Path, model: mujoco.MjModel, poses: Poses, *, title: 
 @contextlib.contextmanager
 def _scene() -> Iterator[viser.ViserServer]:
     """Yield viser's scene and all that collects its messages, without socket and thread."""
+    loop = asyncio.new_event_loop()
 
     def start(server: Any) -> None:
-        server._broadcast_buffer = AsyncMessageBuffer(asyncio.new_event_loop(), persistent_messages=True)
+        server._broadcast_buffer = AsyncMessageBuffer(loop, persistent_messages=True)
 
-    def stop(server: Any) -> None:
-        server._broadcast_buffer.event_loop.close()
-
-    with patch.multiple(viser.infra.WebsockServer, start=start, stop=stop):
+    with patch.multiple(viser.infra.WebsockServer, start=start, stop=lambda _: loop.close()):
         with contextlib.redirect_stdout(io.StringIO()):
             server = viser.ViserServer(verbose=False)
         try:

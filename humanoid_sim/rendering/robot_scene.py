@@ -32,23 +32,21 @@ class RobotScene:
 
     def show(self, qpos: FloatArray, ghost: FloatArray | None = None) -> None:
         """Draw the robot at `qpos`, and the motion's pose at `ghost`, both shape (nq,); None for none."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        self._view.update_from_mjdata(self._data)
+        self._view.update_from_mjdata(self._posed(qpos))
         if ghost is not None:
-            self._show_ghost(ghost)
+            if self._ghost is None:
+                self._add_ghost()
+            data = self._posed(ghost)
+            self._ghost.position, self._ghost.visible = self._view.fixed_bodies_frame.position, True
+            for body, handle in self._ghost_bodies.items():
+                handle.position, handle.wxyz = data.xpos[body].copy(), data.xquat[body].copy()
         elif self._ghost is not None:
             self._ghost.visible = False
 
-    def _show_ghost(self, qpos: FloatArray) -> None:
-        if self._ghost is None:
-            self._add_ghost()
-        data = self._data
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, data)
-        self._ghost.position, self._ghost.visible = self._view.fixed_bodies_frame.position, True
-        for body, handle in self._ghost_bodies.items():
-            handle.position, handle.wxyz = data.xpos[body].copy(), data.xquat[body].copy()
+    def _posed(self, qpos: FloatArray) -> mujoco.MjData:
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data
 
     def _add_ghost(self) -> None:
         """Add a copy, in one colour, of all bodies that can move."""
@@ -59,6 +57,6 @@ class RobotScene:
             geoms = np.flatnonzero(is_shown & (model.geom_bodyid == body)).tolist()
             if geoms and not is_fixed_body(model, body):
                 mesh = merge_geoms(model, geoms)
-                vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32)
-                name = f"/ghost/{body}"
-                self._ghost_bodies[body] = scene.add_mesh_simple(name, vertices, faces, color=_GREEN, opacity=_OPACITY)
+                shape = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32)
+                handle = scene.add_mesh_simple(f"/ghost/{body}", *shape, color=_GREEN, opacity=_OPACITY)
+                self._ghost_bodies[body] = handle

@@ -8,7 +8,14 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.play import main as play
 from humanoid_sim.rendering import pictures
-from humanoid_sim.rendering.pictures import PoseRenderer, choose_opengl, has_display, require_pictures, update_pose
+from humanoid_sim.rendering.pictures import (
+    PoseRenderer,
+    check_window,
+    choose_opengl,
+    has_display,
+    require_pictures,
+    update_pose,
+)
 
 DISPLAY = {"DISPLAY": ":0"}
 
@@ -43,12 +50,20 @@ def test_the_opengl_that_is_named_or_here_is_chosen(machine, environ, libraries,
     assert has_display() is ("DISPLAY" in environ)
 
 
-def test_a_picture_without_opengl_is_refused_and_the_page_is_named(machine, pendulum):
+def test_what_needs_opengl_is_refused_without_and_the_page_is_named(machine, pendulum, monkeypatch):
     machine({})
     with pytest.raises(InputError, match=r"^--video: no OpenGL here; --html FILE\.html shows"):
         require_pictures("--video")
     with pytest.raises(InputError, match=r"^pictures: no OpenGL here"):
-        PoseRenderer(lambda: pendulum, 32, 24).draw(pendulum.qpos0)
+        PoseRenderer(pendulum, 32, 24)
+    machine({}, ("OSMesa",))
+    monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)
+    with pytest.raises(InputError, match=r"pictures: OpenGL \(osmesa\) does not work here: ModuleNotFoundError"):
+        PoseRenderer(pendulum, 32, 24)
+    for display, reason in (("", "no display"), (":4711", "the display does not answer")):
+        machine({"DISPLAY": display})
+        with pytest.raises(InputError, match=rf"^viewer native: {reason}.*; --html out\.html shows the run"):
+            check_window()
 
 
 @pytest.mark.parametrize("name", ["foo", "egl"])
@@ -59,13 +74,6 @@ def test_an_opengl_that_mujoco_refuses_is_one_line(machine, monkeypatch, capsys,
     assert run_program(play, ["--video", "x.mp4"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"error: environment variable MUJOCO_GL: is '{name}', expected glfw, osmesa, egl or disable")
-
-
-def test_opengl_that_does_not_work_is_an_input_error(machine, pendulum, monkeypatch):
-    machine({}, ("OSMesa",))
-    monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)
-    with pytest.raises(InputError, match=r"pictures: OpenGL \(osmesa\) does not work here: ModuleNotFoundError"):
-        PoseRenderer(lambda: pendulum, 32, 24).draw(pendulum.qpos0)
 
 
 def test_a_pose_that_is_not_finite_changes_nothing(pendulum):
