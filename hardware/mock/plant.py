@@ -59,7 +59,7 @@ class MotorPlant:
 
     def check(self) -> None:
         """Raise `RobotError` if the simulation is not finite any more."""
-        if any(self.data.warning[kind].number for kind in UNSOUND):
+        if self.data.warning.number[UNSOUND].any():
             raise RobotError(f"{self.description.name}: the simulation is unstable (t = {self.data.time:.3f} s)")
 
     def jam(self, motor: int, jammed: bool) -> None:

@@ -21,13 +21,8 @@ from humanoid_sim.simulation.scene import add_floor, add_scene
 
 IMPLICIT_TIMESTEP = 0.0025  # s, physics step of implicit damping, unless another is given or the robot's own is longer
 
-UNSOUND = [
-    int(mujoco.mjtWarning.mjWARN_BADQPOS),
-    int(mujoco.mjtWarning.mjWARN_BADQVEL),
-    int(mujoco.mjtWarning.mjWARN_BADQACC),
-    int(mujoco.mjtWarning.mjWARN_BADCTRL),
-]
-"""MuJoCo's warnings of a state that is not finite, or huge."""
+UNSOUND = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL) + 1)
+"""MuJoCo's warnings of a state that is not finite, or huge: of qpos, qvel, qacc, ctrl."""
 SUPPORT = "humanoid_sim_support"
 """Name of the mocap body and of the weld that can hold a base: unlikely enough to be in any user's MJCF."""
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)

@@ -14,7 +14,7 @@ import numpy as np
 
 from humanoid_sim import mit
 from humanoid_sim.errors import require_known
-from humanoid_sim.mit import Extern, FloatArray, IndexArray, MITState, point_velocity
+from humanoid_sim.mit import Extern, FloatArray, IndexArray, MITState, frozen_array, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, TRIGGER, key_joint_names
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, base_addresses
@@ -125,7 +125,8 @@ class Sensors:
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
             rotation = data.site_xmat[model.sensor(f"{_PREFIX}imu_quaternion").objid[0]].reshape(3, 3)
-            self._gravity = -rotation.T @ model.opt.gravity
+            self._gravity = frozen_array("IMU", "gravity", -rotation.T @ model.opt.gravity)
+        self._no_age = frozen_array("joints", "age", np.zeros(len(description.joint_names)))
         self._observer = BaseObserver(model, description) if description.is_floating else None
         self._live: dict[str, slice] = {}  # columns of `sensordata` by live input
         if description.is_floating:
@@ -182,7 +183,7 @@ class Sensors:
             joint_position=position if encoder_offset is None else position + encoder_offset,
             joint_velocity=qvel[..., self._dof],
             joint_effort=effort,
-            joint_age=np.zeros(effort.shape),
+            joint_age=self._no_age if effort.ndim == 1 else np.zeros(effort.shape),
             imu_quaternion=sensordata[..., self._quaternion],
             imu_angular_velocity=sensordata[..., self._angular_velocity],
             imu_linear_acceleration=acceleration,
