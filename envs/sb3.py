@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,9 +46,6 @@ class Sb3VecEnv(VecEnv):
 
     def close(self) -> None:
         self.envs.close()
-
-    def get_images(self) -> Sequence[Any]:
-        return [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [getattr(self._whole, attr_name)] * len(list(self._get_indices(indices)))

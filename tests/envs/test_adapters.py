@@ -31,7 +31,7 @@ def test_dm_env_has_the_same_episodes_and_its_own_checks_pass():
     test_utils = importlib.import_module("dm_env.test_utils")
     dm = importlib.import_module("humanoid_sim.envs.dm")
     ours, theirs = (
-        dm.load("lite_tracking", seed=3, max_episode_steps=3),
+        dm.DmEnv("lite_tracking", seed=3, max_episode_steps=3),
         PolicyEnv("lite_tracking", max_episode_steps=3),
     )
     np.testing.assert_array_equal(ours.reset().observation, theirs.reset(seed=3)[0])
@@ -48,7 +48,7 @@ def test_dm_env_has_the_same_episodes_and_its_own_checks_pass():
 
     class Checks(test_utils.EnvironmentTestMixin, unittest.TestCase):
         def make_object_under_test(self):
-            return dm.load("lite_tracking", seed=0, max_episode_steps=5)
+            return dm.DmEnv("lite_tracking", seed=0, max_episode_steps=5)
 
         def make_action_sequence(self):
             return [np.full(14, 0.01 * i, dtype=np.float32) for i in range(20)]
@@ -66,7 +66,7 @@ def test_dm_control_s_viewer_runs_it(monkeypatch):
     # The loop needs no OpenGL, but is only to be had with its window, which does.
     monkeypatch.setitem(sys.modules, "dm_control.viewer.gui", ModuleType("gui"))
     module = importlib.import_module("dm_control.viewer.runtime")
-    runtime = module.Runtime(dm.load("lite_tracking", seed=0), lambda _: np.zeros(14, dtype=np.float32))
+    runtime = module.Runtime(dm.DmEnv("lite_tracking", seed=0), lambda _: np.zeros(14, dtype=np.float32))
     errors = []
     runtime.on_error += errors.append
     for _ in range(5):
