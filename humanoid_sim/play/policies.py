@@ -21,7 +21,7 @@ from humanoid_sim.policy.checkpoint import (
     zero_policy,
 )
 from humanoid_sim.policy.describe import assumptions
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.policy.song import load_song, song_motion
@@ -123,7 +123,7 @@ def _choose(config: PlayConfig, description: RobotDescription, name: str | None)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if name == PLACEHOLDER:
-        checkpoint = placeholder_checkpoint(description, "a")
+        checkpoint = placeholder_checkpoint(description)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
         checkpoint = load_checkpoint(path, contract_file, description.joint_names)
@@ -135,14 +135,7 @@ def _choose(config: PlayConfig, description: RobotDescription, name: str | None)
         warning = f"PLACEHOLDER POLICY: {path.name} does NOT run; the action is zero. Run: pip install onnxruntime"
     has_samples = name is None or (name != PLACEHOLDER and str(path) != name)  # a policy that ships
     motion, file, notices = _motion(config, checkpoint, description, has_samples=has_samples)
-    loaded = load_policy(
-        checkpoint.contract,
-        checkpoint.policy,
-        motion,
-        checkpoint.observation_width,
-        source=checkpoint.source,
-        motion_source=str(file),
-    )
+    loaded = checkpoint.with_motion(motion, str(file))
     return PolicyChoice(loaded, checkpoint, motion, file, warning, (*_notices(checkpoint, warning), *notices))
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -16,16 +16,22 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.graph_motion import sweep_motion
-from humanoid_sim.policy.layers import Layer, Reading, join
+from humanoid_sim.policy.layers import MALFORMED, Layer, Reading, join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, read_header
-from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, trainer_files, unitree
+from humanoid_sim.policy.onnx_policy import Header, OnnxModel, OnnxPolicy, external_file, read_header
+from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, unitree
+from humanoid_sim.policy.readers.trainer_files import find_beside
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
 _ANCHOR_QUATERNION = "ref_quat_xyzw"  # holosoma's output
-_MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
+_METADATA = (own.read_stamp, own.read_own, mjlab.read_mjlab, holosoma.read_holosoma)  # the first whose keys are there
+_FILES: tuple[tuple[Callable[[Path], Path | None], Callable[..., list[Layer]]], ...] = (
+    (partial(find_beside, name="env.yaml"), isaaclab.read_env),
+    (partial(find_beside, name="deploy.yaml"), unitree.read_deploy),
+    (berkeley.find_berkeley, berkeley.read_berkeley),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +56,7 @@ class Checkpoint:
     @property
     def metadata(self) -> Mapping[str, str]:
         """The model's metadata; empty for a policy without one."""
-        return {} if self.model is None else self.model.metadata
+        return {} if self.model is None else self.model.header.metadata
 
     def limit_inference(self, seconds: float) -> None:
         """End an inference after so many s, where the graph can loop: it is then a fault of the policy controller."""
@@ -72,7 +78,7 @@ def load_checkpoint(
     where no source names the policy's joints. `verify`: refuse the model if its golden vectors do not come out.
     """
     model = OnnxModel(path)
-    reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, robot_joints, model.width)
+    reading = read_checkpoint(model.header, contract_file, robot_joints)
     contract = required_contract(reading, path)
     policy = OnnxPolicy(model, contract.tensors)
     with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
@@ -83,7 +89,7 @@ def load_checkpoint(
     file = own.find_contract(path) if contract_file is None else contract_file
     motion, width = sweep_motion(policy, contract), policy.observation_width
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), width, motion, file, reading=reading)
-    if not verify or own.GOLDEN_KEY not in model.metadata:
+    if not verify or own.GOLDEN_KEY not in checkpoint.metadata:
         return checkpoint
     from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
@@ -94,44 +100,37 @@ def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
     """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it."""
-    metadata, outputs = read_header(path)
-    return required_contract(read_checkpoint(path, metadata, outputs, contract_file, robot_joints), path)
+    return required_contract(read_checkpoint(read_header(path), contract_file, robot_joints), path)
 
 
 def read_checkpoint(
-    path: Path,
-    metadata: Mapping[str, str],
-    outputs: Collection[str] = (),
-    contract_file: Path | None = None,
-    robot_joints: tuple[str, ...] | None = None,
-    width: int | None = None,
+    header: Header, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> Reading:
-    """Return what everything that speaks about a checkpoint states together; `outputs` are the model's, by name.
+    """Return what everything that speaks about a checkpoint states together.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is. A
-    trainer's file of another network is recognised by `width`, that of the model's input.
+    trainer's file of another network is recognised by the width of the model's input.
     """
+    path, where = header.path, str(header.path)
     layers: list[Layer] = []
-    if _ANCHOR_QUATERNION in outputs:
+    if _ANCHOR_QUATERNION in header.output_names:
         layers.append(Layer(f"assumed (output {_ANCHOR_QUATERNION})", {"reference_quaternion": "xyzw"}))
-    with blaming(f"{path}: metadata", _MALFORMED):
-        if own.STAMP_KEY in metadata:
-            layers += own.read_stamp(metadata, str(path))
-        elif own.OWN_KEYS & metadata.keys():
-            layers += own.read_own(metadata, str(path))
-        elif "joint_names" in metadata and {"joint_stiffness", "observation_names"} & metadata.keys():
-            layers += mjlab.read_mjlab(metadata, str(path))
-        elif "dof_names" in metadata:
-            layers += holosoma.read_holosoma(metadata, str(path))
-    files = [] if own.STAMP_KEY in metadata else _side_layers(path, robot_joints)
+    with blaming(f"{path}: metadata", MALFORMED):
+        layers += next((found for read in _METADATA if (found := read(header.metadata, where))), [])
+    files: list[Layer] = []
+    if own.STAMP_KEY not in header.metadata:
+        for find, read_file in _FILES:
+            if file := find(path):
+                with blaming(file, MALFORMED):
+                    files += read_file(file, robot_joints)
     chosen = own.find_contract(path) if contract_file is None else contract_file
     hand = [] if chosen is None else [own.read_contract_file(chosen)]
-    reading = join([*layers, *files, *hand], str(path))
-    if width is not None and reading.differences and _width(reading) != width:
-        inside = join([*layers, *hand], str(path))
-        if _width(inside) == width:
+    reading = join([*layers, *files, *hand], where)
+    if header.width is not None and reading.differences and _width(reading) != header.width:
+        inside = join([*layers, *hand], where)
+        if _width(inside) == header.width:
             names = ", ".join(layer.source for layer in files if "observation" in layer.values)
-            line = f"{names} is of another network than this model of {width} inputs, and is not read"
+            line = f"{names} is of another network than this model of {header.width} inputs, and is not read"
             return replace(inside, unused=(*inside.unused, line))
     return reading
 
@@ -140,23 +139,6 @@ def _width(reading: Reading) -> int | None:
     with suppress(FieldError):
         return None if reading.outline is None else contract_layout(reading.outline).width
     return None
-
-
-def _side_layers(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
-    layers: list[Layer] = []
-    if env := trainer_files.find_beside(path, "env.yaml"):
-        try:
-            with blaming(env, _MALFORMED):
-                layers += isaaclab.read_env(env)
-        except InputError as error:  # the training's own file may hold what no deployment needs
-            layers.append(Layer(env.name, {}, unused=(f"{env.name} cannot be read: {error}",)))
-    if deploy := trainer_files.find_beside(path, "deploy.yaml"):
-        with blaming(deploy, _MALFORMED):
-            layers += unitree.read_deploy(deploy, robot_joints)
-    if other := berkeley.find_berkeley(path):
-        with blaming(other, _MALFORMED):
-            layers += berkeley.read_berkeley(other)
-    return layers
 
 
 def required_contract(reading: Reading, path: Path) -> PolicyContract:
@@ -181,19 +163,16 @@ def zero_policy(action_count: int) -> Policy:
     return lambda _observation, _frame: np.zeros(action_count, dtype=np.float32)
 
 
-def placeholder_checkpoint(
-    description: RobotDescription, pose: Literal["a", "b"] = "a", policy_dt: float = 0.02
-) -> Checkpoint:
-    """Return a zero policy for any robot: it observes the joints and holds the final pose of standby A or B."""
+def placeholder_checkpoint(description: RobotDescription, policy_dt: float = 0.02) -> Checkpoint:
+    """Return a zero policy for any robot: it observes the joints and holds the final pose of standby A."""
     joints = description.joint_names
-    standby = description.standby_controller_a if pose == "a" else description.standby_controller_b
     contract = PolicyContract(
         task_type="locomotion",
         joint_names=joints,
         action_joint_names=joints,
         joint_stiffness=description.stiffness,
         joint_damping=description.damping,
-        default_joint_pos=np.asarray(standby.pose_segments[-1]),
+        default_joint_pos=np.asarray(description.standby_controller_a.pose_segments[-1]),
         observation=("joint_pos", "joint_vel", "actions"),
         command_names=(),
         action_scale=np.ones(len(joints)),

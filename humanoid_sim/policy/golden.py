@@ -16,10 +16,11 @@ from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.layers import MALFORMED
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
-from humanoid_sim.policy.traces import REFERENCE, Trace
+from humanoid_sim.policy.traces import REFERENCE, Trace, array_type
 
 _SAMPLES = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
@@ -27,8 +28,6 @@ _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 does not; networks amplify the rounding of other hardware."""
 _NO_LIMIT = 1e9  # a recorded action is what it is
 _VERSION = 1
-_FLOAT32 = ("last_action", "observation", "action", "history")
-_MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 
 
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
@@ -42,9 +41,8 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
     chosen = np.unique(np.linspace(0, len(trace) - 1, _SAMPLES).round().astype(np.intp))
     arrays = {name: array[chosen] for name, array in trace.arrays.items()}
     kept = [memories[i] for i in chosen]
-    arrays["last_action"] = np.stack([memory.last_action for memory in kept])
-    arrays["frame"] = np.array([memory.frame for memory in kept], dtype=np.int64)
-    arrays["walked"] = np.array([memory.walked for memory in kept], dtype=np.float64)
+    for name in ("last_action", "frame", "walked"):
+        arrays[name] = np.array([getattr(memory, name) for memory in kept], dtype=array_type(name))
     alignments = [memory.alignment for memory in kept]
     arrays["alignment"] = np.stack([np.full(7, np.nan) if a is None else np.r_[a.offset, a.yaw] for a in alignments])
     if memories[-1].history is not None:
@@ -63,7 +61,7 @@ def verify_golden(checkpoint: Checkpoint) -> str:
     if samples is None:
         return ""
     tables: dict[str, Any] = {}
-    with blaming(f"{checkpoint.source}: golden vectors", (FieldError, *_MALFORMED)):
+    with blaming(f"{checkpoint.source}: golden vectors", (FieldError, *MALFORMED)):
         for name, rows in samples.under(REFERENCE).items():
             tables[name] = np.zeros((samples.frame_count, rows.shape[1]), dtype=np.float32)
             tables[name][samples.arrays["frame"]] = rows
@@ -127,7 +125,7 @@ def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: S
 def encode_samples(samples: Trace) -> str:
     """Return one line of JSON from which `stored_samples` makes the same samples, bit for bit."""
     arrays = {
-        name: {"shape": array.shape, "data": base64.b64encode(array.astype(_type(name)).tobytes()).decode()}
+        name: {"shape": array.shape, "data": base64.b64encode(array.astype(array_type(name)).tobytes()).decode()}
         for name, array in samples.arrays.items()
     }
     document = {"version": _VERSION, "origin": "trainer", "source": samples.name, "joint_names": samples.joint_names}
@@ -138,7 +136,7 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
     """Return a trainer's samples in a checkpoint's metadata; None without any. Raises `InputError` if malformed."""
     if GOLDEN_KEY not in checkpoint.metadata:
         return None
-    with blaming(f"{checkpoint.source}: golden vectors are malformed, stamp it again", _MALFORMED):
+    with blaming(f"{checkpoint.source}: golden vectors are malformed, stamp it again", MALFORMED):
         document = json.loads(checkpoint.metadata[GOLDEN_KEY])
         if document["version"] != _VERSION:
             raise ValueError(f"version is {document['version']!r}, expected {_VERSION}")
@@ -146,12 +144,6 @@ def stored_samples(checkpoint: Checkpoint) -> Trace | None:
         return Trace(document["source"], tuple(document["joint_names"]), arrays, document["frame_count"])
 
 
-def _type(name: str) -> str:
-    if name == "frame":
-        return "<i8"
-    return "<f4" if name in _FLOAT32 or name.startswith(REFERENCE) else "<f8"
-
-
 def _decoded(name: str, value: Any) -> npt.NDArray[Any]:
     data = base64.b64decode(value["data"], validate=True)
-    return np.frombuffer(data, dtype=_type(name)).reshape(value["shape"])  # read-only, as the bytes are
+    return np.frombuffer(data, dtype=array_type(name)).reshape(value["shape"])  # read-only, as the bytes are

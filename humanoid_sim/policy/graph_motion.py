@@ -27,7 +27,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     Joints are in the policy's order, bodies in the order of the contract's `body_names`; the outputs of an anchor are
     of its anchor body. Raises `InputError` if they do not fit the contract, or never end.
     """
-    available = set(policy.model.output_names)
+    available = set(policy.model.header.output_names)
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
     bodies, (place, turn) = contract.body_names, _BODIES
@@ -35,26 +35,24 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
         place, turn = _ANCHOR
         bodies = (contract.anchor_body,) if contract.anchor_body and turn in available else ()
     sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
-    if bodies:
-        sizes |= {name: size * len(bodies) for name, size in ((place, 3), (turn, 4)) if name in available}
-    observation = np.zeros(policy.observation_width, dtype=np.float32)
+    sizes |= {place: 3 * len(bodies), turn: 4 * len(bodies)} if bodies else {}
+    outputs, observation = [*(sizes.keys() & available)], np.zeros(policy.observation_width, dtype=np.float32)
 
     def frame(index: int) -> Float32Array | None:
         try:
-            answer = policy.run(list(sizes), observation, index)
+            answer = policy.run(outputs, observation, index)
         except Exception as error:  # onnxruntime's own types
             if index == 0 or isinstance(error, TimeoutError):
                 raise FieldError(f"the motion in its graph cannot be read: {reason_of(error)}") from None
             return None  # a graph that does not hold its last frame has none beyond it
-        values = {name: np.asarray(value, np.float32).ravel() for name, value in zip(sizes, answer, strict=True)}
+        values = {name: np.zeros(size, dtype=np.float32) for name, size in sizes.items()}
+        values |= {name: np.asarray(value, np.float32).ravel() for name, value in zip(outputs, answer, strict=True)}
         for name, size in sizes.items():
             if values[name].size != size:
                 raise FieldError(f"output '{name}' has {values[name].size} values, expected {size}")
         if bodies and contract.reference_quaternion == "xyzw":
             values[turn] = values[turn].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
-        if bodies and place not in values:
-            values[place] = np.zeros(3, dtype=np.float32)
-        return np.concatenate([values[name] for name in (*_JOINTS, place, turn) if name in values])
+        return np.concatenate([values[name] for name in sizes])
 
     with blaming(policy.model.path):
         if bodies and place not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):

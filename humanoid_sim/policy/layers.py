@@ -22,15 +22,14 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.findings import list_joints, shown
 
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
-_NEUTRAL: Mapping[str, Any] = {
-    **{"joint_stiffness": 1.0, "joint_damping": 1.0, "default_joint_pos": 0.0, "action_scale": 1.0},
-    **{"policy_dt": 0.02, "anchor_body": "?", "lookahead_steps": (1,), "phase.period": 1.0},
+MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
+"""Errors of a reader that meets a document of another form."""
+_REQUIRED = {
+    **{"joint_names": None, "joint_stiffness": 1.0, "joint_damping": 1.0, "default_joint_pos": 0.0},
+    **{"observation": None, "action_scale": 1.0, "policy_dt": 0.02},
 }
+_NEUTRAL: Mapping[str, Any] = {**_REQUIRED, "anchor_body": "?", "lookahead_steps": (1,), "phase.period": 1.0}
 """In the place of missing values: the observation's width is known all the same."""
-_REQUIRED = (
-    *("joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"),
-    *("observation", "action_scale", "policy_dt"),
-)
 _MAY_DIFFER = ("command_ranges", "command_names", "dataset_repo_id")  # between a trainer and its deployment
 _NAMES = ("joint_names", "body_names", "command_names", "observation", "action_joint_names", "joints")
 _NUMBERS = (
@@ -100,39 +99,20 @@ def join(layers: Sequence[Layer], where: str) -> Reading:
     for layer in ordered:
         if "joint_names" in layer.values:
             joints = checked("joint_names", layer.values["joint_names"], f"{where}: {layer.source}: joint_names")
-    found: dict[str, Statement] = {}
-    replaced: dict[str, tuple[Statement, ...]] = {}
-    differences: dict[str, str] = {}
+    joined = _Joined(joints)
     for layer in ordered:
         for name in sorted(layer.values, key=_order):
-            key, value = _resolved(name, layer, joints, found, f"{where}: {layer.source}: {name}")
-            new, old = Statement(value, layer.source), found.get(key)
-            if old is not None and not is_assumed(old.source):
-                difference = _difference(key, old, new, _owners(key, joints, found), found)
-                if difference:
-                    replaced[key] = (*replaced.get(key, ()), old)
-                    differences[key] = difference
-                elif key != "observation":  # options of terms stand under the later names
-                    new = _exact(old, new)
-            if layer.is_decisive or key in _MAY_DIFFER:
-                differences.pop(key, None)
-            if key == "observation":
-                found = {_renamed(name, value, found): statement for name, statement in found.items()}
-                found.pop("", None)
-            found[key] = new
-    _derive(found)
-    values = {key: statement.value for key, statement in found.items()}
-    source = {key: statement.source for key, statement in found.items()}
-    missing, unused = _missing(found), tuple(line for layer in ordered for line in layer.unused)
+            joined.add(name, layer, f"{where}: {layer.source}: {name}")
+    values, source, missing = joined.finish()
+    unused = tuple(line for layer in ordered for line in layer.unused)
     outline = None
-    if "joint_names" in values and "observation" in values:
-        lacking = {"phase.period" if name == "phase" else name for name in missing}
+    if values.keys() >= {"joint_names", "observation"}:
         try:
-            outline = build({**values, **{name: _NEUTRAL[name] for name in lacking if name in _NEUTRAL}}, source)
+            outline = build({**values, **{name: _NEUTRAL[name] for name in missing if name in _NEUTRAL}}, source)
         except FieldError as error:
             field = str(error).partition(":")[0].removeprefix("PolicyContract.")
             raise InputError(f"{where}: {error} ({source.get(field, 'its sources together')})") from None
-    return Reading(values, source, replaced, tuple(differences.values()), missing, unused, outline)
+    return Reading(values, source, joined.replaced, tuple(joined.differences.values()), missing, unused, outline)
 
 
 def _order(name: str) -> int:
@@ -140,6 +120,116 @@ def _order(name: str) -> int:
     if name in ("action_joint_names", "command_names") or name.endswith(".kind"):
         return 0
     return 1 if name == "observation" else 2
+
+
+class _Joined:
+    """What the sources so far state together."""
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self.joints = joints  # as the last source names them
+        self.found: dict[str, Statement] = {}
+        self.replaced: dict[str, tuple[Statement, ...]] = {}
+        self.differences: dict[str, str] = {}
+
+    def add(self, name: str, layer: Layer, where: str) -> None:
+        """Take a field of the next source."""
+        key, value = self._resolved(name, layer, where)
+        new, old = Statement(value, layer.source), self.found.get(key)
+        if old is not None and not is_assumed(old.source):
+            difference = self._difference(key, old, new)
+            if difference:
+                self.replaced[key] = (*self.replaced.get(key, ()), old)
+                self.differences[key] = difference
+            elif key != "observation":  # options of terms stand under the later names
+                new = _exact(old, new)
+        if layer.is_decisive or key in _MAY_DIFFER:
+            self.differences.pop(key, None)
+        if key == "observation":
+            self.found = {self._renamed(one, value): statement for one, statement in self.found.items()}
+            self.found.pop("", None)
+        self.found[key] = new
+
+    def finish(self) -> tuple[dict[str, Any], dict[str, str], tuple[str, ...]]:
+        """Return values and sources by field, with what follows from others, and the fields that are missing."""
+        terms = self._value("observation", ())
+        kinds = [self._kind(name) for name in terms]
+        if "joint_names" in self.found:
+            self._follow("action_joint_names", self.joints, "joint_names")
+        if "observation" in self.found:
+            tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
+            self._follow("task_type", (*tasks, "locomotion")[0], "observation")
+            self._follow("command_names", (), "observation")
+            if all(kind.requires != "body_names" for kind in kinds):
+                self._follow("body_names", (), "observation")
+        needed = [*_REQUIRED, *(kind.requires.replace("phase", "phase.period") for kind in kinds if kind.requires)]
+        if "command" in terms:
+            needed.append("command_names")
+        values = {name: statement.value for name, statement in self.found.items()}
+        given = [name for name, value in values.items() if isinstance(value, np.ndarray) or value]
+        missing = tuple(dict.fromkeys(name for name in needed if name not in given))
+        return values, {name: statement.source for name, statement in self.found.items()}, missing
+
+    def _follow(self, name: str, value: Any, other: str) -> None:
+        self.found.setdefault(name, Statement(value, f"follows from {other}"))
+
+    def _value(self, name: str, usual: Any) -> Any:
+        return self.found[name].value if name in self.found else usual
+
+    def _kind(self, term: str) -> TermKind:
+        return term_kind(self._value(f"observation.{term}.kind", term), self._value("command_names", ()))
+
+    def _owners(self, key: str) -> tuple[str, ...]:
+        of_action = key in ("action_scale", "action_offset", "position_clip")
+        return self._value("action_joint_names", self.joints) if of_action else self.joints  # type: ignore[no-any-return]
+
+    def _resolved(self, name: str, layer: Layer, where: str) -> tuple[str, Any]:
+        """Return field and value with joints and terms as the other sources have them."""
+        value = checked(name, layer.values[name], where)
+        if name.startswith("observation.") and layer.is_decisive and "observation" in self.found:
+            terms = self.found["observation"].value
+            name = self._renamed(name, terms)
+            if not name:
+                raise InputError(f"{where}: is of no observation term, expected one of {', '.join(terms)}")
+        with blaming(f"{where}: is no pattern of names", re.error):
+            if self.joints and value is not None and (name == "action_joint_names" or name.endswith(".joints")):
+                return name, _chosen(value, self.joints, where)
+            if self.joints and isinstance(value, dict):
+                return name, _by_name(value, self._owners(name), name, where)
+        return name, value
+
+    def _renamed(self, key: str, names: Sequence[str]) -> str:
+        """Return a field with the name that another source gives its term; empty if that has no such term."""
+        term, option = term_option(key)
+        if not key.startswith("observation.") or term in names:
+            return key
+        same = [name for name in names if self._kind(name).name == self._kind(term).name]
+        return f"observation.{same[0]}.{option}" if len(same) == 1 else ""
+
+    def _difference(self, key: str, old: Statement, new: Statement) -> str:
+        """Return how two sources differ by more than rounding; empty if they do not."""
+        a, b = old.value, new.value
+        both = f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
+        if isinstance(a, tuple) and isinstance(b, tuple):
+            ours, theirs = ([self._kind(name).name if key == "observation" else name for name in x] for x in (a, b))
+            what = "the order differs" if sorted(ours) == sorted(theirs) else "differs"
+            for i, (one, other) in enumerate(zip_longest(ours, theirs)):
+                if one != other:
+                    first, second = (names[i] if i < len(names) else "nothing" for names in (a, b))
+                    return f"{key}: {what} at place {i}: {first} in {old.source}, {second} in {new.source}"
+            return ""
+        if not (isinstance(a, np.ndarray | float) and isinstance(b, np.ndarray | float)):
+            # Values by name cannot be compared without joints.
+            return "" if type(a) is type(b) and (isinstance(a, dict) or a == b) else both
+        a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+        if a.shape != b.shape and 1 not in (a.size, b.size):
+            return f"{key}: {a.size} values in {old.source}, {b.size} in {new.source}"
+        with np.errstate(invalid="ignore"):  # infinity - infinity
+            differs = ~((a == b) | (np.abs(a - b) <= rounding(a) + rounding(b)))
+        if differs.shape != (len(self._owners(key)),):
+            return both if differs.any() else ""
+        rows = zip(self._owners(key), *np.broadcast_arrays(a, b, differs), strict=True)
+        joints = {joint: f"{x:g} against {y:g}" for joint, x, y, is_far in rows if is_far}
+        return f"{key}: {old.source} and {new.source} differ: {list_joints(joints)}" if joints else ""
 
 
 # --- values as sources write them ---
@@ -174,29 +264,6 @@ def _numbers(option: str, value: Any) -> Any:
     if array.dtype.kind not in "iuf" or array.ndim > 2:
         raise ValueError("expected a number, one for each joint, or a mapping from names or patterns of joints")
     return array.astype(np.float64).reshape((-1, 2) if option == "position_clip" else array.shape)
-
-
-def _resolved(
-    name: str, layer: Layer, joints: tuple[str, ...], found: Mapping[str, Statement], where: str
-) -> tuple[str, Any]:
-    value = checked(name, layer.values[name], where)
-    if name.startswith("observation.") and layer.is_decisive and "observation" in found:
-        terms = found["observation"].value
-        name = _renamed(name, terms, found)
-        if not name:
-            raise InputError(f"{where}: is of no observation term, expected one of {', '.join(terms)}")
-    with blaming(f"{where}: is no pattern of names", re.error):
-        if joints and value is not None and (name == "action_joint_names" or name.endswith(".joints")):
-            return name, _chosen(value, joints, where)
-        if joints and isinstance(value, dict):
-            return name, _by_name(value, _owners(name, joints, found), name, where)
-    return name, value
-
-
-def _owners(key: str, joints: tuple[str, ...], found: Mapping[str, Statement]) -> tuple[str, ...]:
-    if key in ("action_scale", "action_offset", "position_clip") and "action_joint_names" in found:
-        return found["action_joint_names"].value  # type: ignore[no-any-return]
-    return joints
 
 
 def _chosen(value: Any, joints: tuple[str, ...], where: str) -> tuple[str, ...]:
@@ -238,49 +305,7 @@ def term_option(name: str) -> tuple[str, str]:
     return term, option
 
 
-def _kind(name: str, found: Mapping[str, Statement]) -> TermKind:
-    kind, commands = found.get(f"observation.{name}.kind"), found.get("command_names")
-    return term_kind(kind.value if kind else name, commands.value if commands else ())
-
-
-def _renamed(key: str, names: Sequence[str], found: Mapping[str, Statement]) -> str:
-    """Return a field with the name that another source gives its term; empty if that has no such term."""
-    term, option = term_option(key)
-    if not key.startswith("observation.") or term in names:
-        return key
-    same = [name for name in names if _kind(name, found).name == _kind(term, found).name]
-    return f"observation.{same[0]}.{option}" if len(same) == 1 else ""
-
-
 # --- two values of one field ---
-
-
-def _difference(key: str, old: Statement, new: Statement, owners: Sequence[str], found: Mapping[str, Statement]) -> str:
-    a, b = old.value, new.value
-    both = f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        ours, theirs = (
-            [_kind(name, found).name if key == "observation" else name for name in names] for names in (a, b)
-        )
-        what = "the order differs" if sorted(ours) == sorted(theirs) else "differs"
-        for i, (one, other) in enumerate(zip_longest(ours, theirs)):
-            if one != other:
-                first, second = (names[i] if i < len(names) else "nothing" for names in (a, b))
-                return f"{key}: {what} at place {i}: {first} in {old.source}, {second} in {new.source}"
-        return ""
-    if not (isinstance(a, np.ndarray | float) and isinstance(b, np.ndarray | float)):
-        # Values by name cannot be compared without joints.
-        return "" if type(a) is type(b) and (isinstance(a, dict) or a == b) else both
-    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    if a.shape != b.shape and 1 not in (a.size, b.size):
-        return f"{key}: {a.size} values in {old.source}, {b.size} in {new.source}"
-    with np.errstate(invalid="ignore"):  # infinity - infinity
-        differs = ~((a == b) | (np.abs(a - b) <= rounding(a) + rounding(b)))
-    if differs.shape != (len(owners),):
-        return both if differs.any() else ""
-    rows = zip(owners, *np.broadcast_arrays(a, b, differs), strict=True)
-    joints = {joint: f"{x:g} against {y:g}" for joint, x, y, is_far in rows if is_far}
-    return f"{key}: {old.source} and {new.source} differ: {list_joints(joints)}" if joints else ""
 
 
 def _exact(old: Statement, new: Statement) -> Statement:
@@ -313,30 +338,6 @@ def rounding(values: FloatArray) -> FloatArray:
 
 
 # --- the contract of joined fields ---
-
-
-def _derive(found: dict[str, Statement]) -> None:
-    if "joint_names" in found:
-        found.setdefault("action_joint_names", Statement(found["joint_names"].value, "follows from joint_names"))
-    if "observation" in found:
-        kinds = [_kind(name, found) for name in found["observation"].value]
-        tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
-        derived: dict[str, Any] = {"task_type": (*tasks, "locomotion")[0], "command_names": ()}
-        if all(kind.requires != "body_names" for kind in kinds):
-            derived["body_names"] = ()
-        for name, value in derived.items():
-            found.setdefault(name, Statement(value, "follows from observation"))
-
-
-def _missing(found: Mapping[str, Statement]) -> tuple[str, ...]:
-    terms = found["observation"].value if "observation" in found else ()
-    needed = [*_REQUIRED, *(_kind(name, found).requires for name in terms)]
-    if "command" in terms:
-        needed.append("command_names")
-    if any(name.startswith("phase.") for name in found):
-        needed = [name.replace("phase", "phase.period") for name in needed]
-    given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value]
-    return tuple(dict.fromkeys(name for name in needed if name and name not in given))
 
 
 def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContract:

@@ -10,7 +10,7 @@ frame. A piano frame is the goal state of the keys, 0 or 1. Files of other write
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -92,20 +92,17 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
     if not files:
         files = [regular_file(path, "a motion file (.mcap) or a folder of rosbag2 with MCAP files")]
-    return _motion([file.read_bytes() for file in files], str(path))
+    first, *more = [file.read_bytes() for file in files]
+    return parse_motion(first, str(path), *more)
 
 
-def parse_motion(data: bytes, name: str) -> Motion:
-    """Return a motion from the bytes of its file; `name` is what to call it in messages."""
-    return _motion([data], name)
-
-
-def _motion(contents: Iterable[bytes], name: str) -> Motion:
+def parse_motion(data: bytes, name: str, *more: bytes) -> Motion:
+    """Return a motion from the bytes of its file, or of several; `name` is what to call them in messages."""
     messages: dict[str, list[Message]] = {}
     metadata: Mapping[str, str] = {}
     with blaming(f"{name}: is not a whole MCAP file", Exception):  # the library raises whatever it meets
-        for data in contents:
-            reader = make_reader(BytesIO(data))
+        for content in (data, *more):
+            reader = make_reader(BytesIO(content))
             for attachment in reader.iter_attachments():
                 if attachment.name == MOTION_ATTACHMENT:  # of a recording
                     return parse_motion(attachment.data, name)
@@ -123,13 +120,12 @@ def _motion(contents: Iterable[bytes], name: str) -> Motion:
 
 def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion:
     rows: list[Float32Array] = []
-    times = [message.log_time for message in messages]
     for i, message in enumerate(messages):
         with blaming(f"frame {i} is not a {FLOAT32_MULTI_ARRAY}", CdrError, FieldError):
             rows.append(decode_float32_array(message.data))
         if len(rows[i]) != len(rows[0]):
             raise FieldError(f"frame {i} has {len(rows[i])} values, the frames before {len(rows[0])}")
-    steps = np.diff(times)
+    steps = np.diff([message.log_time for message in messages])
     if (steps < 0).any():
         raise FieldError(f"time goes back at frame {int(np.argmax(steps < 0)) + 1}; a motion file holds one episode")
     policy_dt = number_in(metadata.get("policy_dt", ""))
@@ -137,8 +133,8 @@ def _episode(messages: Sequence[Message], metadata: Mapping[str, str]) -> Motion
         if not len(steps) or steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
             raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced")
         policy_dt = float(round(steps.mean())) / 1e9
-    texts = {"layout": "bodies_b", "task_type": "", "robot": "", **metadata}
-    given: dict[str, Any] = {name: texts[name] for name in ("layout", "task_type", "robot")}
+    given: dict[str, Any] = {"layout": metadata.get("layout", "bodies_b")}
+    given |= {name: metadata.get(name, "") for name in ("task_type", "robot")}
     given |= {name: tuple(csv(metadata.get(name, ""))) for name in ("body_names", "joint_names")}
     return Motion(np.stack(rows), policy_dt=policy_dt, **given)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import Timer
 from typing import Any, NamedTuple
@@ -17,7 +17,6 @@ from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
-ONNX_SECONDS = 10.0  # s of one inference of a model whose graph can loop; on hardware much less, see `play`
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 _LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
 _SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
@@ -36,6 +35,18 @@ class Tensor(NamedTuple):
         if len(self.shape) != 2 or (isinstance(self.shape[0], int) and self.shape[0] != 1):
             return None
         return self.shape[1] if isinstance(self.shape[1], int) else None
+
+    def __str__(self) -> str:
+        return f"'{self.name}' is {self.type} of shape {list(self.shape)}"
+
+
+class Header(NamedTuple):
+    """What a file says of its model, as far as it is known without loading it."""
+
+    metadata: Mapping[str, str]
+    output_names: tuple[str, ...]
+    path: Path
+    width: int | None = None  # N of the widest input; None if no input is (1, N)
 
 
 class OnnxModel:
@@ -59,18 +70,14 @@ class OnnxModel:
             tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in nodes)
             for nodes in (self._session.get_inputs(), self._session.get_outputs())
         )
-        self.output_names = tuple(tensor.name for tensor in self.outputs)
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        self.time_limit = ONNX_SECONDS  # s after which an inference is ended, where the graph can loop
+        width = max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
+        metadata = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.header = Header(metadata, tuple(tensor.name for tensor in self.outputs), path, width)
+        self.time_limit = 10.0  # s after which an inference is ended, where the graph can loop
         content = path.read_bytes()
         self._can_loop = any(name in content for name in _LOOPS)
         if len(self.inputs) > 1:
             self._refuse_other_kinds()
-
-    @property
-    def width(self) -> int | None:
-        """N of the widest input; None if no input is (1, N)."""
-        return max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
@@ -98,7 +105,7 @@ class OnnxModel:
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
-        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in self.output_names]
+        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in self.header.output_names]
         if state := fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
 
@@ -121,14 +128,15 @@ def has_onnxruntime() -> bool:
     return True
 
 
-def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime."""
+def read_header(path: Path) -> Header:
+    """Return the header of a checkpoint without ONNX Runtime, and so without the width."""
     import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
 
     check_file(path)
     with blaming(f"{path}: is not an ONNX model", Exception):  # protobuf's own types
         model = onnx.load(str(path), load_external_data=False)
-    return {entry.key: entry.value for entry in model.metadata_props}, tuple(out.name for out in model.graph.output)
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    return Header(metadata, tuple(tensor.name for tensor in model.graph.output), path)
 
 
 def check_file(path: Path) -> None:
@@ -145,16 +153,14 @@ def external_file(path: Path) -> Path:
 class OnnxPolicy:
     """`(observation (N,), frame) -> action (m,)`, float32. A model with a `time_step` input gets the frame there."""
 
-    def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
-        self.model = model if isinstance(model, OnnxModel) else OnnxModel(model)
-        tensors = TensorNames() if tensors is None else tensors
-        inputs = {tensor.name: tensor for tensor in self.model.inputs}
-        outputs = {tensor.name: tensor for tensor in self.model.outputs}
-        where = f"{self.model.path}: "
+    def __init__(self, model: OnnxModel, tensors: TensorNames) -> None:
+        self.model = model
+        inputs = {tensor.name: tensor for tensor in model.inputs}
+        outputs = {tensor.name: tensor for tensor in model.outputs}
+        where = f"{model.path}: "
         self._time_step = tensors.time_step or ("time_step" if "time_step" in inputs and len(inputs) > 1 else "")
         self._observation = tensors.observation or next((name for name in inputs if name != self._time_step), "")
-        usual = next((name for name in ("actions", "action", *outputs) if name in outputs), "")
-        self._action = tensors.action or usual
+        self._action = tensors.action or next(name for name in ("actions", "action", *outputs) if name in outputs)
         named = [name for name in (self._time_step, self._observation) if name]
         require_known("input", named, inputs, where)
         require_known("output", [self._action], outputs, where)
@@ -164,19 +170,14 @@ class OnnxPolicy:
         self.has_time_step = bool(self._time_step)
         self.observation_width = _row(where, "input", inputs[self._observation])
         self.action_width = _row(where, "output", outputs[self._action])
-        self._frame_type: Any = np.float32
         if self._time_step:
             time_step = inputs[self._time_step]
-            self._frame_type = _NUMBERS.get(time_step.type)
-            if time_step.width != 1 or self._frame_type is None:
-                found = f"input '{time_step.name}' is {time_step.type} of shape {list(time_step.shape)}"
-                raise InputError(f"{where}{found}, expected a number of shape (1, 1)")
+            if time_step.width != 1 or time_step.type not in _NUMBERS:
+                raise InputError(f"{where}input {time_step}, expected a number of shape (1, 1)")
+            self._frame_type = _NUMBERS[time_step.type]
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
-        if observation.shape != (self.observation_width,):
-            expected = f"({self.observation_width},), of one robot"
-            raise InputError(f"observation: has shape {observation.shape}, expected {expected}")
         action: Float32Array = self.run([self._action], observation, frame)[0][0]
         return action
 
@@ -190,6 +191,5 @@ class OnnxPolicy:
 
 def _row(where: str, kind: str, tensor: Tensor) -> int:
     if tensor.width is None or tensor.type != "tensor(float)":
-        found = f"{kind} '{tensor.name}' is {tensor.type} of shape {list(tensor.shape)}"
-        raise InputError(f"{where}{found}, expected tensor(float) of shape (1, width)")
+        raise InputError(f"{where}{kind} {tensor}, expected tensor(float) of shape (1, width)")
     return tensor.width

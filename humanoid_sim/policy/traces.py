@@ -32,10 +32,8 @@ STATE_ARRAYS = (
 """What the robot reports, apart from the live inputs."""
 EXTERN, REFERENCE = "extern/", "reference/"  # prefixes of the names of live inputs, and of the motion's terms
 _NAMES = {"obs": "observation", "actions": "action", "cmd": mit.VELOCITY_COMMAND}
-_MEMORY: Mapping[str, type[np.generic]] = {
-    **{"last_action": np.float32, "frame": np.int64, "walked": np.float64},
-    **{"history": np.float32, "alignment": np.float64},
-}
+_MEMORY = ("last_action", "frame", "walked", "history", "alignment")
+_FLOAT32 = ("last_action", "observation", "action", "history")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +67,17 @@ class Trace:
     def memory(self, i: int, memory: PolicyMemory) -> PolicyMemory:
         """Return a policy's memory with what is known of it in step i."""
         known: dict[str, Any] = {name: self.arrays[name][i] for name in _MEMORY if name in self.arrays}
-        for name in {"history", "alignment"} & known.keys():
-            if np.isnan(known[name]).any():
-                known[name] = None
+        known |= {name: None for name in ("history", "alignment") if np.isnan(known.get(name, 0.0)).any()}
         if known.get("alignment") is not None:
             known["alignment"] = Alignment(yaw=known["alignment"][3:], offset=known["alignment"][:3])
         return replace(memory, **known)
+
+
+def array_type(name: str) -> str:
+    """Return the type of an array of a `Trace`, as NumPy names it."""
+    if name == "frame":
+        return "<i8"
+    return "<f4" if name in _FLOAT32 or name.startswith(REFERENCE) else "<f8"
 
 
 def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
@@ -94,18 +97,17 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
     # A free joint has 7 values, and any other 1; it has a name of its own, or none.
     surplus = given["qpos"].shape[-1] - len(names) if "qpos" in given else 0
     hinges, free = names[1:] if surplus == 6 else names, 7 if surplus in (6, 7) else 0
+    count = len(hinges)
     missing = [joint for joint in contract.joint_names if joint not in hinges]
     if missing:
         raise FieldError(f"joint_names lacks {', '.join(missing)}, expected every joint of the policy")
     if "qpos" in given:
         if bodies is None:
             raise FieldError("qpos needs the trainer's robot, whose model says where its IMU is: --robot")
-        qpos = _table(given, "qpos", steps, free + len(hinges))
-        qvel = _table(given, "qvel", steps, max(free - 1, 0) + len(hinges))
+        qpos = _table(given, "qpos", steps, free + count)
+        qvel = _table(given, "qvel", steps, max(free - 1, 0) + count)
         joints = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
         given = {**joints, **bodies(qpos, qvel, hinges), **given}  # what the file says itself counts
-    widths = {"joint_position": len(hinges), "joint_velocity": len(hinges), "imu_quaternion": 4}
-    widths |= dict.fromkeys(("imu_angular_velocity", "imu_linear_acceleration"), 3)
     live = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, mit.KEY_PRESSED: None}
     live |= {point_velocity(point): 3 for point in contract.velocity_points}
     if contract.height_scan is not None:
@@ -115,21 +117,20 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
         if array in live and array not in given:
             raise FieldError(f"{array} is missing, expected it, as the policy observes {term.name}, or --robot")
     given = {"imu_linear_acceleration": np.zeros((steps, 3)), **given}
+    widths: dict[str, int | None] = dict(zip(STATE_ARRAYS, (count, count, 4, 3, 3), strict=True))
+    widths |= {"observation": None, "action": contract.action_count}
+    widths |= {"target": count} if "target" in given else {}
     arrays: dict[str, npt.NDArray[Any]] = {key: _table(given, key, steps, width) for key, width in widths.items()}
     arrays |= {EXTERN + key: _table(given, key, steps, width) for key, width in live.items() if key in given}
-    arrays["observation"] = _table(given, "observation", steps, None).astype(np.float32)
-    arrays["action"] = _table(given, "action", steps, contract.action_count).astype(np.float32)
-    if "target" in given:
-        arrays["target"] = _table(given, "target", steps, len(hinges))
     columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
     for key in {"joint_position", "joint_velocity", "target"} & arrays.keys():
         arrays[key] = arrays[key][:, columns]
-    for key in _MEMORY.keys() & given.keys():
-        values = np.broadcast_to(given[key], (steps, 7)) if given[key].shape == (7,) else given[key]
-        if len(np.atleast_1d(values)) != steps:
-            raise FieldError(f"{key} has shape {values.shape}, expected {steps} rows")
-        arrays[key] = values.astype(_MEMORY[key])
-    return Trace(name, tuple(hinges[i] for i in columns), arrays)
+    for key in given.keys() & set(_MEMORY):
+        arrays[key] = np.broadcast_to(given[key], (steps, 7)) if given[key].shape == (7,) else given[key]
+        if len(np.atleast_1d(arrays[key])) != steps:
+            raise FieldError(f"{key} has shape {arrays[key].shape}, expected {steps} rows")
+    typed = {key: array.astype(array_type(key)) for key, array in arrays.items()}
+    return Trace(name, tuple(hinges[i] for i in columns), typed)
 
 
 def _table(arrays: Arrays, name: str, steps: int, width: int | None) -> FloatArray:

@@ -54,7 +54,7 @@ def check_checkpoint(
         regular_file(contract_file, "a contract.yaml")
     try:
         joints = description.joint_names
-        reading = read_checkpoint(path, model.metadata, model.output_names, contract_file, joints, model.width)
+        reading = read_checkpoint(model.header, contract_file, joints)
         names = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:

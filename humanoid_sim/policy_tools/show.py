@@ -32,7 +32,7 @@ def show(options: Show) -> int:
     if options.contract is not None:
         regular_file(options.contract, "a contract.yaml")
     model = OnnxModel(options.checkpoint)
-    reading = read_checkpoint(model.path, model.metadata, model.output_names, options.contract, joints, model.width)
+    reading = read_checkpoint(model.header, options.contract, joints)
     refusal = reading.refusal(own_contract(options.checkpoint).name)
     golden = ""
     if not refusal:

@@ -11,6 +11,7 @@ from onnx import TensorProto, helper, numpy_helper
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint, read_checkpoint
+from humanoid_sim.policy.onnx_policy import Header
 from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 
 pytestmark = pytest.mark.usefixtures("near_ends")
@@ -91,7 +92,7 @@ def test_a_model_that_gives_the_anchor_alone(saved):
     checkpoint = load_checkpoint(saved(alone, contract(body_names=(), reference_quaternion="xyzw")))
     reference = checkpoint.with_motion().reference
     assert np.array_equal(reference.term("anchor_quat", 4), MOTION["body_quat_w"][4, 1])
-    reading = read_checkpoint(Path("t.onnx"), write_metadata(contract()), ("ref_quat_xyzw",))
+    reading = read_checkpoint(Header(write_metadata(contract()), ("ref_quat_xyzw",), Path("t.onnx")))
     assert reading.source["reference_quaternion"] == "assumed (output ref_quat_xyzw)"
     needy = contract(body_names=(), observation=("motion_anchor_pos_b", "joint_pos", "motion_command", "base_ang_vel"))
     with pytest.raises(InputError, match="its model has no output 'ref_pos_xyz'"):

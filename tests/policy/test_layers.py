@@ -90,7 +90,7 @@ def test_everything_that_is_missing_is_named_at_once_and_widths_are_known_all_th
     assert reading.contract is None
     assert set(reading.missing) == {
         *("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt"),
-        *("anchor_body", "phase", "command_names"),
+        *("anchor_body", "phase.period", "command_names"),
     }
     reading = join([deploy(**given, command_names=["twist"])], "policy.onnx")
     assert contract_layout(reading.outline).width == 6 + 3 + 4 + 3

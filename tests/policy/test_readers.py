@@ -9,6 +9,7 @@ import yaml
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import read_checkpoint
+from humanoid_sim.policy.onnx_policy import Header
 
 ROBOT = ("a", "b", "c", "d")
 
@@ -29,7 +30,7 @@ MJLAB = {
 
 
 def read(path, metadata=None, robot=ROBOT, width=None):
-    return read_checkpoint(path / "policy.onnx", metadata or {}, (), None, robot, width)
+    return read_checkpoint(Header(metadata or {}, (), path / "policy.onnx", width), None, robot)
 
 
 def test_mjlabs_metadata(tmp_path):

@@ -14,8 +14,7 @@ from recorded_run import PERIOD, run
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.policy.checkpoint import file_digest, placeholder_checkpoint
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.checkpoint import file_digest, load_checkpoint, placeholder_checkpoint
 from humanoid_sim.policy.readers.own import write_metadata
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.replay import main as replay_main
@@ -55,7 +54,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     model = save_model(folder / "policy.onnx", np.ones(14))
     ran = {"policy": model, "policy_sha256": file_digest(Path(model))}
-    header, ticks = run(OnnxPolicy(Path(model)), ran)
+    header, ticks = run(load_checkpoint(Path(model)).policy, ran)
     write_recording(folder / "run.mcap", ticks, header)
     return str(folder / "run.mcap"), model
 

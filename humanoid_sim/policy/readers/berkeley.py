@@ -37,12 +37,12 @@ def find_berkeley(checkpoint: Path) -> Path | None:
     places = (folder, folder / "configs", folder.parent / "configs")
     for path in (place / f"{checkpoint.stem}.yaml" for place in places):
         with suppress(InputError):  # some other file
-            if is_file(path) and read_section(path).values.keys() >= _KNOWN_BY:
+            if is_file(path) and read_section(path).keys() >= _KNOWN_BY:
                 return path
     return None
 
 
-def read_berkeley(path: Path) -> list[Layer]:
+def read_berkeley(path: Path, _: object) -> list[Layer]:
     """Return what the file states, and the terms that come with the dialect."""
     file = read_section(path)
     values = file.fields(_FIELDS)

@@ -23,12 +23,13 @@ _WITHOUT_EFFECT = ("robot_urdf", "robot_urdf_path", "wandb_run_path", "iteration
 
 def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return joints, gains and command ranges, and from `experiment_config` pose, scale, terms and rate."""
+    if "dof_names" not in metadata:
+        return []
     keys = Section({key: _json(key, metadata[key], where) for key in _KNOWN if key in metadata}, where)
     values = keys.fields(_FIELDS)
-    if isinstance(keys.get("command_ranges"), dict):
-        ranges = keys["command_ranges"]
+    if ranges := keys.at("command_ranges"):
         values["command_ranges"] = [ranges.get(axis) for axis in ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")]
-    values = _experiment(keys["experiment_config"], values) | values
+    values = _experiment(keys.at("experiment_config"), values) | values
     assumed: dict[str, Any] = {"policy_dt": 0.02}
     if "phase.period" in values:  # holosoma's LocomotionGait
         assumed |= {"phase.offsets": [0.0, np.pi], "phase.standing_threshold": 0.01, "phase.standing_value": np.pi}
@@ -37,11 +38,10 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
 
 
 def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
-    robot = config["robot"]
-    control, efforts = robot["control"], robot.get("dof_effort_limit_list")
+    robot = config.at("robot")
+    control, efforts = robot.at("control"), robot.get("dof_effort_limit_list")
     found = control.fields({"action_scale": "action_scale"})
-    pose = robot["init_state"]["default_joint_angles"].values
-    if pose:
+    if pose := robot.at("init_state", "default_joint_angles"):
         found["default_joint_pos"] = {".*": 0.0, **pose}
     stiffness = values.get("joint_stiffness")
     by_effort = control.get("action_scales_by_effort_limit_over_p_gain")
@@ -52,17 +52,17 @@ def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
         found |= control.fields({"action_clip_value": "action_clip"})
     if control.get("clip_torques") and efforts:
         found["effort_limit"] = efforts
-    sim = config["simulator"]["config"]["sim"]
+    sim = config.at("simulator", "config", "sim")
     if sim.get("fps") and sim.get("control_decimation"):
         found["policy_dt"] = sim.number("control_decimation") / sim.number("fps")
-    group = config["observation"]["groups"]["actor_obs"]
-    names = sorted(group["terms"].values)
+    group = config.at("observation", "groups", "actor_obs")
+    names = sorted(group.at("terms"))
     if names:
         found["observation"] = names
     for name in names:
-        found[f"observation.{name}.scale"] = group["terms"][name].values.get("scale", 1.0)
-        found[f"observation.{name}.history"] = group.values.get("history_length", 1)
-    period = config["command"]["setup_terms"]["locomotion_gait"]["params"].get("gait_period")
+        found[f"observation.{name}.scale"] = group.at("terms", name).get("scale", 1.0)
+        found[f"observation.{name}.history"] = group.get("history_length", 1)
+    period = config.at("command", "setup_terms", "locomotion_gait", "params").get("gait_period")
     if period and any("phase" in name for name in names):
         found["phase.period"] = period
     return found

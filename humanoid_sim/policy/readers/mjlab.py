@@ -45,6 +45,8 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
     the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the velocimeter there.
     Files without its keys may be whole_body_tracking's, which observes the base itself.
     """
+    if "joint_names" not in metadata or not {"joint_stiffness", "observation_names"} & metadata.keys():
+        return []
     values = {name: csv_field(name, key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
     names = values.get("observation", ())
     rows = {key: _rows(key, metadata[key], len(names), where) for key in _OF_TERMS if key in metadata}

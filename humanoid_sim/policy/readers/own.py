@@ -27,7 +27,8 @@ METADATA_KEYS = (
     *("action_scale", "policy_dt", "body_names", "dataset_repo_id", "lookahead_steps"),
 )
 """The thirteen keys of a self-describing checkpoint. Lists are CSV, as mjlab's exporter writes them."""
-OWN_KEYS = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}  # of no other dialect
+_UNIQUE = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}
+"""Keys of no other dialect."""
 
 
 # --- thirteen keys of CSV ---
@@ -55,7 +56,9 @@ def csv_field(name: str, key: str, text: str, where: str) -> Any:
 
 
 def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:
-    """Return what the thirteen keys state."""
+    """Return what the thirteen keys state, if one is there that no other dialect has."""
+    if not _UNIQUE & metadata.keys():
+        return []
     names = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS if key in metadata}
     return [Layer("metadata", {name: csv_field(name, key, metadata[key], where) for key, name in names.items()})]
 
@@ -103,23 +106,17 @@ def decode(text: str, where: str) -> PolicyContract:
 
 def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return a stamped contract, whose fields keep the sources that they had; usual values have none."""
+    if STAMP_KEY not in metadata:
+        return []
     made = decode(metadata[STAMP_KEY], where)
-    required = {
-        item.name: getattr(made, item.name)
-        for item in fields(PolicyContract)
-        if item.default is MISSING and item.default_factory is MISSING
-    }
-    needed = {
-        "observation": made.observation_names,
-        "lookahead_steps": made.lookahead_steps,
-        "phase": None if made.phase is None else PhaseRule(made.phase.period),
-    }
-    usual = flattened(plain(PolicyContract(**{**required, **needed})), where)
+    required = [item.name for item in fields(PolicyContract) if item.default is item.default_factory is MISSING]
+    phase = None if made.phase is None else PhaseRule(made.phase.period)
+    given = {name: getattr(made, name) for name in (*required, "lookahead_steps")}
+    usual = flattened(plain(PolicyContract(**{**given, "observation": made.observation_names, "phase": phase})), where)
     layers: dict[str, dict[str, Any]] = {}
     for name, value in flattened(plain(made), where).items():
-        is_stated = name in (*required, "phase.period", "lookahead_steps") and value
-        is_usual = value == usual.get(name) and not is_stated
-        origin = made.source.get(name, "" if is_usual else "stamp")
+        is_stated = value and name in (*given, "phase.period")
+        origin = made.source.get(name, "stamp" if is_stated or value != usual.get(name) else "")
         if origin and not origin.startswith("follows from"):
             layers.setdefault(origin, {})[name] = value
     return [Layer(origin, group) for origin, group in layers.items()]

@@ -22,24 +22,23 @@ def find_beside(checkpoint: Path, name: str) -> Path | None:
     return next((place / name for place in places if is_file(place / name)), None)
 
 
-class Section:
+class Section(dict[str, Any]):
     """A mapping in a trainer's file, and where it stands. What is null or absent is empty."""
 
     def __init__(self, document: Any, where: str) -> None:
         if not isinstance(document, dict | None):
             raise InputError(f"{where}: is {shown(document)}, expected a mapping")
-        self.values: Mapping[str, Any] = {str(key): value for key, value in (document or {}).items()}
+        super().__init__({str(key): value for key, value in (document or {}).items()})
         self.where = where
 
-    def __getitem__(self, key: str) -> Section:
-        return Section(self.values.get(key), f"{self.where}: {key}")
-
-    def get(self, key: str) -> Any:
-        """Return a value; None where it is absent."""
-        return self.values.get(key)
+    def at(self, *keys: str) -> Section:
+        """Return the mapping within, key by key."""
+        section = self
+        for key in keys:
+            section = Section(section.get(key), f"{section.where}: {key}")
+        return section
 
     def number(self, key: str) -> float:
-        """Return a number."""
         value = self.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{self.where}: {key} is {shown(value)}, expected a number")
@@ -47,7 +46,7 @@ class Section:
 
     def fields(self, names: Mapping[str, str]) -> dict[str, Any]:
         """Return the values that are there, by the field of the contract that each key stands for."""
-        return {name: self.values[key] for key, name in names.items() if self.get(key) is not None}
+        return {name: self[key] for key, name in names.items() if self.get(key) is not None}
 
 
 def read_section(path: Path) -> Section:
@@ -64,31 +63,32 @@ def is_group(value: Any) -> bool:
 
 def observation_fields(group: Section) -> dict[str, Any]:
     """Return the fields of a contract that an observation group of Isaac Lab's form gives, term by term."""
-    names = [name for name, term in group.values.items() if isinstance(term, dict)]
+    names = [name for name, term in group.items() if isinstance(term, dict)]
     if not names:
         return {}
     stacked = group.get("use_gym_history") is True
     found: dict[str, Any] = {"observation": names, "history_layout": "per_step" if stacked else "per_term"}
     commands: list[str] = []
     for name in names:
-        if is_group(group.get(name)):
+        if is_group(group[name]):
             raise InputError(f"{group.where}: has the groups {', '.join(names)}, expected one, for one input")
-        term, params, field = group[name], group[name]["params"], f"observation.{name}"
+        term, params, field = group.at(name), group.at(name, "params"), f"observation.{name}"
         function = str(term.get("func") or "").rpartition(":")[2].replace("generated_commands", "command")
         kind = term_kind(name)
         if kind.meaning == "live input" and term_kind(function).meaning != "live input":
             found[f"{field}.kind"], kind = function, term_kind(function)
         if kind.name == "joint_pos" and function in ("joint_pos", "joint_pos_rel"):
             found[f"{field}.relative"] = function == "joint_pos_rel"
-        found[f"{field}.scale"] = 1.0 if term.get("scale") is None else term.get("scale")
+        scale = 1.0 if term.get("scale") is None else term["scale"]
+        found[f"{field}.scale"] = scale
         if term.get("clip") is not None:
-            factor = found[f"{field}.scale"] if group.get("scale_first") is True else 1.0
-            found[f"{field}.clip"] = [bound / factor for bound in term.get("clip")]
-        history = term.get("history_length") if group.get("history_length") is None else group.get("history_length")
+            factor = scale if group.get("scale_first") is True else 1.0
+            found[f"{field}.clip"] = [bound / factor for bound in term["clip"]]
+        history = term.get("history_length") if group.get("history_length") is None else group["history_length"]
         found[f"{field}.history"] = history or 1  # 0: no history, the present step alone
         if isinstance(params.get("command_name"), str):
-            commands.append(params.get("command_name"))
-        joints = params["asset_cfg"].get("joint_ids")
+            commands.append(params["command_name"])
+        joints = params.at("asset_cfg").get("joint_ids")
         if kind.reads.startswith("joint_") and joints not in (None, slice(None)):
             found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
@@ -102,9 +102,9 @@ def isaac_scans(group: Section) -> dict[str, Any]:
     A ray (`RayCasterCfg`, `GridPatternCfg`) that hits nothing counts as endlessly high ground; the clip bounds it.
     """
     found: dict[str, Any] = {}
-    for name, term in group.values.items():
+    for name, term in group.items():
         if term_kind(name).name == HEIGHT_SCAN and isinstance(term, dict):
-            offset = group[name]["params"].get("offset")
+            offset = group.at(name, "params").get("offset")
             scan = HeightScan("torso_link", offset=0.5 if offset is None else offset, range=1e6, miss=-1e6, above=20.0)
             found[f"observation.{name}.scan"] = scan
     return found

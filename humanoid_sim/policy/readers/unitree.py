@@ -25,9 +25,9 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
     other.
     """
     file = read_section(path)
-    group = file["observations"]
-    while len(group.values) == 1 and is_group(next(iter(group.values.values()))):
-        group = group[next(iter(group.values))]
+    group = file.at("observations")
+    while len(group) == 1 and is_group(next(iter(group.values()))):
+        group = group.at(*group)
     values = observation_fields(group)
     values |= file.fields({"step_dt": "policy_dt", "default_joint_pos": "default_joint_pos"})
     with blaming(f"{path}: joint_ids_map", msgspec.ValidationError):
@@ -38,17 +38,16 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
             gains = [gains[i] for i in _order(places, len(gains), f"{path}: {key} has {len(gains)} values")]
         if gains is not None:
             values[f"joint_{key}"] = gains
-    ranges = file["commands"]["base_velocity"]["ranges"]
-    if ranges.values:
+    if ranges := file.at("commands", "base_velocity", "ranges"):
         values["command_ranges"] = [ranges.get(axis) for axis in COMMAND_AXES]
-    if file.get("commands"):
-        values["command_names"] = list(file["commands"].values)
-    actions = file["actions"]
-    if actions.values and list(actions.values) != ["JointPositionAction"]:
-        raise InputError(f"{actions.where} is {', '.join(actions.values)}, expected JointPositionAction alone")
-    action = actions["JointPositionAction"]
+    if commands := file.at("commands"):
+        values["command_names"] = list(commands)
+    actions = file.at("actions")
+    if actions and list(actions) != ["JointPositionAction"]:
+        raise InputError(f"{actions.where} is {', '.join(actions)}, expected JointPositionAction alone")
+    action = actions.at("JointPositionAction")
     values |= action.fields(_ACTION)
-    driven = action.get("joint_names") if action.get("joint_ids") is None else action.get("joint_ids")
+    driven = action.get("joint_names") if action.get("joint_ids") is None else action["joint_ids"]
     if driven not in (None, slice(None)):
         values["action_joint_names"] = driven
     assumed = isaac_scans(group)
@@ -62,12 +61,12 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         what = f"{path}: joint_ids_map is for another robot: this one has {len(robot_joints)} joints"
         order = _order(places, len(robot_joints), what)
         layers.append(Layer(f"{path.name} and the robot", {"joint_names": [robot_joints[i] for i in order]}))
-    unused, gaps = [], sorted(set(range(max(places, default=0))) - set(places))
-    if gaps:
+    unused: tuple[str, ...] = ()
+    if gaps := sorted(set(range(max(places, default=0))) - set(places)):
         what = "gains are read as the policy's own, but Unitree's program puts them on motors 0 to"
         rest = f"{len(places) - 1}, and leaves those to {max(places)} without"
-        unused.append(f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}")
-    return [*layers, Layer(path.name, values, unused=tuple(unused))]
+        unused = (f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}",)
+    return [*layers, Layer(path.name, values, unused=unused)]
 
 
 def _order(places: Sequence[int], count: int, what: str) -> list[int]:
