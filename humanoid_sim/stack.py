@@ -30,7 +30,6 @@ from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import URDF_DOCUMENT, SessionHeader
-from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.policy.readers.own import decode, encode
@@ -160,9 +159,8 @@ def run_header(
     }
     attachments = {} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)}
     if loaded is not None:
-        labels = observation_labels(loaded.contract, loaded.layout)
         documents["contract"] = encode(loaded.contract)
-        documents[LABELS_DOCUMENT] = labels_document(labels, loaded.contract.action_joint_names)
+        documents[LABELS_DOCUMENT] = labels_document(loaded.observation_labels, loaded.contract.action_joint_names)
     if policies:
         files = {name: f"{name}.{MOTION_ATTACHMENT}" for name in motions or {}}
         attachments |= {files[name]: motion_bytes(followed) for name, followed in (motions or {}).items()}

@@ -20,7 +20,7 @@ from humanoid_sim.policy.checkpoint import (
     read_contract,
     zero_policy,
 )
-from humanoid_sim.policy.describe import assumptions
+from humanoid_sim.policy.findings import assumptions
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
@@ -143,8 +143,10 @@ def _notices(checkpoint: Checkpoint, warning: str) -> list[str]:
     golden, reading = checkpoint.golden, checkpoint.reading
     if not golden and not warning and not checkpoint.contract.live_inputs:
         golden = "none, so nothing proves that the policy is wired here as it was trained"
-    lines = [f"{values}: {source}" for source, values in assumptions(checkpoint.contract).items()]
-    lines += [f"not used: {line}" for line in ([] if reading is None else reading.unused)]
+    lines = []
+    if reading is not None:
+        lines = [f"{values}: {source}" for source, values in assumptions(reading.values, reading.source).items()]
+        lines += [f"not used: {line}" for line in reading.unused]
     return [*lines, f"golden vectors: {golden}"] if golden else lines
 
 

@@ -143,9 +143,10 @@ def _width(reading: Reading) -> int | None:
 
 def required_contract(reading: Reading, path: Path) -> PolicyContract:
     """Return the contract. Raises `InputError` with everything that keeps it from being one."""
-    refusal = reading.refusal(own.own_contract(path).name)
-    if refusal or reading.contract is None:
-        raise InputError(f"{path}: {refusal}")
+    problems = reading.problems(own.own_contract(path).name)
+    if problems or reading.contract is None:
+        lines = (text if field == "contract" else f"{field}: {text}" for field, text in problems.items())
+        raise InputError(f"{path}: {'; '.join(lines)}")
     return reading.contract
 
 

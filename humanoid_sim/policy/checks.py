@@ -15,7 +15,6 @@ from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
 from humanoid_sim.errors import known_names, meant
 from humanoid_sim.mit import BASE, IMU, BoolArray, FloatArray
 from humanoid_sim.names import mirrored_pairs
-from humanoid_sim.policy.describe import assumptions
 from humanoid_sim.policy.findings import Finding, Severity, list_joints
 from humanoid_sim.policy.layers import rounding
 from humanoid_sim.robots.description import RobotDescription
@@ -36,7 +35,6 @@ def contract_findings(
 ) -> list[Finding]:
     """Run every check of a contract; `model` is the robot's own, `hardware`: for the real robot, without estimator."""
     damping = own_joint_damping(model, description)
-    unstated = ": no source states it; x.contract.yaml can"
     return [
         *_name_findings(contract, description, model),
         *(motor_findings(contract, description) if hardware else ()),
@@ -49,7 +47,6 @@ def contract_findings(
         *_formula_findings(contract, description, model),
         *model_damping_findings(contract, damping),
         *_rounding_findings(contract),
-        *(Finding("warning", source, f"{values}{unstated}") for source, values in assumptions(contract).items()),
     ]
 
 

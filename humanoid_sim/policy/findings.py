@@ -1,4 +1,4 @@
-"""Findings of checks, and values and joints as one line of a message shows them."""
+"""Findings of checks, and contracts, values and joints in words."""
 
 from __future__ import annotations
 
@@ -51,3 +51,40 @@ def shown(value: Any, width: int = 60) -> str:
     else:
         text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) <= width else f"{text[: width - 3]}..."
+
+
+def is_assumed(source: str) -> bool:
+    """Return True if no source states a field, but a dialect implies it."""
+    return source.startswith("assumed")
+
+
+def assumptions(values: Mapping[str, Any], source: Mapping[str, str]) -> dict[str, str]:
+    """Return the fields that no source states, with their values, by the dialect that implies them."""
+    found: dict[str, list[str]] = {}
+    for field, value, origin in contract_rows(values, source):
+        if is_assumed(origin):
+            found.setdefault(origin, []).append(f"{field} {value}")
+    return {origin: "; ".join(texts) for origin, texts in found.items()}
+
+
+def contract_rows(values: Mapping[str, Any], source: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Return field, value and source, as in `Layer.values`; parts of a field, and options of terms, together."""
+    parts: dict[tuple[str, str], list[str]] = {}
+    for name, value in values.items():
+        owner, _, part = name.rpartition(".")
+        parts.setdefault((owner or name, source[name]), []).append(
+            f"{part} {shown(value)}" if owner else in_words(value)
+        )
+    rows: list[tuple[str, str, str]] = []
+    terms: dict[tuple[str, str], list[str]] = {}
+    for (owner, origin), texts in parts.items():
+        if owner.startswith("observation."):
+            terms.setdefault((", ".join(texts), origin), []).append(owner.removeprefix("observation."))
+        else:
+            rows.append((owner, ", ".join(texts), origin))
+    return rows + [("terms", f"{text} of {', '.join(names)}", origin) for (text, origin), names in terms.items()]
+
+
+def in_words(value: Any) -> str:
+    """Return a field's value, names too, in few words."""
+    return list_joints([str(item) for item in value]) or "none" if isinstance(value, tuple) else shown(value) or "none"

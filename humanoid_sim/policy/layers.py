@@ -19,7 +19,7 @@ from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorN
 from humanoid_sim.controllers.terms import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.findings import list_joints, shown
+from humanoid_sim.policy.findings import is_assumed, list_joints, shown
 
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
 MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
@@ -66,7 +66,7 @@ class Reading:
     values: Mapping[str, Any]  # by field, as in `Layer.values`, in the order of the joints
     source: Mapping[str, str]
     replaced: Mapping[str, tuple[Statement, ...]]
-    differences: tuple[str, ...]  # between the trainer's own sources, a line for each field
+    differences: Mapping[str, str]  # by field, between the trainer's own sources
     missing: tuple[str, ...]
     unused: tuple[str, ...]
     outline: PolicyContract | None = None
@@ -77,17 +77,13 @@ class Reading:
         """None where something is missing."""
         return None if self.missing else self.outline
 
-    def refusal(self, hand: str) -> str:
-        """Return all that keeps the contract from being used, as one line; `hand`: the contract.yaml that decides."""
-        parts = [f"{line} (the right value in {hand} decides)" for line in self.differences]
-        if self.missing:
-            parts.append(f"lacks {', '.join(self.missing)}: give what is missing in {hand}")
-        return "; ".join(parts)
-
-
-def is_assumed(source: str) -> bool:
-    """Return True if no source states a field, but a dialect implies it."""
-    return source.startswith("assumed")
+    def problems(self, hand: str) -> dict[str, str]:
+        """Return by field what keeps the contract from being used; `hand`: the contract.yaml that decides."""
+        lacking = f"lacks {', '.join(self.missing)}: give what is missing in {hand}"
+        found = {"contract": lacking} if self.missing else {}
+        return found | {
+            field: f"{text} (the right value in {hand} decides)" for field, text in self.differences.items()
+        }
 
 
 def join(layers: Sequence[Layer], where: str) -> Reading:
@@ -95,144 +91,131 @@ def join(layers: Sequence[Layer], where: str) -> Reading:
     implied = [layer for layer in layers if is_assumed(layer.source)]
     # Of assumptions the first source's count: the model's own metadata knows its dialect best.
     ordered = [*reversed(implied), *(layer for layer in layers if layer not in implied)]
-    joints: tuple[str, ...] = ()
+    names = _Names(ordered, where)
+    statements: dict[str, list[tuple[Statement, Layer]]] = {}
     for layer in ordered:
-        if "joint_names" in layer.values:
-            joints = checked("joint_names", layer.values["joint_names"], f"{where}: {layer.source}: joint_names")
-    joined = _Joined(joints)
-    for layer in ordered:
-        for name in sorted(layer.values, key=_order):
-            joined.add(name, layer, f"{where}: {layer.source}: {name}")
-    values, source, missing = joined.finish()
-    unused = tuple(line for layer in ordered for line in layer.unused)
+        for name, given in layer.values.items():
+            place = f"{where}: {layer.source}: {name}"
+            key, value = names.key(name), checked(name, given, place)
+            if not key and layer.is_decisive:
+                raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
+            if key:
+                statement = Statement(names.value(key, value, place), layer.source)
+                statements.setdefault(key, []).append((statement, layer))
+    found: dict[str, Statement] = {}
+    replaced: dict[str, tuple[Statement, ...]] = {}
+    differences: dict[str, str] = {}
+    for key, stated in statements.items():
+        for statement, layer in stated:
+            new, old = statement, found.get(key)
+            if old is not None and not is_assumed(old.source):
+                difference = names.difference(key, old, new)
+                if difference:
+                    replaced[key], differences[key] = (*replaced.get(key, ()), old), difference
+                elif key != "observation":  # options of terms stand under the later names
+                    new = _exact(old, new)
+            if layer.is_decisive or key in _MAY_DIFFER:
+                differences.pop(key, None)
+            found[key] = new
+    missing = names.complete(found)
+    values = {key: statement.value for key, statement in found.items()}
+    source = {key: statement.source for key, statement in found.items()}
     outline = None
-    if values.keys() >= {"joint_names", "observation"}:
+    if names.joints and names.terms:
         try:
             outline = build({**values, **{name: _NEUTRAL[name] for name in missing if name in _NEUTRAL}}, source)
         except FieldError as error:
             field = str(error).partition(":")[0].removeprefix("PolicyContract.")
             raise InputError(f"{where}: {error} ({source.get(field, 'its sources together')})") from None
-    return Reading(values, source, joined.replaced, tuple(joined.differences.values()), missing, unused, outline)
+    unused = tuple(line for layer in ordered for line in layer.unused)
+    return Reading(values, source, replaced, differences, missing, unused, outline)
 
 
-def _order(name: str) -> int:
-    """Names come first, as other values may be given by them, and kinds of terms before the terms."""
-    if name in ("action_joint_names", "command_names") or name.endswith(".kind"):
-        return 0
-    return 1 if name == "observation" else 2
+class _Names:
+    """The joints and terms by which sources give values, as the last source names them, and what the terms mean."""
 
+    def __init__(self, layers: Sequence[Layer], where: str) -> None:
+        last = {name: (layer, value) for layer in layers for name, value in layer.values.items()}
+        given = {
+            name: checked(name, value, f"{where}: {layer.source}: {name}") for name, (layer, value) in last.items()
+        }
+        self.joints: tuple[str, ...] = given.get("joint_names", ())
+        self.terms: tuple[str, ...] = given.get("observation", ())
+        self._commands: tuple[str, ...] = given.get("command_names", ())
+        self._kinds = {name: value for name, value in given.items() if name.endswith(".kind")}
+        self._driven = self.joints
+        if "action_joint_names" in last:
+            layer, _ = last["action_joint_names"]
+            place = f"{where}: {layer.source}: action_joint_names"
+            self._driven = self.value("action_joint_names", given["action_joint_names"], place)
 
-class _Joined:
-    """What the sources so far state together."""
+    def kind(self, term: str) -> TermKind:
+        """Return what a term means, whichever source calls it so."""
+        return term_kind(self._kinds.get(f"observation.{term}.kind", term), self._commands)
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        self.joints = joints  # as the last source names them
-        self.found: dict[str, Statement] = {}
-        self.replaced: dict[str, tuple[Statement, ...]] = {}
-        self.differences: dict[str, str] = {}
-
-    def add(self, name: str, layer: Layer, where: str) -> None:
-        """Take a field of the next source."""
-        key, value = self._resolved(name, layer, where)
-        new, old = Statement(value, layer.source), self.found.get(key)
-        if old is not None and not is_assumed(old.source):
-            difference = self._difference(key, old, new)
-            if difference:
-                self.replaced[key] = (*self.replaced.get(key, ()), old)
-                self.differences[key] = difference
-            elif key != "observation":  # options of terms stand under the later names
-                new = _exact(old, new)
-        if layer.is_decisive or key in _MAY_DIFFER:
-            self.differences.pop(key, None)
-        if key == "observation":
-            self.found = {self._renamed(one, value): statement for one, statement in self.found.items()}
-            self.found.pop("", None)
-        self.found[key] = new
-
-    def finish(self) -> tuple[dict[str, Any], dict[str, str], tuple[str, ...]]:
-        """Return values and sources by field, with what follows from others, and the fields that are missing."""
-        terms = self._value("observation", ())
-        kinds = [self._kind(name) for name in terms]
-        if "joint_names" in self.found:
-            self._follow("action_joint_names", self.joints, "joint_names")
-        if "observation" in self.found:
-            tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
-            self._follow("task_type", (*tasks, "locomotion")[0], "observation")
-            self._follow("command_names", (), "observation")
-            if all(kind.requires != "body_names" for kind in kinds):
-                self._follow("body_names", (), "observation")
-        needed = [*_REQUIRED, *(kind.requires.replace("phase", "phase.period") for kind in kinds if kind.requires)]
-        if "command" in terms:
-            needed.append("command_names")
-        values = {name: statement.value for name, statement in self.found.items()}
-        given = [name for name, value in values.items() if isinstance(value, np.ndarray) or value]
-        missing = tuple(dict.fromkeys(name for name in needed if name not in given))
-        return values, {name: statement.source for name, statement in self.found.items()}, missing
-
-    def _follow(self, name: str, value: Any, other: str) -> None:
-        self.found.setdefault(name, Statement(value, f"follows from {other}"))
-
-    def _value(self, name: str, usual: Any) -> Any:
-        return self.found[name].value if name in self.found else usual
-
-    def _kind(self, term: str) -> TermKind:
-        return term_kind(self._value(f"observation.{term}.kind", term), self._value("command_names", ()))
-
-    def _owners(self, key: str) -> tuple[str, ...]:
-        of_action = key in ("action_scale", "action_offset", "position_clip")
-        return self._value("action_joint_names", self.joints) if of_action else self.joints  # type: ignore[no-any-return]
-
-    def _resolved(self, name: str, layer: Layer, where: str) -> tuple[str, Any]:
-        """Return field and value with joints and terms as the other sources have them."""
-        value = checked(name, layer.values[name], where)
-        if name.startswith("observation.") and layer.is_decisive and "observation" in self.found:
-            terms = self.found["observation"].value
-            name = self._renamed(name, terms)
-            if not name:
-                raise InputError(f"{where}: is of no observation term, expected one of {', '.join(terms)}")
-        with blaming(f"{where}: is no pattern of names", re.error):
-            if self.joints and value is not None and (name == "action_joint_names" or name.endswith(".joints")):
-                return name, _chosen(value, self.joints, where)
-            if self.joints and isinstance(value, dict):
-                return name, _by_name(value, self._owners(name), name, where)
-        return name, value
-
-    def _renamed(self, key: str, names: Sequence[str]) -> str:
-        """Return a field with the name that another source gives its term; empty if that has no such term."""
-        term, option = term_option(key)
-        if not key.startswith("observation.") or term in names:
-            return key
-        same = [name for name in names if self._kind(name).name == self._kind(term).name]
+    def key(self, name: str) -> str:
+        """Return a field under the last source's name of its term; empty if that has no such term."""
+        term, option = _term_option(name)
+        if not name.startswith("observation.") or term in self.terms or not self.terms:
+            return name
+        same = [own for own in self.terms if self.kind(own).name == self.kind(term).name]
         return f"observation.{same[0]}.{option}" if len(same) == 1 else ""
 
-    def _difference(self, key: str, old: Statement, new: Statement) -> str:
+    def value(self, key: str, value: Any, where: str) -> Any:
+        """Return names of joints, and values by their names, in the order of the joints, where these are known."""
+        with blaming(f"{where}: is no pattern of names", re.error):
+            if self.joints and value is not None and (key == "action_joint_names" or key.endswith(".joints")):
+                return _chosen(value, self.joints, where)
+            if self.joints and isinstance(value, dict):
+                return _by_name(value, self._owners(key), key, where)
+        return value
+
+    def _owners(self, key: str) -> tuple[str, ...]:
+        return self._driven if key in ("action_scale", "action_offset", "position_clip") else self.joints
+
+    def difference(self, key: str, old: Statement, new: Statement) -> str:
         """Return how two sources differ by more than rounding; empty if they do not."""
         a, b = old.value, new.value
-        both = f"{key}: {shown(a)} in {old.source}, {shown(b)} in {new.source}"
+        both = f"{shown(a)} in {old.source}, {shown(b)} in {new.source}"
         if isinstance(a, tuple) and isinstance(b, tuple):
-            ours, theirs = ([self._kind(name).name if key == "observation" else name for name in x] for x in (a, b))
+            ours, theirs = (
+                [self.kind(name).name if key == "observation" else name for name in names] for names in (a, b)
+            )
             what = "the order differs" if sorted(ours) == sorted(theirs) else "differs"
             for i, (one, other) in enumerate(zip_longest(ours, theirs)):
                 if one != other:
                     first, second = (names[i] if i < len(names) else "nothing" for names in (a, b))
-                    return f"{key}: {what} at place {i}: {first} in {old.source}, {second} in {new.source}"
+                    return f"{what} at place {i}: {first} in {old.source}, {second} in {new.source}"
             return ""
         if not (isinstance(a, np.ndarray | float) and isinstance(b, np.ndarray | float)):
             # Values by name cannot be compared without joints.
             return "" if type(a) is type(b) and (isinstance(a, dict) or a == b) else both
-        a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-        if a.shape != b.shape and 1 not in (a.size, b.size):
-            return f"{key}: {a.size} values in {old.source}, {b.size} in {new.source}"
+        if np.shape(a) != np.shape(b) and 1 not in (np.size(a), np.size(b)):
+            return f"{np.size(a)} values in {old.source}, {np.size(b)} in {new.source}"
+        a, b = np.broadcast_arrays(a, b)
         with np.errstate(invalid="ignore"):  # infinity - infinity
-            differs = ~((a == b) | (np.abs(a - b) <= rounding(a) + rounding(b)))
+            differs = ~((a == b) | (np.abs(a - b) <= rounding(old.value) + rounding(new.value)))
         if differs.shape != (len(self._owners(key)),):
             return both if differs.any() else ""
-        rows = zip(self._owners(key), *np.broadcast_arrays(a, b, differs), strict=True)
+        rows = zip(self._owners(key), a, b, differs, strict=True)
         joints = {joint: f"{x:g} against {y:g}" for joint, x, y, is_far in rows if is_far}
-        return f"{key}: {old.source} and {new.source} differ: {list_joints(joints)}" if joints else ""
+        return f"{old.source} and {new.source} differ: {list_joints(joints)}" if joints else ""
 
-
-# --- values as sources write them ---
+    def complete(self, found: dict[str, Statement]) -> tuple[str, ...]:
+        """Add the fields that follow from others, and return those that are missing."""
+        kinds = [self.kind(name) for name in self.terms]
+        if self.joints:
+            found.setdefault("action_joint_names", Statement(self.joints, "follows from joint_names"))
+        if self.terms:
+            tasks = [task for task in ("tracking", "piano") if any(kind.task == task for kind in kinds)]
+            derived: dict[str, Any] = {"task_type": (*tasks, "locomotion")[0], "command_names": ()}
+            derived |= {"body_names": ()} if all(kind.requires != "body_names" for kind in kinds) else {}
+            for name, value in derived.items():
+                found.setdefault(name, Statement(value, "follows from observation"))
+        needed = [*_REQUIRED, *(kind.requires.replace("phase", "phase.period") for kind in kinds if kind.requires)]
+        needed += ["command_names"] if "command" in self.terms else []
+        given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value]
+        return tuple(dict.fromkeys(name for name in needed if name not in given))
 
 
 def checked(name: str, value: Any, where: str) -> Any:
@@ -299,13 +282,10 @@ def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where:
     return array.reshape(-1, 2) if key == "position_clip" else array
 
 
-def term_option(name: str) -> tuple[str, str]:
+def _term_option(name: str) -> tuple[str, str]:
     """Return the term and the option of a field `observation.TERM.OPTION`; a term's name may have dots."""
     term, _, option = name.removeprefix("observation.").rpartition(".")
     return term, option
-
-
-# --- two values of one field ---
 
 
 def _exact(old: Statement, new: Statement) -> Statement:
@@ -337,9 +317,6 @@ def rounding(values: FloatArray) -> FloatArray:
     return np.maximum(last_decimal, 0.005 * np.abs(values) if significant == 3 else 0.0)
 
 
-# --- the contract of joined fields ---
-
-
 def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContract:
     """Return the contract of joined fields. Raises `FieldError` if they do not fit each other."""
     plain: dict[str, Any] = {}
@@ -348,7 +325,7 @@ def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContrac
     for name, value in values.items():
         whole, _, part = name.partition(".")
         if whole == "observation" and part:
-            term, option = term_option(name)
+            term, option = _term_option(name)
             options[term][option] = value
         elif part:
             parts[whole][part] = value

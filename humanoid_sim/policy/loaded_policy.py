@@ -11,6 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
+from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
@@ -44,6 +45,12 @@ class LoadedPolicy:
     def layout(self) -> ObservationLayout:
         """The observation in the policy's own joint order; names and widths are the same on every robot."""
         return resolve_observation(self.contract, self.contract.joint_names, self.reference, self.extern)
+
+    @property
+    def observation_labels(self) -> dict[str, tuple[str, ...]]:
+        """The joints of the values of each term that shows one value of each joint."""
+        joints = {bound.name: (value_names(bound.term, self.contract), bound.width) for bound in self.layout.terms}
+        return {name: names for name, (names, width) in joints.items() if len(set(names)) == width}
 
 
 def load_policy(

@@ -15,12 +15,13 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_checkpoint
 from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import SEVERITIES, Finding
+from humanoid_sim.policy.findings import SEVERITIES, Finding, assumptions
 from humanoid_sim.policy.golden import verify_golden
+from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
-from humanoid_sim.policy.readers.own import own_contract
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, own_contract
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
@@ -53,8 +54,7 @@ def check_checkpoint(
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
     try:
-        joints = description.joint_names
-        reading = read_checkpoint(model.header, contract_file, joints)
+        reading = read_checkpoint(model.header, contract_file, description.joint_names)
         names = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:
@@ -62,8 +62,11 @@ def check_checkpoint(
     findings = list(_source_findings(reading, policy, own_contract(path).name))
     contract = reading.contract
     if contract is not None and policy.action_width == contract.action_count:
-        findings += _model_findings(Checkpoint(contract, policy, str(path), observation_width=policy.observation_width))
-        findings += _robot_findings(contract, description, hardware=hardware)
+        findings += _model_findings(contract, policy)
+        findings += contract_findings(contract, description, bare_model(description), hardware=hardware)
+        findings += _stability_findings(contract, description)
+        for source, values in assumptions(reading.values, reading.source).items():
+            findings.append(Finding("warning", source, f"{values}: no source states it; x.contract.yaml can"))
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
@@ -79,32 +82,29 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
         if policy.action_width != contract.action_count:
             message = f"is {contract.action_count} wide, the model's output {policy.action_width}"
             yield Finding("error", "action_joint_names", message)
-    if reading.missing:
-        yield Finding("error", "contract", f"lacks {', '.join(reading.missing)}: give what is missing in {hand}")
-    for line in reading.differences:
-        field, _, what = line.partition(": ")
-        yield Finding("error", field, f"{what}; the right value in {hand} decides")
-    for line in reading.unused:
-        yield Finding("warning", "not used", line)
+    yield from (Finding("error", field, text) for field, text in reading.problems(hand).items())
+    yield from (Finding("warning", "not used", line) for line in reading.unused)
 
 
-def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
-    contract, zeros = checkpoint.contract, np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
-    action, limit = np.abs(checkpoint.policy(zeros, 0)), action_limit_of(contract)
+def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
+    width, limit = policy.observation_width, action_limit_of(contract)
+    action = np.abs(policy(np.zeros(width, dtype=np.float32), 0))
     if not action.max() <= limit:
         joint = contract.action_joint_names[int(np.argmax(action))]
         message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
         yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
+    source, has_samples = str(policy.model.path), GOLDEN_KEY in policy.model.header.metadata
     try:
+        motion = sweep_motion(policy, contract) if has_samples else None
+        proof = verify_golden(Checkpoint(contract, policy, source, observation_width=width, motion=motion))
         none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
-        yield Finding("info", "golden vectors", verify_golden(checkpoint) or none)
+        yield Finding("info", "golden vectors", proof or none)
     except InputError as error:
-        reason = str(error).removeprefix(f"{checkpoint.source}: ").removeprefix("golden vectors: ")
+        reason = str(error).removeprefix(f"{source}: ").removeprefix("golden vectors: ")
         yield Finding("error", "golden vectors", reason)
 
 
-def _robot_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
-    yield from contract_findings(contract, description, bare_model(description), hardware=hardware)
+def _stability_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     if set(contract.joint_names) == set(description.joint_names):
         robot, gains = with_contract(description, contract), resolve_action(contract, description.joint_names)
         try:

@@ -14,12 +14,11 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, read_checkpoint
-from humanoid_sim.policy.describe import contract_rows, value_text
+from humanoid_sim.policy.findings import contract_rows, in_words, is_assumed
 from humanoid_sim.policy.golden import verify_golden
-from humanoid_sim.policy.layers import Reading, is_assumed
+from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
-from humanoid_sim.policy.readers.own import own_contract
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 
@@ -33,13 +32,11 @@ def show(options: Show) -> int:
         regular_file(options.contract, "a contract.yaml")
     model = OnnxModel(options.checkpoint)
     reading = read_checkpoint(model.header, options.contract, joints)
-    refusal = reading.refusal(own_contract(options.checkpoint).name)
-    golden = ""
-    if not refusal:
-        try:
-            golden = load_checkpoint(options.checkpoint, options.contract, joints).golden
-        except InputError as error:
-            refusal = str(error)
+    golden = refusal = ""
+    try:
+        golden = load_checkpoint(options.checkpoint, options.contract, joints).golden
+    except InputError as error:
+        refusal = str(error).removeprefix(f"{model.path}: ")
     console = make_console()
     _print(console, model, reading, golden)
     if refusal:
@@ -66,7 +63,7 @@ def _print(console: Console, model: OnnxModel, reading: Reading, golden: str) ->
         terms = " + ".join(f"{term.name} {term.width}" for term in widths)
     for field, text, source in contract_rows(reading.values, reading.source):
         value = terms if field == "observation" and terms else text
-        replaced = "; ".join(f"{value_text(old)} {origin}" for old, origin in reading.replaced.get(field, ()))
+        replaced = "; ".join(f"{in_words(old)} {origin}" for old, origin in reading.replaced.get(field, ()))
         origin = f"{source} (replaces {replaced})" if replaced else source
         table.add_row(escape(field), escape(value), escape(origin), style="yellow" if is_assumed(source) else "")
     if golden:

@@ -172,9 +172,3 @@ def test_decimals_that_an_exporter_cut(robot):
     for scale, severity in ((0.055, "warning"), (0.001, "error")):
         findings = findings_of(robot, action_joint_names=JOINTS, action_scale=scale, **source)
         found(findings, severity, "rounding", "action_scale was cut at 3 decimals")
-
-
-def test_assumptions_of_a_dialect_are_one_line(robot):
-    assumed = dict.fromkeys(("policy_dt", "reference_quaternion"), "assumed (mjlab)")
-    message = found(findings_of(robot, source=assumed), "warning", "assumed (mjlab)").message
-    assert "policy_dt 0.02; reference_quaternion wxyz" in message

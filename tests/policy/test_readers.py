@@ -194,7 +194,7 @@ def test_a_deploy_yaml_of_another_network_is_found_and_not_used(tmp_path):
     path = tmp_path / "exported"
     assert read(path, metadata).differences
     reading = read(path, metadata, width=8)
-    assert (reading.differences, reading.contract.joint_stiffness[0]) == ((), 9.0)
+    assert (reading.differences, reading.contract.joint_stiffness[0]) == ({}, 9.0)
     assert "deploy.yaml is of another network" in reading.unused[-1]
 
 

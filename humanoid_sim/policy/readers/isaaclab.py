@@ -38,8 +38,8 @@ def _layers(path: Path) -> list[Layer]:
         values["default_joint_pos"] = {".*": 0.0, **pose}
     for key, name in _GAINS.items():
         gains: dict[str, Any] = {}
-        for group in robot.at("actuators"):
-            gains |= _by_pattern(robot.at("actuators", group), key)
+        for actuator in robot.at("actuators"):
+            gains |= _by_pattern(robot.at("actuators", actuator), key)
         if gains:
             values[name] = gains
     values |= _action(file.at("actions"))
