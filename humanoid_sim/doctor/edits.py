@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any, get_args
@@ -32,9 +32,14 @@ _SCALES: Mapping[str, Mapping[str, Any]] = {
 }
 _BENT = {"hip_?pitch|HFE": -1.0, "knee|KFE": 2.0, "ankle_?pitch|FFE": -1.0}
 """Joints that bend where a humanoid stands with bent knees, and by how much, in shares of the shank's lean."""
+_LEANS = (0.15, 0.3, -0.15, -0.3)  # rad
 
-Changes = Iterator[tuple[str, dict[str, Any]]]
-"""What is so in the edited contract, in words, and the fields that change."""
+Orders = Mapping[str, tuple[str, ...]]
+"""Orders that all joints of the policy may be in, by what they are called."""
+Changes = Iterator[tuple[str, str, dict[str, Any]]]
+"""Family, what is so in the edited contract, and the fields that change. Of equal edits the first counts."""
+DOUBT: Mapping[str, float] = {"two joints": 0.1, "rate": 0.15, "joint sign": 0.03}
+"""Share of its own errors by which an edit has to do better, by family: few contracts are wrong in this way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,18 +49,6 @@ class Edit:
     name: str  # what is so in the edited contract, to compare with the training configuration
     family: str
     contract: PolicyContract
-    doubt: float = 0.0  # share of its own errors by which it has to do better: few contracts are wrong in this way
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Case:
-    """A contract to edit, and what edits may need to know of robot and motion."""
-
-    contract: PolicyContract
-    robot: RobotDescription
-    motion: Motion | None
-    all_pairs: bool
-    orders: Mapping[str, tuple[str, ...]]  # that all joints of the policy may be in, by what they are called
 
 
 def single_edits(
@@ -70,23 +63,25 @@ def single_edits(
 
     With `all_pairs` any two joints are swapped, not only neighbours in the list or on the robot, and mirror images.
     """
-    orders = {
+    known = {
         "the robot's": robot.joint_names,
         "breadth-first (Isaac)": isaac_order(robot),
         "alphabetical": tuple(sorted(contract.joint_names)),
     }
-    orders = {title: order for title, order in orders.items() if sorted(order) == sorted(contract.joint_names)}
-    case = _Case(contract, robot, motion, all_pairs, orders)
-    unlike = asymmetry(contract)
-    found: dict[str, Edit] = {}
-    for family, doubt, changes in _FAMILIES:
-        for name, changed in changes(case):
-            try:
-                edited = replace(contract, **changed)
-            except FieldError:  # the change does not fit this contract
-                continue
-            if family != "gains" or asymmetry(edited) <= unlike:  # robots are alike on both sides
-                found.setdefault(str(wiring_values(edited)), Edit(name, family, edited, doubt))
+    orders = {title: order for title, order in known.items() if sorted(order) == sorted(contract.joint_names)}
+    found, unlike = dict[str, Edit](), asymmetry(contract)
+    for family, name, fields in (
+        *_joint_changes(contract, robot, orders, all_pairs=all_pairs),
+        *_observation_changes(contract, motion),
+        *_action_changes(contract, robot, orders),
+        *_sign_changes(contract),
+    ):
+        try:
+            edited = replace(contract, **fields)
+        except FieldError:  # the change does not fit this contract
+            continue
+        if family != "gains" or asymmetry(edited) <= unlike:  # robots are alike on both sides
+            found.setdefault(str(wiring_values(edited)), Edit(name, family, edited))
     for edit in more:
         found.setdefault(str(wiring_values(edit.contract)), edit)
     found.pop(str(wiring_values(contract)), None)
@@ -121,20 +116,18 @@ def asymmetry(contract: PolicyContract) -> int:
 # --- joints ---
 
 
-def _joint_orders(case: _Case) -> Changes:
-    for title, order in case.orders.items():
-        yield f"joint_names is in {title} order", _relabelled(case.contract, order)
-        yield f"the network has its joints, and their values, in {title} order", _reordered(case.contract, order)
-
-
-def _joint_pairs(case: _Case) -> Changes:
-    names = case.contract.joint_names
-    near = {*pairwise(names), *pairwise(case.robot.joint_names), *mirrored_pairs(names)}
+def _joint_changes(contract: PolicyContract, robot: RobotDescription, orders: Orders, *, all_pairs: bool) -> Changes:
+    for title, order in orders.items():
+        fields = _reordered(contract, order)
+        yield "joint order", f"joint_names is in {title} order", _relabelled(contract, order)
+        yield "joint order", f"the network has its joints, and their values, in {title} order", fields
+    names = contract.joint_names
+    near = {*pairwise(names), *pairwise(robot.joint_names), *mirrored_pairs(names)}
     for one, other in combinations(names, 2):
-        if case.all_pairs or (one, other) in near or (other, one) in near:
+        if all_pairs or (one, other) in near or (other, one) in near:
             swap = {one: other, other: one}
             order = tuple(swap.get(name, name) for name in names)
-            yield f"{one} and {other} are in each other's places", _relabelled(case.contract, order)
+            yield "two joints", f"{one} and {other} are in each other's places", _relabelled(contract, order)
 
 
 def _relabelled(contract: PolicyContract, order: tuple[str, ...]) -> dict[str, Any]:
@@ -163,9 +156,8 @@ def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> Any:
     return joint_indices(joints, tuple(name for name in order if name in joints), "joints")
 
 
-def _joint_signs(case: _Case) -> Changes:
+def _sign_changes(contract: PolicyContract) -> Changes:
     """Turn each joint round in all that the policy sees of it and does with it."""
-    contract = case.contract
     for name in contract.joint_names:
 
         def turned(joints: tuple[str, ...], name: str = name) -> FloatArray:
@@ -185,92 +177,105 @@ def _joint_signs(case: _Case) -> Changes:
             "default_joint_pos": contract.default_joint_pos * turned(contract.joint_names) + 0.0,  # -0 is 0
             "action_offset": np.asarray(contract.action_offset) * of_action + 0.0,
         }
-        yield f"{name} turns the other way in the policy than on the robot", fields
+        yield "joint sign", f"{name} turns the other way in the policy than on the robot", fields
 
 
 # --- observation ---
 
 
-def with_term(contract: PolicyContract, term: Term, **options: Any) -> list[Term]:
-    """Return the contract's terms with options of one of them set."""
-    return [replace(item, **options) if item.name == term.name else item for item in contract.terms]
+def with_term(contract: PolicyContract, term: Term, **options: Any) -> dict[str, Any]:
+    """Return the field of the terms with options of one of them set."""
+    return {"observation": [replace(item, **options) if item.name == term.name else item for item in contract.terms]}
 
 
-def _term_orders(case: _Case) -> Changes:
-    terms = case.contract.terms
-    yield "the terms are in alphabetical order", {"observation": sorted(terms, key=lambda term: term.name)}
+def _observation_changes(contract: PolicyContract, motion: Motion | None) -> Changes:
+    terms = contract.terms
+    by_name = sorted(terms, key=lambda term: term.name)
+    yield "term order", "the terms are in alphabetical order", {"observation": by_name}
     for i, (one, other) in enumerate(pairwise(terms)):
-        yield f"{other.name} comes before {one.name}", {"observation": [*terms[:i], other, one, *terms[i + 2 :]]}
-
-
-def _conventions(case: _Case) -> Changes:
-    for term in case.contract.terms:
-        kind = case.contract.kind(term)
-        values: dict[str, Sequence[Any]] = {name: get_args(choices) for name, choices in TERM_CHOICES.items()}
-        values |= {"sign": (-np.asarray(term.scale),), "relative": (not kind.is_relative(term),)}
-        values |= {"inverse": (not term.inverse,), "at": (BASE, IMU)}
-        for convention in kind.conventions:
-            option = "scale" if convention == "sign" else convention
-            for value in values[convention]:
-                terms = with_term(case.contract, term, **{option: value})
-                yield f"{option} of {term.name} is {shown(value)}", {"observation": terms}
-
-
-def _references(case: _Case) -> Changes:
-    contract, motion = case.contract, case.motion
-    if motion is None or motion.layout != "joints_bodies_w" or not contract.requires("anchor_body"):
-        return
-    for body in motion.body_names:
-        yield f"the anchor body is {body}", {"anchor_body": body}
-    align = not contract.align_reference
-    yield f"the reference is {'' if align else 'not '}turned to the robot's heading", {"align_reference": align}
-    for order in ("xyzw", "wxyz"):
-        yield f"the motion's quaternions are ordered {order}", {"reference_quaternion": order}
-
-
-def _phases(case: _Case) -> Changes:
-    rule = case.contract.phase
-    if rule is None or not case.contract.requires("phase"):
-        return
-    yield "the gait clock starts with the other foot", {"phase": replace(rule, offsets=rule.offsets[::-1])}
-    title = f"the gait clock is {'not ' if rule.advance_first else ''}advanced before the first observation"
-    yield title, {"phase": replace(rule, advance_first=not rule.advance_first)}
-
-
-def _scales(case: _Case) -> Changes:
-    contract = case.contract
-    for title, values in _SCALES.items():
-        terms = [replace(term, scale=values.get(contract.kind(term).name, 1.0)) for term in contract.terms]
-        yield f"the observation's scales are {title}", {"observation": terms}
-    for term in contract.terms:
+        swapped = [*terms[:i], other, one, *terms[i + 2 :]]
+        yield "term order", f"{other.name} comes before {one.name}", {"observation": swapped}
+    for term in terms:
+        for option, value in _conventions(contract, term):
+            yield (
+                "convention",
+                f"{option} of {term.name} is {shown(value)}",
+                with_term(contract, term, **{option: value}),
+            )
+    if motion is not None and motion.layout == "joints_bodies_w" and contract.requires("anchor_body"):
+        for body in motion.body_names:
+            yield "reference", f"the anchor body is {body}", {"anchor_body": body}
+        align = not contract.align_reference
+        title = f"the reference is {'' if align else 'not '}turned to the robot's heading"
+        yield "reference", title, {"align_reference": align}
+        for order in ("xyzw", "wxyz"):
+            yield "reference", f"the motion's quaternions are ordered {order}", {"reference_quaternion": order}
+    phase = contract.phase
+    if phase is not None and contract.requires("phase"):
+        other_foot, ahead = (
+            replace(phase, offsets=phase.offsets[::-1]),
+            replace(phase, advance_first=not phase.advance_first),
+        )
+        yield "gait clock", "the gait clock starts with the other foot", {"phase": other_foot}
+        title = f"the gait clock is {'' if ahead.advance_first else 'not '}advanced before the first observation"
+        yield "gait clock", title, {"phase": ahead}
+    for title, scales in _SCALES.items():
+        scaled = [replace(term, scale=scales.get(contract.kind(term).name, 1.0)) for term in terms]
+        yield "scale", f"the observation's scales are {title}", {"observation": scaled}
+    for term in terms:
         for scale in contract.kind(term).scales:
-            yield f"{term.name} is multiplied by {scale:g}", {"observation": with_term(contract, term, scale=scale)}
-
-
-def _histories(case: _Case) -> Changes:
-    for order in ("oldest_first", "newest_first"):
-        terms = [replace(term, history_order=order) for term in case.contract.terms]
-        yield f"histories are {order}", {"observation": terms}
+            yield "scale", f"{term.name} is multiplied by {scale:g}", with_term(contract, term, scale=scale)
+    for first in get_args(TERM_CHOICES["history_order"]):
+        yield (
+            "history",
+            f"histories are {first}",
+            {"observation": [replace(term, history_order=first) for term in terms]},
+        )
     for layout in ("per_term", "per_step"):
-        yield f"the history is ordered {layout}", {"history_layout": layout}
+        yield "history", f"the history is ordered {layout}", {"history_layout": layout}
+
+
+def _conventions(contract: PolicyContract, term: Term) -> Iterator[tuple[str, Any]]:
+    """Yield options of a term with the values that exporters differ in."""
+    kind = contract.kind(term)
+    values: dict[str, Sequence[Any]] = {name: get_args(choices) for name, choices in TERM_CHOICES.items()}
+    values |= {"sign": (-np.asarray(term.scale),), "relative": (not kind.is_relative(term),)}
+    values |= {"inverse": (not term.inverse,), "at": (BASE, IMU)}
+    for convention in kind.conventions:
+        for value in values[convention]:
+            yield "scale" if convention == "sign" else convention, value
 
 
 # --- actions, pose, gains, rate ---
 
 
-def _action_scales(case: _Case) -> Changes:
-    scale = case.contract.action_scale
-    values: dict[str, Any] = {f"{value:g}": value for value in (1.0, 0.5, 0.25)}
-    values |= {f"{factor:g} x as large": factor * scale for factor in (0.5, 2.0, 4.0)}
-    for title, order in case.orders.items():
-        values[f"listed in {title} order"] = scale[_places(case.contract.action_joint_names, order)]
-    for title, value in values.items():
-        yield f"the action scale is {title}", {"action_scale": value}
-
-
-def _action_offsets(_: _Case) -> Changes:
-    yield "an action is the position itself", {"action_offset": 0.0}
-    yield "an action is added to the default pose", {"action_offset": None}
+def _action_changes(contract: PolicyContract, robot: RobotDescription, orders: Orders) -> Changes:
+    names, scale, pose = contract.joint_names, contract.action_scale, contract.default_joint_pos
+    scales: dict[str, Any] = {f"{value:g}": value for value in (1.0, 0.5, 0.25)}
+    scales |= {f"{factor:g} x as large": factor * scale for factor in (0.5, 2.0, 4.0)}
+    for title, order in orders.items():
+        scales[f"listed in {title} order"] = scale[_places(contract.action_joint_names, order)]
+    for title, value in scales.items():
+        yield "action scale", f"the action scale is {title}", {"action_scale": value}
+    yield "action offset", "an action is the position itself", {"action_offset": 0.0}
+    yield "action offset", "an action is added to the default pose", {"action_offset": None}
+    poses = {
+        "all zeros": np.zeros(len(names)),
+        "the robot's own": np.array(robot.initial_position)[joint_indices(names, robot.joint_names, "joints")],
+        **{f"listed in {title} order": pose[_places(names, order)] for title, order in orders.items()},
+    }
+    if not pose.any():
+        bend = np.array([sum(share for part, share in _BENT.items() if re.search(part, name)) for name in names])
+        poses |= {f"with bent knees, such as {2.0 * lean:g} rad": lean * bend + 0.0 for lean in _LEANS}
+    for title, other in poses.items():
+        yield "default pose", f"the default pose is {title}", with_pose(contract, other)
+    own = np.stack([contract.joint_stiffness, contract.joint_damping])
+    gains = {f"{factor:g} x as large": factor * own for factor in (0.5, 2.0)}
+    gains |= {f"listed in {title} order": own[:, _places(names, order)] for title, order in orders.items()}
+    for title, (stiffness, damping) in gains.items():
+        yield "gains", f"the gains are {title}", {"joint_stiffness": stiffness, "joint_damping": damping}
+    for rate in (25.0, 50.0, 100.0):
+        yield "rate", f"the policy runs at {rate:g} Hz", {"policy_dt": 1.0 / rate}
 
 
 def with_pose(contract: PolicyContract, pose: FloatArray) -> dict[str, Any]:
@@ -278,51 +283,3 @@ def with_pose(contract: PolicyContract, pose: FloatArray) -> dict[str, Any]:
     old = contract.default_joint_pos[[contract.joint_names.index(name) for name in contract.action_joint_names]]
     follows = np.array_equal(np.asarray(contract.action_offset), old)
     return {"default_joint_pos": pose, "action_offset": None if follows else contract.action_offset}
-
-
-def _poses(case: _Case) -> Changes:
-    names, pose, robot = case.contract.joint_names, case.contract.default_joint_pos, case.robot
-    poses = {
-        "all zeros": np.zeros(len(names)),
-        "the robot's own": np.array(robot.initial_position)[joint_indices(names, robot.joint_names, "joints")],
-        **{f"listed in {title} order": pose[_places(names, order)] for title, order in case.orders.items()},
-    }
-    if not pose.any():
-        bend = np.array([sum(share for part, share in _BENT.items() if re.search(part, name)) for name in names])
-        for lean in (0.15, 0.3, -0.15, -0.3):
-            poses[f"with bent knees, such as {2.0 * lean:g} rad"] = lean * bend + 0.0
-    for title, other in poses.items():
-        yield f"the default pose is {title}", with_pose(case.contract, other)
-
-
-def _gains(case: _Case) -> Changes:
-    own = np.stack([case.contract.joint_stiffness, case.contract.joint_damping])
-    values = {f"{factor:g} x as large": factor * own for factor in (0.5, 2.0)}
-    for title, order in case.orders.items():
-        values[f"listed in {title} order"] = own[:, _places(case.contract.joint_names, order)]
-    for title, (stiffness, damping) in values.items():
-        yield f"the gains are {title}", {"joint_stiffness": stiffness, "joint_damping": damping}
-
-
-def _rates(_: _Case) -> Changes:
-    for rate in (25.0, 50.0, 100.0):
-        yield f"the policy runs at {rate:g} Hz", {"policy_dt": 1.0 / rate}
-
-
-_FAMILIES: Sequence[tuple[str, float, Callable[[_Case], Changes]]] = (
-    ("joint order", 0.0, _joint_orders),
-    ("two joints", 0.1, _joint_pairs),
-    ("term order", 0.0, _term_orders),
-    ("convention", 0.0, _conventions),
-    ("reference", 0.0, _references),
-    ("gait clock", 0.0, _phases),
-    ("scale", 0.0, _scales),
-    ("history", 0.0, _histories),
-    ("action scale", 0.0, _action_scales),
-    ("action offset", 0.0, _action_offsets),
-    ("default pose", 0.0, _poses),
-    ("gains", 0.0, _gains),
-    ("rate", 0.15, _rates),
-    ("joint sign", 0.03, _joint_signs),
-)
-"""Family, doubt, and the changes. Of equal edits the first counts."""

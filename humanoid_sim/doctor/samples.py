@@ -120,12 +120,12 @@ class Samples:
                     pose[[contract.joint_names.index(joint) for joint in joints]] = np.median(poses, axis=0).round(4)
                     edited = replace(contract, **with_pose(contract, pose))
                     found.append(Edit("the default pose is the one of the trace", "default pose", edited))
-            plain = replace(contract, observation=with_term(contract, term, scale=1.0, clip=None))
+            plain = replace(contract, **with_term(contract, term, scale=1.0, clip=None))
             raw = self.observed(plain)[:, item.start : item.stop].astype(np.float64)
             scale = (raw * columns).sum(axis=0) / np.maximum((raw * raw).sum(axis=0), 1e-12)
             if np.abs(raw * scale - columns).max() < _CONSTANT and raw.any(axis=0).all():
                 value: Any = scale.mean().round(4) if np.ptp(scale) < _CONSTANT else scale.round(4)
-                edited = replace(contract, observation=with_term(contract, term, scale=value))
+                edited = replace(contract, **with_term(contract, term, scale=value))
                 found.append(Edit(f"{item.name} is multiplied by {shown(value)}", f"{item.name} scale", edited))
         return tuple(found)
 
@@ -139,34 +139,30 @@ class Samples:
 
     def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
         """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown."""
+        if "qpos" not in self._file:
+            return math.inf
         try:
             return min(self._prediction_error(contract, simulations, timestep) for timestep in _TIMESTEPS)
         except (FieldError, InputError):
             return math.inf
 
     def _prediction_error(self, contract: PolicyContract, simulations: Simulations, timestep: float) -> float:
-        if "qpos" not in self._file:
-            return math.inf
-        description, trace = self._subject.description, self.trace(contract)
+        trace = self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
         robots = simulations.robots(contract, len(steps), timestep=timestep)
-        qpos, qvel = self._file["qpos"][steps].astype(np.float64), self._file["qvel"][steps].astype(np.float64)
-        model, free = robots.model(0), 7 if description.is_floating else 0
-        names = self._file["joint_names"].astype(str).tolist()
-        own = joint_addresses(model, names[len(names) - (qpos.shape[1] - free) :])
-        positions = robots.start_pose.qpos((len(steps),))
-        velocities = np.zeros((len(steps), robots.qvel.shape[1]))
-        if free:
-            place, turn, linear, angular = base_addresses(model, description)
-            positions[:, place], positions[:, turn] = qpos[:, :3], qpos[:, 3:7]
-            velocities[:, linear], velocities[:, angular] = qvel[:, :3], qvel[:, 3:6]
-        positions[:, own.qpos], velocities[:, own.dof] = qpos[:, free:], qvel[:, max(free - 1, 0) :]
-        robots.reset(qpos=positions, qvel=velocities)
-        command = action_command(self.wiring(contract).action_map, trace.arrays["action"][steps])
+        joints = joint_addresses(robots.model(0), robots.joints)
         column = [trace.joint_names.index(name) for name in robots.joints]
-        robots.step(MITCommand(*(getattr(command, name)[:, column] for name in COMMAND_FIELDS)))
         speed = trace.arrays["joint_velocity"][:, column]
-        off = ((robots.qvel[:, joint_addresses(model, robots.joints).dof] - speed[steps + 1]) ** 2).sum()
+        qpos, qvel = robots.start_pose.qpos((len(steps),)), np.zeros_like(robots.qvel)
+        qpos[:, joints.qpos], qvel[:, joints.dof] = trace.arrays["joint_position"][steps][:, column], speed[steps]
+        if self._subject.description.is_floating:
+            place, turn, linear, angular = base_addresses(robots.model(0), self._subject.description)
+            qpos[:, place], qpos[:, turn] = self._file["qpos"][steps, :3], self._file["qpos"][steps, 3:7]
+            qvel[:, linear], qvel[:, angular] = self._file["qvel"][steps, :3], self._file["qvel"][steps, 3:6]
+        robots.reset(qpos=qpos, qvel=qvel)
+        command = action_command(self.wiring(contract).action_map, trace.arrays["action"][steps])
+        robots.step(MITCommand(*(getattr(command, name)[:, column] for name in COMMAND_FIELDS)))
+        off = ((robots.qvel[:, joints.dof] - speed[steps + 1]) ** 2).sum()
         change = ((speed[steps + 1] - speed[steps]) ** 2).sum()
         return math.inf if robots.fault.any() or not change else math.sqrt(off / change)
 

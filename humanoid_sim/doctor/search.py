@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from rich.console import Console
 from rich.progress import track
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.edits import Edit, asymmetry, single_edits
+from humanoid_sim.doctor.edits import DOUBT, Edit, asymmetry, single_edits
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Outcome, Simulations, Subject
 
@@ -99,12 +98,12 @@ def search_episodes(subject: Subject, console: Console) -> Result:
     contract, motion = subject.contract, subject.motion
     seconds = _PHASE * len(_COMMANDS) if motion is None else len(motion.frames) * contract.policy_dt
     long = Simulations(subject).run(contract, _COMMANDS, seconds)
-    edits, local = single_edits(contract, subject.description, motion), threading.local()
+    edits, idle = single_edits(contract, subject.description, motion), [Simulations(subject) for _ in range(_THREADS)]
 
     def run(edited: PolicyContract) -> Outcome:
-        if not hasattr(local, "simulations"):
-            local.simulations = Simulations(subject)
-        outcome: Outcome = local.simulations.run(edited)
+        simulations = idle.pop()  # there is one for each thread
+        outcome = simulations.run(edited)
+        idle.append(simulations)
         return outcome
 
     contracts = [contract, *(edit.contract for edit in edits)]
@@ -120,15 +119,15 @@ def judge(contract: PolicyContract, now: Outcome, long: Outcome, tried: Sequence
     `now` and `long` are of the contract as it is, in the episode of the edits and in the long run.
     """
 
-    def cost(edited: PolicyContract, outcome: Outcome, doubt: float = 0.0) -> float:
-        return outcome.cost * (1.0 + doubt + (_ASYMMETRIC if asymmetry(edited) else 0.0))
+    def cost(edited: PolicyContract, outcome: Outcome, family: str = "") -> float:
+        return outcome.cost * (1.0 + DOUBT.get(family, 0.0) + (_ASYMMETRIC if asymmetry(edited) else 0.0))
 
     note = _describe(now)
     if long.lost and not now.lost:
         note += f"; in the long run {_describe(long)}"
     if long.unanswered:
         note += f"; does not answer the command {', '.join(long.unanswered)}"
-    up = [Row(edit, cost(edit.contract, out, edit.doubt), _describe(out)) for edit, out in tried if not out.lost]
+    up = [Row(edit, cost(edit.contract, out, edit.family), _describe(out)) for edit, out in tried if not out.lost]
     up.sort(key=lambda row: row.score)
     if up and (now.lost or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
         return _found(up, note)

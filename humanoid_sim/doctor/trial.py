@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +42,7 @@ _NOTICED: Mapping[str, float] = {
     **{"anchor_position_error": 0.3, "anchor_orientation_error": 0.2},
 }
 """Errors at which an onlooker begins to notice."""
-_OF_WALKING = ("effort", "tilt")
-_OF_MOTIONS = tuple(name for name in _NOTICED if name in METRICS and name != "tilt")
 _ANSWERED = 0.2  # share of a command that the mean velocity must reach
-_ENDS = {"fallen": "floating base", "strayed": "motion with an anchor"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +101,7 @@ class Outcome:
     """Outcome of one episode."""
 
     time_up: float  # s until the robot was lost
-    parts: Mapping[str, float]  # errors by name, each about 1 where an onlooker begins to notice
+    parts: Mapping[str, float] = field(default_factory=dict)  # errors by name, each about 1 where one begins to notice
     lost: str = ""
     unanswered: tuple[str, ...] = ()  # commands that it does not follow
 
@@ -155,60 +152,48 @@ class Simulations:
             commands = np.clip(commands, bounds[:, 0], bounds[:, 1])
             loop = ClosedLoop(robot, wiring, commands[:1])
         except (FieldError, InputError) as error:
-            return Outcome(0.0, {}, str(error))
-        standing = robot.start_pose.standing_height
-        context = StepContext(robot.description, contract, loaded.reference, standing_height=standing)
-        ends = [METRICS[name] for name, needs in _ENDS.items() if needs in context.parts]
-        names = _OF_WALKING if contract.task_type == "locomotion" else _OF_MOTIONS
-        metrics = {name: METRICS[name] for name in names if METRICS[name].needs in context.parts}
-        rows: list[dict[str, Any]] = []
-        sample = loop.sample(0)
-        steps = round(seconds / contract.policy_dt)
+            return Outcome(0.0, lost=str(error))
+        context = StepContext(robot.description, contract, loaded.reference, robot.start_pose.standing_height)
+        ends = {"fallen": "floating base", "strayed": "motion with an anchor"}
+        lost = [METRICS[name] for name, needs in ends.items() if needs in context.parts]
+        judged = {name: METRICS[name] for name in _NOTICED if name in METRICS and METRICS[name].needs in context.parts}
+        if contract.task_type != "locomotion":
+            judged.pop("tilt", None)  # a motion may bend down
+        rows, sample, steps = list[dict[str, Any]](), loop.sample(0), round(seconds / contract.policy_dt)
         if self._subject.motion is not None:
             steps = min(steps, loaded.reference.frame_count)
         for step in range(steps):
             inferred = infer(wiring, loaded.policy, loop.observation[0], int(np.asarray(loop.memory.frame)[0]))
-            lost = ""
+            reason = inferred.message if isinstance(inferred, Fault) else ""
             if robot.fault[0] or has_run_away(loop.state.joint_velocity)[0]:
-                lost = "the simulation diverged"
-            elif any(end.values(context, sample)[0] for end in ends):
-                lost = describe_failure(context, sample, 0)
-            if lost or isinstance(inferred, Fault):
-                reason = inferred.message if isinstance(inferred, Fault) and not lost else lost
-                return Outcome(step * contract.policy_dt, _errors(contract, rows), reason)
+                reason = "the simulation diverged"
+            elif any(end.values(context, sample)[0] for end in lost):
+                reason = describe_failure(context, sample, 0)
+            if reason or isinstance(inferred, Fault):
+                return Outcome(step * contract.policy_dt, lost=reason)
             command = commands[step * len(commands) // steps]
             sent = loop.act(inferred.action[None], velocity=command[None])
             sample = loop.sample(step + 1)
-            row = {name: metric.values(context, sample)[0] for name, metric in metrics.items()}
-            if sample.base is not None:
-                row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0]}
-            rows.append({**row, "sent": sent.position[0], "command": command})
-        unanswered = _unanswered(rows) if contract.task_type == "locomotion" and sample.base is not None else ()
-        return Outcome(steps * contract.policy_dt, _errors(contract, rows), unanswered=unanswered)
+            row = {name: metric.values(context, sample)[0] for name, metric in judged.items()}
+            if sample.base is not None and contract.task_type == "locomotion":
+                row |= {"velocity": sample.base.planar_velocity[0], "height": sample.base.height[0], "command": command}
+            rows.append({**row, "sent": sent.position[0]})
+        return _outcome(contract, {name: np.array([row[name] for row in rows]) for name in rows[0]})
 
 
-def _unanswered(steps: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return the commands of which the mean velocity is less than a fifth."""
-    velocities, commands = (np.array([step[name] for step in steps]) for name in ("velocity", "command"))
-    found = []
-    for command in np.unique(commands, axis=0):
-        mean = velocities[(commands == command).all(axis=1)].mean(axis=0)
-        for name, wanted, reached in zip(("vx", "vy", "yaw rate"), command, mean, strict=True):
-            if wanted and reached / wanted < _ANSWERED:
-                found.append(f"{name} {wanted:g} ({reached:.2f} reached)")
-    return tuple(found)
-
-
-def _errors(contract: PolicyContract, steps: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the errors of an episode, each about 1 where an onlooker begins to notice."""
-    if len(steps) < 2:
-        return {}
-    rows = {name: np.array([step[name] for step in steps]) for name in steps[0]}
-    found: dict[str, Any] = {name: rms(rows[name]) for name in rows if name in METRICS}
+def _outcome(contract: PolicyContract, rows: Mapping[str, FloatArray]) -> Outcome:
+    """Return the errors, and the commands that are not followed, of an episode by its figures, (steps, ...) each."""
+    found = {name: rms(values) for name, values in rows.items() if name in METRICS}
     found["shaking"] = rms(np.diff(rows["sent"], axis=0).ravel()) / contract.policy_dt
-    skip = round(_SETTLED / contract.policy_dt)
-    if contract.task_type == "locomotion" and "velocity" in rows and len(steps) > skip:
+    unanswered = []
+    if "velocity" in rows:
+        skip = round(_SETTLED / contract.policy_dt)
         off = (rows["velocity"] - rows["command"])[skip:].mean(axis=0)
-        found["height"] = rows["height"][skip:].std()
-        found["velocity"], found["turning"] = np.hypot(off[0], off[1]), abs(off[2])
-    return {name: float(value) / _NOTICED[name] for name, value in found.items()}
+        found |= {"height": rows["height"][skip:].std(), "velocity": np.hypot(off[0], off[1]), "turning": abs(off[2])}
+        for command in np.unique(rows["command"], axis=0):
+            mean = rows["velocity"][(rows["command"] == command).all(axis=1)].mean(axis=0)
+            for name, wanted, reached in zip(("vx", "vy", "yaw rate"), command, mean, strict=True):
+                if wanted and reached / wanted < _ANSWERED:
+                    unanswered.append(f"{name} {wanted:g} ({reached:.2f} reached)")
+    parts = {name: float(value) / _NOTICED[name] for name, value in found.items()}
+    return Outcome(len(rows["sent"]) * contract.policy_dt, parts, unanswered=tuple(unanswered))
