@@ -41,7 +41,7 @@ class Samples:
 
     def __init__(self, subject: Subject, path: Path) -> None:
         """Read them. Raises `InputError` if the file is malformed, or of another network."""
-        self._subject, self._path = subject, path
+        self._subject, self._path, self._simulations = subject, path, Simulations(subject)
         self._traces: dict[tuple[object, ...], Trace] = {}
         self._file = read_arrays(path)
         trace = self.trace(subject.contract)
@@ -137,19 +137,19 @@ class Samples:
         fast = np.abs(mean) > 0.2 * np.abs(mean).max()
         return float(np.median(moved[fast] / mean[fast])) if mean.any() else 0.0
 
-    def prediction_error(self, contract: PolicyContract, simulations: Simulations) -> float:
+    def prediction_error(self, contract: PolicyContract) -> float:
         """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown."""
         if "qpos" not in self._file:
             return math.inf
         try:
-            return min(self._prediction_error(contract, simulations, timestep) for timestep in _TIMESTEPS)
+            return min(self._prediction_error(contract, timestep) for timestep in _TIMESTEPS)
         except (FieldError, InputError):
             return math.inf
 
-    def _prediction_error(self, contract: PolicyContract, simulations: Simulations, timestep: float) -> float:
+    def _prediction_error(self, contract: PolicyContract, timestep: float) -> float:
         trace = self.trace(contract)
         steps = np.unique(np.linspace(0, len(trace) - 2, _TRANSITIONS).astype(np.intp))
-        robots = simulations.robots(contract, len(steps), timestep=timestep)
+        robots = self._simulations.robots(contract, len(steps), timestep=timestep)
         joints = joint_addresses(robots.model(0), robots.joints)
         column = [trace.joint_names.index(name) for name in robots.joints]
         speed = trace.arrays["joint_velocity"][:, column]

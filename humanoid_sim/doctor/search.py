@@ -59,12 +59,11 @@ def _found(rows: Sequence[Row], note: str) -> Result:
 
 def search_trace(subject: Subject, samples: Samples) -> Result:
     """Try every edit on the samples of the trainer's environment; a finding agrees with all of them."""
-    contract, simulations = subject.contract, Simulations(subject)
-    more = samples.fitted(contract)
+    contract, more = subject.contract, samples.fitted(subject.contract)
     edits = single_edits(contract, subject.description, subject.motion, all_pairs=True, more=more)
 
     def predicted(tried: Sequence[Edit]) -> list[Row]:
-        errors = [samples.prediction_error(edit.contract, simulations) for edit in tried]
+        errors = [samples.prediction_error(edit.contract) for edit in tried]
         notes = [f"one simulated step misses the joint velocities' change by {error:.0%}" for error in errors]
         return sorted(map(Row, tried, errors, notes), key=lambda row: row.score)
 
@@ -82,7 +81,7 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
         rate = min(_RATES, key=lambda each: abs(math.log(each * period)))
         edit = Edit(f"the policy runs at {rate:g} Hz", "rate", replace(contract, policy_dt=1.0 / rate))
         return _found([Row(edit, period, f"the joints moved for {period:.3f} s from sample to sample")], note)
-    now = samples.prediction_error(contract, simulations)
+    now = samples.prediction_error(contract)
     if _EXACT < now < math.inf:
         rows = predicted([edit for edit in edits if edit.family in _UNSEEN])
         if rows and rows[0].score < _PREDICTS * now:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.results import WORSE, Comparison, PolicyRun, Verdict
@@ -27,30 +28,27 @@ def compare_runs(suite: Suite, baseline: PolicyRun | None, run: PolicyRun) -> tu
 
 
 def _compare(suite: Suite, metric: Metric, baseline: PolicyRun | None, run: PolicyRun) -> Comparison:
-    name, unit = metric.name, metric.unit
-    new = run.values(name)
+    name, new = metric.name, run.values(metric.name)
+    alone = Comparison(metric=name, unit=metric.unit, verdict="not compared")
     if baseline is None:
         cases = [np.array([*values.values()]) for values in new.values()]
-        mean = _mean(cases) if cases else None
-        return Comparison(metric=name, unit=unit, verdict="not compared", candidate=mean, episodes=sum(map(len, cases)))
+        return replace(alone, candidate=_mean(cases) if cases else None, episodes=sum(map(len, cases)))
     old = baseline.values(name)
-    seeds = {case: sorted(old[case].keys() & new[case].keys()) for case in sorted(old.keys() & new.keys())}
-    was = [np.array([old[case][seed] for seed in of_case]) for case, of_case in seeds.items() if of_case]
-    now = [np.array([new[case][seed] for seed in of_case]) for case, of_case in seeds.items() if of_case]
+    pairs = {case: sorted(old[case].keys() & new[case].keys()) for case in sorted(old.keys() & new.keys())}
+    was = [np.array([old[case][seed] for seed in seeds]) for case, seeds in pairs.items() if seeds]
+    now = [np.array([new[case][seed] for seed in seeds]) for case, seeds in pairs.items() if seeds]
     if not was:
-        return Comparison(metric=name, unit=unit, verdict=WORSE if old and not new else "not compared")
+        return replace(alone, verdict=WORSE) if old and not new else alone
     confidence = 1.0 - (1.0 - _CONFIDENCE) / len(suite.metrics)  # Bonferroni: more metrics raise no more alarms
     differences = [after - before for before, after in zip(was, now, strict=True)]
     tolerance = suite.tolerance(name, _mean(was))
     low, high = mean_interval(differences, confidence)
-    verdict = _verdict(metric, low, high, tolerance)
-    if max(map(len, differences)) == 1:
-        verdict = "no difference seen"  # one value has no spread
+    one_each = max(map(len, differences)) == 1  # one value has no spread
     never_failed = {case for case, values in old.items() if name in FAILURES and not any(values.values())}
     new_failures = [f"{e.case}, seed {e.seed}" for e in run.episodes if e.case in never_failed and e.metrics.get(name)]
-    return Comparison(
-        metric=name,
-        unit=unit,
+    verdict: Verdict = "no difference seen" if one_each else _verdict(metric, low, high, tolerance)
+    return replace(
+        alone,
         verdict=WORSE if new_failures else verdict,
         candidate=_mean(now),
         baseline=_mean(was),

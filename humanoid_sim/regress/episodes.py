@@ -22,12 +22,9 @@ from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, length, rms
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITCommand
 from humanoid_sim.regress.preparation import PreparedCase
-from humanoid_sim.regress.results import Episode
+from humanoid_sim.regress.results import Episode, Failure
 from humanoid_sim.regress.suite import REACHED, metrics_of
 from humanoid_sim.simulation.batch_sim import BatchSim
-
-Rows = Mapping[str, npt.NDArray[Any]]
-"""Values of a policy step by name, shape (N, ...)."""
 
 _WINDOW = 1.0  # s over which a walking robot's velocity is averaged: one or two strides, so that sway does not count
 
@@ -68,15 +65,14 @@ class EpisodeBatch:
     def run(self) -> list[Episode]:
         """Run all episodes from their start to their end."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
-        task, measured = case.scenario.task, []
+        task, starts, measured = case.scenario.task, case.scenario.starts, []
         simulation.reseed(self._keys)
-        starts = case.scenario.starts
         start = starts(np.stack([generator.random(starts.draws) for generator in simulation.generators]))
         simulation.reset(qpos=start.qpos, qvel=start.qvel)
         commands = np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1))
         loop = ClosedLoop(simulation, case.scenario.wiring, commands)
         alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
-        failures: dict[int, tuple[str, str]] = {}
+        failures: dict[int, tuple[Failure, str]] = {}
 
         for step in range(case.steps):
             action = self._infer(loop, alive)
@@ -110,14 +106,11 @@ class EpisodeBatch:
                 actions[i] = self.case.scenario.policy(loop.observation[i], int(np.asarray(loop.memory.frame)[i]))
         return actions
 
-    def _step_rows(self, sample: StepSample, command: MITCommand) -> Rows:
-        """Measure one policy step; the sample is what came of the command, without the sensors' noise."""
+    def _step_rows(self, sample: StepSample, command: MITCommand) -> dict[str, npt.NDArray[Any]]:
+        """Measure one policy step, shape (N, ...) by name; the sample is without the sensors' noise."""
         context, task = self.case.scenario.task.context, self.case.suite.task
-        rows: dict[str, npt.NDArray[Any]] = {
-            name: METRICS[name].values(context, sample)
-            for name in metrics_of(task)
-            if name in METRICS and METRICS[name].needs in context.parts
-        }
+        names = [name for name in metrics_of(task) if name in METRICS and METRICS[name].needs in context.parts]
+        rows: dict[str, npt.NDArray[Any]] = {name: METRICS[name].values(context, sample) for name in names}
         rows["position"] = command.position
         if self._feet is not None and sample.base is not None:
             rows["velocity"] = sample.base.planar_velocity
@@ -126,7 +119,7 @@ class EpisodeBatch:
             rows["touch"] = self.simulation.key_force
         return rows
 
-    def _figures(self, measured: Sequence[Rows]) -> list[dict[str, float]]:
+    def _figures(self, measured: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[dict[str, float]]:
         """Return the metrics of each of N whole episodes by name, without those that are not there."""
         suite, case, period = self.case.suite, self.case.case, self.simulation.control_period
         command, piano = np.array(case.command or (0.0, 0.0, 0.0)), self.case.scenario.description.piano
@@ -145,8 +138,7 @@ class EpisodeBatch:
                 if metric.summary != "episode" and metric.name in rows:
                     values = rows[metric.name][:, i]
                     known = values[~np.isnan(values)]
-                    if known.size:
-                        episode[metric.name] = float(rms(known) if metric.summary == "rms" else known.mean())
+                    episode[metric.name] = float(rms(known) if metric.summary == "rms" else known.mean())
             for axis, name in enumerate(REACHED):
                 if case.moves[axis]:
                     episode[name] = min(float(rows["velocity"][:, i, axis].mean() / command[axis]), 1.0)
@@ -156,17 +148,17 @@ class EpisodeBatch:
             found.append(episode)
         return found
 
-    def _episode(self, i: int, steps: int, kind: str, failure: str, found: Mapping[str, float]) -> Episode:
-        """Return what came of episode `i`; one that failed has no errors to compare: what counts is that it failed."""
+    def _episode(self, i: int, steps: int, kind: Failure, failure: str, found: Mapping[str, float]) -> Episode:
+        """Return episode `i`; one that failed has no errors to compare: what counts is that it failed."""
         known = {**({} if kind else found), "faults": float(kind == "fault"), "survival": steps / self.case.steps}
-        known |= {"losses": float(kind == "lost"), "falls": float(kind == "lost")}
+        known |= dict.fromkeys(("losses", "falls"), float(kind == "lost"))
         return Episode(
             case=self.case.case.name,
             seed=self.seeds[i],
             steps=steps,
             duration=steps * self.simulation.control_period,
             failure=failure,
-            kind=kind,  # type: ignore[arg-type]  # one of the two above, or empty
+            kind=kind,
             metrics={name: known.get(name) for name in metrics_of(self.case.suite.task)},
         )
 

@@ -116,29 +116,24 @@ def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | No
         raise InputError(
             f"{path}: is a policy for task_type {task_type}, the suite '{suite.name}' is for {suite.task}; see --suite"
         )
-    with blaming(f"policy '{path.stem}'", InputError):
-        cases = tuple(_prepare_case(prepared, case, checkpoint) for case in suite.cases)
-    return PreparedPolicy(prepared, checkpoint, cases)
-
-
-def _prepare_case(prepared: PreparedSuite, case: Case, checkpoint: Checkpoint) -> PreparedCase:
-    suite, motion = prepared.suite, prepared.motions[case.name]
-    if isinstance(motion, Song):
-        motion = song_motion(motion, checkpoint.contract.policy_dt, prepared.description)
-    elif suite.task == "tracking" and motion is None:
-        motion = checkpoint.motion
-    config = PolicyEnvConfig(
-        policy=checkpoint,
-        robot=prepared.description,
-        motion=motion,
-        task="velocity" if suite.task == "velocity" else "auto",
-        implicit=suite.implicit,
-        joint_noise=suite.start.joint_position,
-        velocity_noise=suite.start.joint_velocity,
-    )
-    with blaming(f"case '{case.name}'", InputError):
-        scenario = build_scenario(config)
-    steps = scenario.wiring.reference.frame_count - 1
-    if case.duration is not None:
-        steps = round(case.duration / scenario.contract.policy_dt)
-    return PreparedCase(suite, case, scenario, max(steps, 1))
+    cases = []
+    for case in suite.cases:
+        motion = prepared.motions[case.name]
+        with blaming(f"policy '{path.stem}': case '{case.name}'", InputError):
+            if isinstance(motion, Song):
+                motion = song_motion(motion, checkpoint.contract.policy_dt, prepared.description)
+            config = PolicyEnvConfig(
+                policy=checkpoint,
+                robot=prepared.description,
+                motion=motion,
+                task="velocity" if suite.task == "velocity" else "auto",
+                implicit=suite.implicit,
+                joint_noise=suite.start.joint_position,
+                velocity_noise=suite.start.joint_velocity,
+            )
+            scenario = build_scenario(config)
+        steps = scenario.wiring.reference.frame_count - 1
+        if case.duration is not None:
+            steps = round(case.duration / scenario.contract.policy_dt)
+        cases.append(PreparedCase(suite, case, scenario, max(steps, 1)))
+    return PreparedPolicy(prepared, checkpoint, tuple(cases))

@@ -20,6 +20,11 @@ WORSE: Verdict = "worse beyond tolerance"
 """Verdict that fails a candidate."""
 
 
+Failure = Literal["", "fault", "lost"]
+"""Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
+simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
+
+
 class Episode(msgspec.Struct, frozen=True, kw_only=True):
     """One rollout of one policy: a case with a seed."""
 
@@ -28,9 +33,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True):
     steps: int
     duration: float  # s of simulated time that the episode lasted
     failure: str = ""
-    kind: Literal["", "fault", "lost"] = ""
-    """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
-    simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
+    kind: Failure = ""
     metrics: Mapping[str, float | None]  # by the metric's name, in its unit; None: not measured
 
 

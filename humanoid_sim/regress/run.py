@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,6 @@ from humanoid_sim.regress.report import junit_xml, print_results, report_page
 from humanoid_sim.regress.results import Candidate, Episode, PolicyRun, Results
 from humanoid_sim.regress.suite import Suite, load_suite
 
-Executor = Callable[[PreparedPolicy], Iterator[list[Episode]]]  # case by case, seed by seed, as they end
 _CHUNK = 8  # seeds of one task of a cluster
 _FEWEST_SEEDS = 6  # of each case that a comparison takes: with fewer their spread is hardly known
 
@@ -67,8 +66,8 @@ def tested(config: RegressConfig) -> Results:
     policies = [prepare_policy(prepared, path, config.contract) for path in paths]
     stems = [path.stem for path in paths]
     names = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, given, strict=True)]
-    with _executor(config.ray) as executor:
-        runs = [_run(name, policy, executor) for name, policy in zip(names, policies, strict=True)]
+    with _cluster(config.ray) as ray:
+        runs = [_run(name, policy, ray) for name, policy in zip(names, policies, strict=True)]
     if len(runs) > len(config.policies):
         baseline = runs.pop()
     candidates = tuple(Candidate(run=run, comparisons=compare_runs(prepared.suite, baseline, run)) for run in runs)
@@ -96,29 +95,30 @@ def _chosen(suite: Suite, config: RegressConfig) -> Suite:
     return replace(suite, cases=cases, seeds=seeds)
 
 
-def _run(name: str, policy: PreparedPolicy, executor: Executor) -> PolicyRun:
+def _run(name: str, policy: PreparedPolicy, ray: Any) -> PolicyRun:
+    """Run a policy's episodes case by case and seed by seed: in this process without Ray, with the same results."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
-    episodes: list[Episode] = []
-    for done in track(executor(policy), name, console=Console(stderr=True), transient=True):
-        episodes += done
+    local = (run_episodes(case, range(case.suite.seeds)) for case in policy.cases)
+    running = local if ray is None else _run_on_ray(ray, policy)
+    episodes = tuple(chain.from_iterable(track(running, name, console=Console(stderr=True), transient=True)))
     return PolicyRun(
         name=name,
         source=policy.checkpoint.source,
         sha256=policy.checkpoint.sha256,
         case_digests=policy.prepared.digests,
-        episodes=tuple(episodes),
+        episodes=episodes,
         versions={"humanoid_sim": __version__, **packages, "platform": platform.platform()},
     )
 
 
 @contextmanager
-def _executor(address: str | None) -> Iterator[Executor]:
-    """Yield what runs a policy's episodes: this process, or a Ray cluster, with the same results.
+def _cluster(address: str | None) -> Iterator[Any]:
+    """Yield Ray, connected to a cluster; None without an address.
 
-    On a cluster the package, the checkpoint and the robot's files must be at the same paths on every machine.
+    The package, the checkpoint and the robot's files must be at the same paths on every machine of it.
     """
     if address is None:
-        yield lambda policy: (run_episodes(case, range(case.suite.seeds)) for case in policy.cases)
+        yield None
         return
     with needing("ray", "cluster", "--ray"):
         import ray  # noqa: PLC0415 - an extra, and slow to import
@@ -127,7 +127,7 @@ def _executor(address: str | None) -> Iterator[Executor]:
     with blaming(f"--ray: is '{address}', and no cluster answers there", (ConnectionError, ValueError, RuntimeError)):
         ray.init(address, log_to_driver=False, logging_level="error", **local)
     try:
-        yield partial(_run_on_ray, ray)
+        yield ray
     finally:
         ray.shutdown()
 

@@ -21,7 +21,7 @@ from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
-from humanoid_sim.testing.healthy import ScriptedPolicy, healthy_externs, healthy_tick
+from humanoid_sim.testing.healthy import ScriptedPolicy, healthy_externs, healthy_state
 from humanoid_sim.testing.machine import PERIOD, StackMachine
 from humanoid_sim.testing.properties import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
@@ -110,7 +110,7 @@ def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTING
     n, extern = len(controller.joints), getattr(controller, "extern", {})
     memory = None
     for i in range(_HEALTHY_TICKS):
-        memory = _step(controller, memory, healthy_tick((0.5,) * n, 10.0 + PERIOD * i, externs=extern))
+        memory = _step(controller, memory, TickInput(healthy_state((0.5,) * n, 10.0 + PERIOD * i, extern)))
         require(not isinstance(memory, Fault), "on a healthy robot: {}, in tick {}", memory, i)
 
     @settings

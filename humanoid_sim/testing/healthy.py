@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.messages import Intent, RemoteCommand, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
 _UPRIGHT_AT_ORIGIN = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # m and w x y z
@@ -17,16 +17,16 @@ _UPRIGHT_AT_ORIGIN = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # m and w x 
 Answer = Callable[[npt.NDArray[np.float32], int], Any]  # (observation of shape (N,), frame) -> action, or anything
 
 
-def healthy_externs(widths: Mapping[str, int] | None, time: float) -> dict[str, Extern]:
+def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]:
     """Live inputs that arrived at `time` s, by name and width: nothing commanded or pressed, upright at the origin."""
     return {
         name: Extern(_UPRIGHT_AT_ORIGIN if name == ANCHOR_POSE and width == 7 else np.zeros(width), time)
-        for name, width in (widths or {}).items()
+        for name, width in widths.items()
     }
 
 
 def healthy_state(
-    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] | None = None
+    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = MappingProxyType({})
 ) -> MITState:
     """Return a robot at rest and upright at `time` s, its joints at `position` (n,), rad."""
     zeros = np.zeros(len(position))
@@ -41,17 +41,6 @@ def healthy_state(
         imu_linear_acceleration=np.array([0.0, 0.0, 9.81]),
         extern=healthy_externs(externs, time),
     )
-
-
-def healthy_tick(
-    position: Sequence[float] | FloatArray,
-    time: float,
-    *intents: Intent,
-    remote: RemoteCommand | None = None,
-    externs: Mapping[str, int] | None = None,
-) -> TickInput:
-    """Return one tick of such a robot."""
-    return TickInput(healthy_state(position, time, externs), intents=intents, remote=remote)
 
 
 class ScriptedPolicy:

@@ -16,7 +16,7 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.testing import strategies
-from humanoid_sim.testing.healthy import ScriptedPolicy, healthy_externs, healthy_tick, misbehaviours, well_behaved
+from humanoid_sim.testing.healthy import ScriptedPolicy, healthy_externs, healthy_state, misbehaviours, well_behaved
 from humanoid_sim.testing.properties import EDGES, SafetyProperties, fingerprint, require
 
 PERIOD = 0.02  # s of the robot's clock from one tick to the next
@@ -78,7 +78,8 @@ class StackMachine(RuleBasedStateMachine):
         return output
 
     def healthy(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickInput:
-        return healthy_tick(self.joints, self.time, *wanted, remote=remote or self.remote, externs=self.externs)
+        state = healthy_state(self.joints, self.time, self.externs)
+        return TickInput(state, intents=wanted, remote=remote or self.remote)
 
     def tick(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickOutput:
         """Feed what the healthy robot gives one period later, with `remote` or the last remote command."""

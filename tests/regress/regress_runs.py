@@ -44,9 +44,11 @@ def prepared(suite: Suite | Path, policy: Path = SAMPLE, robot: str | None = Non
     return prepare_policy(prepare_suite(loaded, folder, robot), policy).cases[0]
 
 
-def changed_copy(path: Path, output: Path, operator: str, value: np.ndarray, **attributes: int) -> Path:
-    """A policy whose action goes through one more operator with a constant, such as `Add` or `Gather`."""
-    model = _load(path)
+def changed_copy(output: Path, operator: str, value: np.ndarray, **attributes: int) -> Path:
+    """The sample policy, whose action goes through one more operator with a constant, such as `Add` or `Gather`."""
+    model = onnx.load(str(SAMPLE))
+    kept = {entry.key: entry.value for entry in model.metadata_props if entry.key != GOLDEN_KEY}
+    helper.set_model_props(model, kept)
     name = model.graph.output[0].name
     for node in model.graph.node:
         node.output[:] = ["before_the_change" if given == name else given for given in node.output]
@@ -54,32 +56,6 @@ def changed_copy(path: Path, output: Path, operator: str, value: np.ndarray, **a
     model.graph.node.append(helper.make_node(operator, ["before_the_change", "of_the_change"], [name], **attributes))
     onnx.save(model, str(output))
     return output
-
-
-def swapped_copy(path: Path, output: Path) -> Path:
-    """The first two of the action's 14 values in each other's place."""
-    return changed_copy(path, output, "Gather", np.array([1, 0, *range(2, 14)]), axis=1)
-
-
-def slowed_copy(output: Path, factor: float) -> Path:
-    """The Lite's legs, walking for `factor` times the command, which is observed in columns 6 to 8."""
-    model = _load(WALKER)
-    source = model.graph.input[0]
-    scale = np.ones(source.type.tensor_type.shape.dim[1].dim_value, dtype=np.float32)
-    scale[6:9] = factor
-    for node in model.graph.node:
-        node.input[:] = ["slowed" if name == source.name else name for name in node.input]
-    model.graph.initializer.append(numpy_helper.from_array(scale, "scale"))
-    model.graph.node.insert(0, helper.make_node("Mul", [source.name, "scale"], ["slowed"]))
-    onnx.save(model, str(output))
-    return output
-
-
-def _load(path: Path) -> onnx.ModelProto:
-    model = onnx.load(str(path))
-    kept = {entry.key: entry.value for entry in model.metadata_props if entry.key != GOLDEN_KEY}
-    helper.set_model_props(model, kept)
-    return model
 
 
 def tiny_suite(**tolerances: Tolerance) -> Suite:

@@ -80,9 +80,3 @@ def test_intervals_cover_the_truth_nearly_as_often_as_they_say():
         low, high = mean_interval([mean + generator.normal(size=6) for mean in (1.0, 2.0, 6.0)], 0.95)
         covered += low <= 3.0 <= high
     assert 0.90 <= covered / 300 <= 0.98
-
-
-def test_policies_that_are_equally_good_raise_no_alarm():
-    """20 tries of policies that differ by chance alone, at the tolerance of the shipped suites."""
-    alarms = [compare(given(figure(1.0, 0.5, seed)), given(figure(1.0, 0.5, 100 + seed)))[1] for seed in range(20)]
-    assert alarms == [[]] * 20

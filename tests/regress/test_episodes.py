@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from regress_runs import SAMPLE, WALKER, changed_copy, prepared, yaml_suite
+from regress_runs import WALKER, changed_copy, prepared, yaml_suite
 
 from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.piano_score import PlayedKeys
@@ -49,7 +49,7 @@ def test_an_episode_is_the_same_in_any_company_and_every_time(short):
 
 def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
-    policy = changed_copy(SAMPLE, tmp_path / "other.onnx", "Add", np.full(1, 0.05, dtype=np.float32))
+    policy = changed_copy(tmp_path / "other.onnx", "Add", np.full(1, 0.05, dtype=np.float32))
     one = replace(suite, cases=suite.cases[1:])
     parcel = prepare_suite(suite, folder), policy, None
     assert run_seeds(parcel, 1, [2, 0]) == run_episodes(prepared(one, policy), [2, 0])
@@ -57,7 +57,7 @@ def test_a_worker_of_a_cluster_gives_the_same_episodes(tmp_path):
 
 @pytest.mark.parametrize(("value", "said"), [(np.nan, "nan"), (1e6, ".*")])
 def test_actions_that_the_controller_refuses_are_counted_and_end_nothing_else(tmp_path, value, said):
-    bad = changed_copy(SAMPLE, tmp_path / "bad.onnx", "Add", np.array([value], dtype=np.float32))
+    bad = changed_copy(tmp_path / "bad.onnx", "Add", np.array([value], dtype=np.float32))
     for episode in run_episodes(prepared(yaml_suite(tmp_path), bad), [0, 1]):
         assert re.match(f"action of left_shoulder_pitch is {said}, expected a magnitude <= 100", episode.failure)
         assert (episode.kind, episode.steps) == ("fault", 0)

@@ -13,8 +13,9 @@ from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing.healthy import healthy_tick, misbehaviours
+from humanoid_sim.testing.healthy import healthy_state, misbehaviours
 
 QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=6, derandomize=True, database=None)
 SEARCH = settings(QUICK, max_examples=200, phases=[Phase.generate])
@@ -99,5 +100,5 @@ def test_every_misbehaviour_of_a_policy_is_a_fault(name, m, limit):
     contract = contract_of(joints, observation=("joint_pos", "actions"))
     policy = misbehaviours(m, limit)[name]
     controller = RLPolicyController(joints, contract, no_reference(), policy, 0.02, limit)
-    tick = healthy_tick([0.5] * m, 1.0)
+    tick = TickInput(healthy_state([0.5] * m, 1.0))
     assert isinstance(controller.update(controller.activate(tick), tick), Fault)

@@ -1,8 +1,6 @@
 """The strategies draw what they promise, and the guide's examples run."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -43,10 +41,3 @@ def test_the_guide_s_examples_run(example, monkeypatch):
             value()
     if "CarefulLite" in names:
         run_state_machine_as_test(names["CarefulLite"], settings=quick)
-
-
-def test_without_hypothesis_one_line_says_what_to_install():
-    code = "import sys; sys.modules['hypothesis'] = None; import humanoid_sim.testing"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert done.stderr.rstrip().endswith("pip install 'humanoid_sim[testing]'")
