@@ -98,8 +98,10 @@ class Task:
 
     def _metric(self, where: str, name: str) -> Values:
         require_known("metric", [name], METRICS, f"{where}: ")
-        self.context.require(name, METRICS[name].needs)
-        return METRICS[name].values
+        row, robot = METRICS[name], self.context.description.name
+        if row.needs not in self.context.parts:
+            raise InputError(f"{name}: needs a {row.needs}, which robot '{robot}' with this policy does not have")
+        return row.values
 
     def commands(self, numbers: FloatArray) -> FloatArray:
         """Return the velocity commands of an episode, shape (..., k, 3), for random numbers (..., command_draws)."""

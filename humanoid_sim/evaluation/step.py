@@ -13,7 +13,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.errors import InputError
 from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState
@@ -87,12 +86,6 @@ class StepContext:
             "song": description.piano is not None and "target_keys" in terms,
         }
         self.parts = {needs for needs, is_there in known.items() if is_there}
-
-    def require(self, metric: str, needs: Needs) -> None:
-        """Raise `InputError` if this robot, contract or motion does not have what a metric needs."""
-        if needs not in self.parts:
-            robot = self.description.name
-            raise InputError(f"{metric}: needs a {needs}, which robot '{robot}' with this policy does not have")
 
     @cached_property
     def body_target(self) -> tuple[FloatArray, FloatArray]:

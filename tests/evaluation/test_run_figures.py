@@ -79,35 +79,23 @@ REFERENCE = MotionReference(
 )
 
 
-def anchor_errors(lite, *, order=("a", "b"), align):
-    joints = tuple(msgspec.structs.replace(joint, name=name) for joint, name in zip(lite.joints, "ab", strict=False))
-    two = msgspec.structs.replace(lite, joints=joints)
-    contract = contract_of(order, task_type="tracking", anchor_body="base", align_reference=align)
-    return MotionErrors(two, LoadedPolicy(contract, REFERENCE, zero_policy(2)))
-
-
-def posed(joints, position, yaw):
-    pose = np.array([*position, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-    return replace(at(joints), extern={ANCHOR_POSE: Extern(pose, 0.0)})
-
-
 def test_joints_by_name_and_a_reference_laid_onto_the_robot(lite):
-    errors = anchor_errors(lite, order=("b", "a"), align=True)
-    errors.update(0, posed([0.2, 0.1], [3.0, -1.0, 0.8], math.pi / 2))
-    errors.update(1, posed([0.4, 0.3], [3.0, 0.0, 0.8], math.pi / 2))
-    assert all(error["max"] == pytest.approx(0.0, abs=1e-6) for error in errors.summary()["errors"].values())
+    joints = tuple(msgspec.structs.replace(joint, name=name) for joint, name in zip(lite.joints, "ab", strict=False))
+    robot = msgspec.structs.replace(lite, joints=joints)
+    contract = contract_of(("b", "a"), task_type="tracking", anchor_body="base", align_reference=True)
+    poses = [([0.2, 0.1], (3.0, -1.0, 0.8)), ([0.4, 0.3], (3.0, 0.0, 0.8))]
 
+    def summary(first):
+        errors = MotionErrors(robot, LoadedPolicy(contract, REFERENCE, zero_policy(2)))
+        for frame, (q, place) in [*enumerate(poses)][first:]:
+            pose = np.array([*place, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+            errors.update(frame, replace(at(q), extern={ANCHOR_POSE: Extern(pose, 0.0)}))
+        return errors.summary()
 
-def test_errors_of_joints_and_anchor(lite):
-    errors = anchor_errors(lite, align=False)
-    errors.update(0, posed([0.1, 0.2], [0.0, 0.0, 0.8], 0.0))
-    errors.update(1, posed([0.3, 0.8], [1.0, 0.3, 0.4], 0.6))
-    found = errors.summary()["errors"]
-    assert found["joint_error"]["mean"] == pytest.approx(0.2 / math.sqrt(2))
-    assert found["anchor_position_error"]["max"] == pytest.approx(0.5)
-    unseen = anchor_errors(lite, align=True)
-    unseen.update(1, posed([0.3, 0.4], [1.0, 0.0, 0.8], 0.0))
-    assert unseen.summary() is None, "where its start was not seen, it is not known where the motion lies"
+    errors = summary(0)["errors"]
+    assert [*errors] == ["joint_error", "anchor_position_error", "anchor_orientation_error"]
+    assert all(error["max"] == pytest.approx(0.0, abs=1e-6) for error in errors.values())
+    assert summary(1) is None, "where its start was not seen, it is not known where the motion lies"
 
 
 class FakeBase:

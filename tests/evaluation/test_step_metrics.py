@@ -9,7 +9,6 @@ from models import contract_of
 
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import multiply, rotation_6d
-from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, has_fallen, has_run_away, quaternion_angle
@@ -83,10 +82,7 @@ def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_heig
     step = sample(base=replace(BASE, centre_of_mass=np.array([0.0, 0.0, 0.3])))
     assert METRICS["fallen"].values(walker, step) == 1.0
     assert describe_failure(walker, step).startswith("fell: tilted by 0°, its centre of mass at 50% ")
-
-
-def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
-    assert has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]
+    assert has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True], "a fault, and no fall"
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi])
@@ -168,12 +164,6 @@ def test_keys_of_a_song():
     step = sample(14, extern={KEY_PRESSED: Extern(pressed, 0.0)})
     found = [float(METRICS[name].values(context, step)) for name in ("no_wrong_key", "precision", "recall", "f1")]
     assert found == [0.0, 0.5, 0.5, 0.5]
-
-
-def test_a_metric_that_does_not_fit_is_refused(walker):
-    for name, needs in (("f1", "song"), ("joint_error", "motion with joints")):
-        with pytest.raises(InputError, match=f"{name}: needs a {needs}"):
-            walker.require(name, METRICS[name].needs)
 
 
 def test_feet_are_found_and_slide():

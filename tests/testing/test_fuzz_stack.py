@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import rig
 from hypothesis import Phase, settings
-from hypothesis.stateful import run_state_machine_as_test
 
 from humanoid_sim import testing
 from humanoid_sim.controllers import supervisor as supervisor_module
@@ -150,15 +149,3 @@ def test_a_pose_that_takes_for_ever_is_found():
 @pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
 def test_every_shipped_robot_withstands_anything(name):
     testing.fuzz_stack(testing.robot_stack(name), settings(testing.DEFAULT_SETTINGS, max_examples=60))
-
-
-def test_a_property_of_ones_own_is_checked_in_the_search():
-    class NeverDamped(testing.StackMachine):
-        build = staticmethod(rig.supervisor)
-
-        def check(self, given, output):
-            super().check(given, output)
-            assert output.control_mode.mode is not Mode.DAMPING, "is damped"
-
-    with pytest.raises(AssertionError, match="is damped"):
-        run_state_machine_as_test(NeverDamped, settings=settings(SEARCH, max_examples=20))
