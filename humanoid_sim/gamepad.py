@@ -15,7 +15,7 @@ from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.frontends.attach import attached, run_steps
 from humanoid_sim.frontends.joy import policy_speeds, read_bindings, stick_velocity
-from humanoid_sim.frontends.pads import Pad, Pads
+from humanoid_sim.frontends.pads import Pad, Pads, describe_pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import FloatArray
 
@@ -127,13 +127,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(pads: Pads) -> int:
-    """Print each gamepad, and if it cannot be used; 1 if none can."""
-    found = pads.poll()
-    for pad in found:
-        print(pad.name if pad.is_known else f"{pad.name} cannot be used: its layout is not known, expected XInput's")
-    if not found:
-        print("no gamepad is plugged in, as /dev/input/js* that this user may read")
-    return ExitStatus.of(any(pad.is_known for pad in found))
+    is_usable, lines = describe_pads(pads.poll())
+    print(*lines, sep="\n")
+    return ExitStatus.of(is_usable)
 
 
 if __name__ == "__main__":

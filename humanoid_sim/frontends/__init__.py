@@ -7,22 +7,9 @@ starts it as a child process, anybody else later with `python -m humanoid_sim.<n
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
 
 from humanoid_sim.cli import FRONT_ENDS
 from humanoid_sim.errors import MissingPackageError
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """A front end to start with a session."""
-
-    name: str
-    """Name in `FRONT_ENDS`."""
-    options: tuple[str, ...] = ()
-    """Options of its command line; `--session` is added."""
-    label: str = ""
-    """Label of one that runs twice; empty: its name."""
 
 
 def require_packages(name: str) -> None:

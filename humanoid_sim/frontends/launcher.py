@@ -7,11 +7,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from time import monotonic
+from dataclasses import replace
+from time import monotonic, monotonic_ns
+from typing import NamedTuple
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import Wanted
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.sinks import Sink
@@ -21,18 +21,36 @@ _READY = 30.0  # s that children get to print their first line; the session begi
 _GRACE = 2.0  # s that a child gets to end after SIGTERM
 
 
-@dataclass(slots=True)
+class Wanted(NamedTuple):
+    """A front end to start with a session."""
+
+    name: str  # in `FRONT_ENDS`
+    options: tuple[str, ...] = ()  # of its command line; `--session` is added
+    label: str = ""  # of one that runs twice; empty: its name
+
+
 class _Child:
-    name: str
-    process: subprocess.Popen[str]
-    last: str = ""
-    """The latest line that it printed."""
-    is_ready: threading.Event = field(default_factory=threading.Event)
-    """It printed something other than an error, or has ended."""
+    """A front end's process."""
+
+    def __init__(self, wanted: Wanted) -> None:
+        self.name = wanted.label or wanted.name
+        self.last = ""  # line that it printed
+        self.is_ready = threading.Event()  # it printed something other than an error, or has ended
+        # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
 
 
 class FrontEnds(Sink):
-    """A sink that ignores ticks: it starts the front ends with the session and ends them with it."""
+    """Child processes from here on until `close`, and the session's status; a sink that ignores ticks."""
 
     def __init__(
         self,
@@ -43,21 +61,21 @@ class FrontEnds(Sink):
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
         is_ending: Callable[[], bool] = lambda: False,
-        begin: Callable[[SessionHeader], SessionHeader] = lambda header: header,
+        clock_waits: bool = False,
     ) -> None:
-        """Start nothing yet.
+        """Launch them, with ordinary priority: not within a loop that has another.
 
         Args:
             feed: gets the status twice a second.
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
             note: records a line.
-            begin: returns the header of a run that begins now; called when the children are ready.
+            clock_waits: the robot's clock begins when they are ready.
         """
-        self._wanted, self._feed = tuple(wanted), feed
-        self._show, self._note, self._status, self._is_ending, self._begin = show, note, status, is_ending, begin
-        self._children: list[_Child] = []
+        self._feed, self._show, self._note, self._status = feed, show, note, status
+        self._is_ending, self._clock_waits, self._begin = is_ending, clock_waits, monotonic_ns()
         self._threads: list[threading.Thread] = []
         self._stop = threading.Event()
+        self._children = [_Child(one) for one in wanted]
 
     @property
     def running(self) -> Mapping[str, int]:
@@ -65,18 +83,19 @@ class FrontEnds(Sink):
         return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
 
     def start(self, header: SessionHeader) -> SessionHeader:
-        """Start them, and wait until they are ready: a run that needs a producer does not begin without it.
+        """Wait until they are ready, which a run that needs a producer does not begin without.
 
-        Raises `InputError` if one ends at once.
+        Returns the header of a run that begins now. Raises `InputError` if one has ended.
         """
-        self._children = [_Child(wanted.label or wanted.name, _launched(wanted)) for wanted in self._wanted]
-        self._run(self._send_status)  # a child reads there that it runs
+        self._header = header
+        self._run(self._send_status)  # a child reads there that the session runs
         for child in self._children:
             self._run(self._read_output, child)
         self._wait_until_ready()
-        header = self._begin(header)
-        self._feed.status(self._status())
-        return header
+        if self._clock_waits:
+            self._header = replace(header, start_time_ns=header.start_time_ns + monotonic_ns() - self._begin)
+        self._send()
+        return self._header
 
     def close(self) -> None:
         """End them: with SIGTERM, and after a while with SIGKILL."""
@@ -97,10 +116,12 @@ class FrontEnds(Sink):
         self._threads[-1].start()
 
     def _send_status(self) -> None:
-        while True:
-            self._feed.status(self._status())
-            if self._stop.wait(_STATUS_PERIOD):
-                return
+        while not self._stop.is_set():
+            self._send()
+            self._stop.wait(_STATUS_PERIOD)
+
+    def _send(self) -> None:
+        self._feed.status({**self._status(), "front_ends": self.running, "start_time_ns": self._header.start_time_ns})
 
     def _read_output(self, child: _Child) -> None:
         assert child.process.stdout is not None
@@ -130,23 +151,3 @@ class FrontEnds(Sink):
                 raise InputError(f"front end {child.name}: ended before the session began: {reason}")
             if not child.is_ready.is_set():
                 self._note(f"front end {child.name} is not ready")
-
-
-def _launched(wanted: Wanted) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options]
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # a child must not compete with the loop
-    try:
-        # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
-        return subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-    finally:
-        os.sched_setscheduler(0, policy, parameters)

@@ -6,7 +6,7 @@ import array
 import fcntl
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,3 +116,13 @@ class Pads:
     def close(self) -> None:
         while self._open:
             self._open.popitem()[1].close()
+
+
+def describe_pads(pads: Sequence[Pad]) -> tuple[bool, list[str]]:
+    """Return True if one can be used, and a line on each, or that there is none."""
+    lines = [
+        pad.name if pad.is_known else f"{pad.name} cannot be used: its layout is not known, expected XInput's"
+        for pad in pads
+    ]
+    none = "no gamepad is plugged in, as /dev/input/js* that this user may read"
+    return any(pad.is_known for pad in pads), lines or [none]

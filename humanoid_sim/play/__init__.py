@@ -16,6 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     check_environment()
 
-    from humanoid_sim.play.run import play  # noqa: PLC0415
+    from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415
+    from humanoid_sim.play.run import played  # noqa: PLC0415
 
-    return play(config)
+    return played(config, PlayConsole()).status

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
-from dataclasses import asdict, replace
+from contextlib import ExitStack, closing
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -14,9 +14,8 @@ from humanoid_sim import __version__
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
 from humanoid_sim.frontends.launcher import FrontEnds
-from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, SafetyStatus, TickRecord
 from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.front_ends import has_keys
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.ghost import ReferenceGhost
@@ -51,9 +50,7 @@ class Monitor(WorkerSink):
     def handle_tick(self, record: TickRecord) -> None:
         fell = self.figures.tick(record)
         if fell:
-            fall = Event(self.figures.time, fell, EventKind.FALL)
-            self.figures.event(fall)
-            self._tell(fall)
+            self._tell(Event(self.figures.time, fell, EventKind.FALL))
 
     def handle_event(self, event: Event) -> None:
         self.figures.event(event)
@@ -67,31 +64,52 @@ class Run:
 
         Raises `InputError` if a socket or the terminal cannot be taken over; nothing stays open then.
         """
-        config, setup = plan.config, plan.setup
+        config, setup, policies, first = plan.config, plan.setup, plan.policies, plan.policies.first
         self.plan = plan
-        self.is_hardware = config.hardware is not None
-        self.header, self._made = _header(plan), time.monotonic_ns()
         self._sim = setup.robot if isinstance(setup.robot, SimRobot) else None
         self._outside_safety = OutsideSafety(plan.watchdogs)
-        self._watch(console)
         reactivation, selection = Reactivation(setup.warnings), PolicySelection()
+        since_zero = float(setup.robot.read()[0].time)  # a real robot's clock runs already
+        header = run_header(
+            plan.description,
+            plan.control_period,
+            None if first is None else first.loaded,
+            None if first is None else first.motion,
+            policies=policies.named,
+            motions={choice.name: choice.motion for choice in policies.choices if choice.motion is not None},
+            settings={
+                "program": f"humanoid_sim.play {__version__}",
+                "options": asdict(config),
+                **policies.settings,
+                "checks": [": ".join(check) for check in setup.checks()],  # a real robot has been prepared
+            },
+            start_time_ns=time.time_ns() - round(1e9 * since_zero),
+            remote=True,
+        )
         with ExitStack() as stack:
-            registration = Registration()
-            stack.callback(registration.close)
-            intents = IntentSocket(
-                registration.path / "intents",
-                reactivation,
-                self._note,
-                self._outside_safety,
-                None if self._sim is None else self._push,
-                selection,
-            )
+            registration = stack.enter_context(closing(Registration()))
+            folder, push = registration.path, None if self._sim is None else self._sim.push
+            intents = IntentSocket(folder / "intents", reactivation, self._note, self._outside_safety, push, selection)
             stack.callback(intents.close)
-            self.data = self._data_socket(registration)
+            self.data = DataSocket(
+                folder / "data",
+                plan.description.joint_names,
+                1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
+                clock=lambda: self.session.time,
+                velocity=plan.velocity if policies.walks else None,
+                live=plan.external,
+                timeouts=policies.live_timeouts,
+                tell=self._note,
+            )
             stack.callback(self.data.close)
             blobs = {MODEL_BLOB: model_bytes(setup.model())}
-            self.feed = FeedWriter(registration.path, self.header, blobs, plan.external)
-            stack.callback(self.feed.close)
+            self.feed = stack.enter_context(closing(FeedWriter(folder, header, blobs, plan.external)))
+            registration.register(robot=plan.description.name, policy=policies.label, hardware=config.hardware or "")
+            self.keyboard = None
+            if config.has_keys:
+                velocity = plan.velocity if policies.walks else None
+                self.keyboard = Keyboard(velocity, reactivation=reactivation, tell=self._show)
+                stack.callback(self.keyboard.close)
             self.front_ends = FrontEnds(
                 plan.front_ends,
                 self.feed,
@@ -99,50 +117,36 @@ class Run:
                 note=self._note,
                 status=self._status,
                 is_ending=lambda: self.session.is_ending,
-                begin=self._begin,
+                clock_waits=self._sim is not None,
             )
             stack.callback(self.front_ends.close)
-            registration.register(
-                robot=plan.description.name, policy=plan.policies.label, hardware=config.hardware or ""
-            )
-            self.keyboard = None
-            if has_keys(config):
-                velocity = plan.velocity if plan.policies.walks else None
-                self.keyboard = Keyboard(velocity, reactivation=reactivation, tell=self._show)
-                stack.callback(self.keyboard.close)
             self._open = stack.pop_all()
-        self.interruption = None
         sources: list[IntentSource] = []
-        if self.is_hardware:
+        self.interruption = None
+        if self._sim is None:
             if config.needs_gamepad:
                 sources.append(DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
             self.interruption = Interruption(_STANDSTILL, self._note)
             sources.append(self.interruption)
-        sources.append(intents)
-        if self.keyboard is not None:
-            sources.append(self.keyboard)
+        sources += [intents] if self.keyboard is None else [intents, self.keyboard]
         self.script = None
         if plan.steps is not None:
-            frames = {one.name: 0 if one.motion is None else len(one.motion.frames) for one in plan.policies.choices}
+            frames = {one.name: 0 if one.motion is None else len(one.motion.frames) for one in policies.choices}
             self.script = Script(plan.steps, frames, selection=selection, operators=sources)
-        # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
-        # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
-        shows = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)
-        sinks: list[Sink] = [sink for sink in shows if sink is not None]
-        self.session = plan.session = Session(
+        self.session = Session(
             setup.robot,
             plan.supervisor,
             LoopSettings(
                 plan.control_period,
                 realtime=plan.realtime,
-                simulated=not self.is_hardware,
+                simulated=self._sim is not None,
                 duration=config.duration,
-                punctual=self.is_hardware,
+                punctual=self._sim is None,
             ),
-            header=self.header,
+            header=header,
             intents=sources if self.script is None else (self.script,),
             remote=lambda: self.data.remote,
-            sinks=[*sinks, intents, self.data],
+            sinks=[*self._sinks(console), intents, self.data],
             safety_filter=self._with_other_safety,
             externs=(self.data, plan.velocity),
             qpos=lambda: setup.qpos(self.session.state),
@@ -152,19 +156,19 @@ class Run:
             selection=selection,
         )
 
-    def _watch(self, console: Console) -> None:
+    def _sinks(self, console: Console) -> list[Sink]:
         plan, outputs, first = self.plan, self.plan.outputs, self.plan.policies.first
         is_drawn = outputs.html is not None or outputs.video is not None
         tracking = keys = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
-            contract = first.loaded.contract
             tracking = MotionErrors(plan.description, first.loaded)
             if first.motion is not None and first.motion.task_type == "piano":
                 keys = PlayedKeys(first.motion.frames)
-            ghost = ReferenceGhost(plan.description, contract, first.loaded.reference) if is_drawn else None
+            if is_drawn:
+                ghost = ReferenceGhost(plan.description, first.loaded.contract, first.loaded.reference)
         self.console = ConsoleSink(
             console,
-            has_keys=has_keys(plan.config),
+            has_keys=plan.config.has_keys,
             walks=plan.policies.walks,
             motion_frames=0 if first is None or first.motion is None else len(first.motion.frames),
             available=plan.supervisor.controllers,
@@ -174,65 +178,39 @@ class Run:
             self.recorder = McapRecorder(
                 outputs.record,
                 overwrite=plan.config.overwrite,
-                encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - the feed comes later
+                encoded=self.feed.encoded,
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.poses = Poses(ghost) if is_drawn else None
         figures = RunFigures(plan.description, tracking=tracking, keys=keys, base=plan.setup.base)
         self.monitor = Monitor(figures, self._tell)
-
-    def _data_socket(self, registration: Registration) -> DataSocket:
-        plan, timeouts = self.plan, dict[str, float]()
-        for contract in plan.policies.contracts:
-            for name, topic in contract.live_topics.items():
-                if topic.timeout is not None:
-                    timeouts[name] = topic.timeout
-        return DataSocket(
-            registration.path / "data",
-            plan.description.joint_names,
-            1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
-            clock=plan.clock,
-            velocity=plan.velocity if plan.policies.walks else None,
-            live=plan.external,
-            timeouts=timeouts,
-            tell=self._note,
-        )
+        # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The front
+        # ends wait in `start` until they work, and then set the header's time: those behind them get that header.
+        sinks = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)
+        return [sink for sink in sinks if sink is not None]
 
     def close(self) -> None:
         """Release the terminal, and what others on the machine reach the run by. May be called twice."""
         self._open.close()
 
-    def _begin(self, header: SessionHeader) -> SessionHeader:
-        """Return the header of a run that begins now: a simulated robot's clock has stood still since it was made."""
-        waited = 0 if self.is_hardware else time.monotonic_ns() - self._made
-        self.header = replace(header, start_time_ns=header.start_time_ns + waited)
-        return self.header
-
-    def _push(self, vx: float, vy: float, body: str) -> None:
-        assert self._sim is not None
-        self._sim.push(vx, vy, body)
-
     def _show(self, text: str) -> None:
         """Show operators a line that is not recorded."""
-        self.console.event(Event(self.plan.clock(), text))
+        self.console.event(Event(self.session.time, text))
 
     def _note(self, text: str) -> None:
         self.session.event(text)
 
     def _tell(self, event: Event) -> None:
-        for sink in (self.console, self.recorder, self.feed, self.poses):
-            if sink is not None:
-                sink.event(event)
+        for sink in self.session.sinks:
+            sink.event(event)
 
     def _status(self) -> Mapping[str, Any]:
         recorder = self.recorder
         return {
             "owners": self.data.owners,
-            "front_ends": dict(self.front_ends.running),
-            "start_time_ns": self.header.start_time_ns,
             "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
-            "simulation": None if self._sim is None else {"bodies": list(self._sim.pushable)},
+            "simulation": self._sim and {"bodies": list(self._sim.pushable)},
         }
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
@@ -240,25 +218,3 @@ class Run:
         if self.script is not None:
             self.script.note_safety(statuses)
         return statuses
-
-
-def _header(plan: Plan) -> SessionHeader:
-    """Return what interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
-    policies, first = plan.policies, plan.policies.first
-    since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
-    return run_header(
-        plan.description,
-        plan.control_period,
-        None if first is None else first.loaded,
-        None if first is None else first.motion,
-        policies=policies.named,
-        motions={choice.name: choice.motion for choice in policies.choices if choice.motion is not None},
-        settings={
-            "program": f"humanoid_sim.play {__version__}",
-            "options": asdict(plan.config),
-            **policies.settings,
-            "checks": [": ".join(check) for check in plan.setup.checks()],
-        },
-        start_time_ns=time.time_ns() - round(1e9 * since_zero),
-        remote=True,
-    )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Container
-from time import monotonic
 
 from rich.console import Console
 from rich.markup import escape
@@ -19,7 +17,6 @@ from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import REACTIVABLE
 from humanoid_sim.session.sinks import WorkerSink
 
-_REDRAW = 0.1  # s between two drawings of the line, if nothing is printed between them
 _CLEAR = "\r\x1b[2K"
 
 
@@ -52,8 +49,7 @@ class ConsoleSink(WorkerSink):
 
         Args:
             has_keys: an operator sits at the keys.
-            walks: the policy takes a velocity command.
-            motion_frames: frames of the policy's motion; 0 for none.
+            motion_frames: of the policy's motion; 0 for none.
             available: names of the controllers that exist.
         """
         super().__init__("console")
@@ -63,7 +59,6 @@ class ConsoleSink(WorkerSink):
         self._mode: Mode | None = None
         self._controller = self._message = ""
         self._time = 0.0
-        self._drawn = -math.inf
         # Written by the control thread, read by the worker's.
         self._queued = ("", "")
         self._latest: TickRecord | None = None
@@ -103,8 +98,7 @@ class ConsoleSink(WorkerSink):
         self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:
-        if self._latest is not None and self._has_line and monotonic() - self._drawn >= _REDRAW:
-            self._drawn = monotonic()
+        if self._latest is not None and self._has_line:
             # The last column would make some terminals begin a new line.
             self._write(_CLEAR + self._line(self._latest)[: self._console.width - 1])
 
@@ -138,7 +132,6 @@ class ConsoleSink(WorkerSink):
     def _print(self, text: str) -> None:
         if self._has_line:
             self._write(_CLEAR)
-        self._drawn = -math.inf
         self._console.print(f"[bold]{self._time:8.3f} s[/bold]  {text}", highlight=False)
 
     def _write(self, text: str) -> None:

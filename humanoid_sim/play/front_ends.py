@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import Wanted, require_packages
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.joy import read_bindings
+from humanoid_sim.frontends.launcher import Wanted
+from humanoid_sim.frontends.pads import Pads, describe_pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
@@ -18,18 +21,12 @@ from humanoid_sim.session.keyboard import KEY_HELP
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.sources import VELOCITY_HELP
 
-_LOOK_WITHIN = 20.0  # s for the program that looks for a gamepad
 _OPEN_END = 10.0  # s that a policy without a motion runs when nothing else ends the run
 
 
 def shows_window(config: PlayConfig) -> bool:
     """Return True if the run opens a window: on hardware, whose computer has other work, only if asked for."""
     return config.viewer == "native" or (config.viewer == "auto" and config.hardware is None and has_display())
-
-
-def has_keys(config: PlayConfig) -> bool:
-    """Return True if an operator drives from the keyboard: with --manual, where standard input is a terminal."""
-    return config.manual and bool(sys.stdin and sys.stdin.isatty())
 
 
 def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
@@ -40,10 +37,11 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     interface = _one(config.dds, "--dds", "network interface")
     if interface:
         check_network_interface("--dds", interface)
+    mapping = _one(config.gamepad, "--gamepad", "file (.yaml)")
     known = (
         (config.remote == "gravity", Wanted("gravity")),
         (config.console, Wanted("console")),
-        (config.needs_gamepad, Wanted("gamepad", _mapping(config))),
+        (config.needs_gamepad, Wanted("gamepad", ("--mapping", mapping) if mapping else ())),
         (config.dds is not None, Wanted("dds")),
         (bool(interface), Wanted("dds", ("--interface", interface), f"dds {interface}")),
         (shows_window(config), Wanted("viewer")),
@@ -61,11 +59,6 @@ def _one(values: tuple[str, ...] | None, option: str, what: str) -> str:
     return values[0] if values else ""
 
 
-def _mapping(config: PlayConfig) -> tuple[str, ...]:
-    file = _one(config.gamepad, "--gamepad", "file (.yaml)")
-    return ("--mapping", file) if file else ()
-
-
 def look_for_gamepad(config: PlayConfig) -> list[str]:
     """Return what an operator should know of the gamepads that are plugged in, before anything moves.
 
@@ -73,15 +66,12 @@ def look_for_gamepad(config: PlayConfig) -> list[str]:
     """
     if not config.needs_gamepad or config.dry_run:
         return []
-    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list", *_mapping(config)]
-    try:
-        found = subprocess.run(program, check=False, capture_output=True, text=True, timeout=_LOOK_WITHIN)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise InputError(f"--gamepad: could not be checked for: {error}; --no-gamepad does without") from None
-    lines = (found.stdout if found.returncode in (0, 1) else found.stderr).strip().splitlines()
-    if found.returncode and config.is_real_bus:
-        why = lines[-1] if lines else f"status {found.returncode}"
-        raise InputError(f"--hardware: {why}; plug one in to damp the robot by, or say --no-gamepad")
+    if config.gamepad:
+        read_bindings(Path(config.gamepad[0]))
+    with closing(Pads()) as pads:
+        is_usable, lines = describe_pads(pads.poll())
+    if not is_usable and config.is_real_bus:
+        raise InputError(f"--hardware: {lines[-1]}; plug one in to damp the robot by, or say --no-gamepad")
     return [f"gamepad: {line}" for line in lines]
 
 
@@ -93,7 +83,7 @@ def operator_notices(
     `steps` are those of a script that drives, `external` the names of the live inputs that come from other programs.
     """
     notices = []
-    if has_keys(config):
+    if config.has_keys:
         notices += [KEY_HELP, VELOCITY_HELP] if policies.walks else [KEY_HELP]
     elif steps is None and not config.dry_run:
         notices.append("waits for an operator, in another terminal: python -m humanoid_sim.mode damp, load_a, ...")

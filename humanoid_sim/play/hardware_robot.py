@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,11 @@ from rich.text import Text
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.calibration import load_calibration
-from humanoid_sim.hardware.can_bus import BusAddress, parse_addresses
+from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, shared
@@ -29,7 +28,6 @@ from humanoid_sim.policy.checks import motor_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
-from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.kinematics import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
@@ -63,32 +61,34 @@ class HardwareSetup(RobotSetup):
         is_virtual = [address.interface == "virtual" for address in self._addresses]
         if any(is_virtual) and not all(is_virtual):
             raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
-        offsets, unconfirmed, self.notices = _homing_offsets(config, description, self._addresses)
-        motors: MockServer | None = None
+        offsets, unconfirmed, self.notices = _homing_offsets(config, description, is_virtual=all(is_virtual))
+        imu = make_imu(config.imu, description.hardware.imu_mounting)
+        anchor = _anchor(description, contracts)
+        self.live = {} if anchor is None else {ANCHOR_ORIENTATION: 4}
+        clock: Callable[[], float] = time.monotonic
+        keys: Callable[[], dict[str, FloatArray]] = dict
+        self._motors: MockServer | None = None
         if all(is_virtual):
             with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
-                motors = MockServer(description, self._addresses, homing_offset=offsets)
+                motors = self._motors = MockServer(description, self._addresses, homing_offset=offsets)
             left.callback(motors.close)
-        self._motors = motors
-        imu = make_imu(config.imu, description.hardware.imu_mounting)
-        if imu is None and motors is not None:
-            imu = SimulatedImu(lambda: motors.truth)
+            clock, imu = motors.clock, imu or SimulatedImu(lambda: motors.truth)
+            if description.is_floating:
+                self.support = motors
+            if description.piano is not None:
+                self.live = {**self.live, KEY_PRESSED: KEY_COUNT}
+                keys = lambda: {KEY_PRESSED: motors.truth.extern[KEY_PRESSED].value}  # noqa: E731
         self._has_imu = imu is not None
-        anchor = _anchor(description, contracts)
-        keys = None if motors is None or description.piano is None else motors
-        self.live = ({} if anchor is None else {ANCHOR_ORIENTATION: 4}) | (
-            {} if keys is None else {KEY_PRESSED: KEY_COUNT}
-        )
         self.robot = HardwareRobot(
             description,
             self._addresses,
             calibration=offsets,
             unconfirmed=unconfirmed,
             control_period=control_period,
-            clock=time.monotonic if motors is None else motors.clock,
+            clock=clock,
             imu=imu,
             anchor=anchor,
-            live=dict if keys is None else lambda: {KEY_PRESSED: keys.truth.extern[KEY_PRESSED].value},
+            live=keys,
             allow_no_timeout=config.allow_no_timeout,
             can_timeout=config.can_timeout,
             accepted_firmware=config.accept_firmware,
@@ -105,14 +105,9 @@ class HardwareSetup(RobotSetup):
         qpos.setflags(write=False)
         return qpos
 
-    def enter(self, mode: Mode) -> str:
-        is_supported = self._motors is not None and self.description.is_floating
-        return support_in_mode(self._motors, mode) if self._motors is not None and is_supported else ""
-
     def check_policy(self, contract: PolicyContract) -> list[str]:
-        suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
-        findings = [*suspicious, *motor_findings(contract, self.description)]
-        for finding in findings:
+        findings = motor_findings(contract, self.description)
+        for finding in (*suspicious_findings(contract), *findings):
             if finding.severity == "error":
                 name = self.description.name
                 raise InputError(f"policy on robot '{name}': {finding}; see python -m humanoid_sim.policy check")
@@ -153,8 +148,8 @@ class HardwareSetup(RobotSetup):
             return False
         return True
 
-    def checks(self) -> list[tuple[str, str, str]]:
-        return [(check.verdict, check.subject, check.text) for check in self.robot.checks.all]
+    def checks(self) -> Sequence[tuple[str, str, str]]:
+        return self.robot.checks.all
 
     def figures(self) -> dict[str, Any]:
         """Return the robot's figures, and for how long, s, the clock of mock motors stood still."""
@@ -175,10 +170,9 @@ def _anchor(description: RobotDescription, contracts: Sequence[PolicyContract]) 
 
 
 def _homing_offsets(
-    config: PlayConfig, description: RobotDescription, addresses: Sequence[BusAddress]
+    config: PlayConfig, description: RobotDescription, *, is_virtual: bool
 ) -> tuple[dict[str, float], tuple[str, ...], tuple[str, ...]]:
     """Return the homing offset of every joint, rad, motor frame; joints of unconfirmed direction; and notices."""
-    is_virtual = all(address.interface == "virtual" for address in addresses)
     if config.calibration == "none" or (config.calibration is None and is_virtual):
         who = "mock motors, assembled without offsets" if is_virtual else "the motors' zeros are taken for the joints'"
         return dict.fromkeys(description.joint_names, 0.0), (), (f"no calibration: {who}",)

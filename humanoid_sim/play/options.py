@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import tyro
 
-DEFAULT_ROBOT = "lite"
 NO_POLICY = "none"
 
 
@@ -27,7 +27,7 @@ class PlayConfig:
     motion: str | None = None
     """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP; of a piano policy a
     sample song, such as ode_to_joy, or a MIDI file (.mid). Default with the sample policies: wave, and ode_to_joy."""
-    robot: str = DEFAULT_ROBOT
+    robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""
     command: Annotated[str, tyro.conf.arg(metavar="VX,VY,WZ")] = "0,0,0"
@@ -95,6 +95,11 @@ class PlayConfig:
     def has_policy(self) -> bool:
         """True if a policy runs from the beginning; on hardware only one that is named."""
         return self.policy[:1] != (NO_POLICY,) and (bool(self.policy) or self.hardware is None)
+
+    @property
+    def has_keys(self) -> bool:
+        """True if an operator drives from the keyboard: with --manual, where standard input is a terminal."""
+        return self.manual and bool(sys.stdin and sys.stdin.isatty())
 
     @property
     def is_real_bus(self) -> bool:

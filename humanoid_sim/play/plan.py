@@ -7,7 +7,7 @@ import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import InputError, blaming
@@ -15,7 +15,6 @@ from humanoid_sim.files import output_file
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.front_ends import (
     automatic_steps,
-    has_keys,
     is_realtime,
     look_for_gamepad,
     operator_notices,
@@ -34,9 +33,6 @@ from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity
 from humanoid_sim.stack import build_supervisor
 
-if TYPE_CHECKING:
-    from humanoid_sim.session.session import Session
-
 _RUNS = Path("runs")
 _SUFFIXES = {"record": ".mcap", "html": ".html", "video": ".mp4", "summary": ".json"}
 
@@ -53,9 +49,6 @@ class Outputs(NamedTuple):
 class Plan:
     """A run that can be made."""
 
-    session: Session | None = None
-    """The session that is made of it; None before there is one."""
-
     def __init__(self, config: PlayConfig, left: ExitStack) -> None:
         """Choose and check. `left` closes emulated motors, which run from here on if the options ask for them."""
         self.config = config
@@ -66,7 +59,7 @@ class Plan:
         front_ends = wanted_front_ends(config)
         self.realtime = is_realtime(config, front_ends)
         self.policies, self.description = choose_policies(config, load_robot(config.robot))
-        description, contracts = self.description, self.policies.contracts
+        description, contracts, first = self.description, self.policies.contracts, self.policies.first
         self.control_period, moved = control_rate(config, description, contracts[0].policy_dt if contracts else None)
         self.setup = self._robot(left)
         self.external = self.policies.external_inputs(self.setup.live)
@@ -74,7 +67,6 @@ class Plan:
         ranges = next((one.command_ranges for one in contracts if one.takes_velocity_command), None)
         command = parse_velocity(config.command, ranges)
         self.velocity = VelocityCommand(command, ranges, is_observed=self.policies.walks)
-        first = self.policies.first
         self.supervisor = build_supervisor(
             description,
             self.control_period,
@@ -101,10 +93,6 @@ class Plan:
         self.outputs = Outputs() if config.dry_run else choose_outputs(config)
         self.front_ends = () if config.dry_run else front_ends
 
-    def clock(self) -> float:
-        """Return the robot's time as of the latest reading, s; 0 before there is one."""
-        return self.session.time if self.session is not None else 0.0
-
     def _robot(self, left: ExitStack) -> RobotSetup:
         if self.config.hardware is None:
             return SimulatedSetup(self.description, self.control_period, self.policies.contracts)
@@ -120,7 +108,7 @@ def refuse(config: PlayConfig) -> None:
         raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
-    if config.manual and not (has_keys(config) or config.console or config.needs_gamepad):
+    if config.manual and not (config.has_keys or config.console or config.needs_gamepad):
         raise InputError(
             "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
         )

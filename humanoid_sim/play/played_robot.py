@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mujoco
 from rich.console import Console
@@ -17,28 +17,23 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checks import effort_findings, model_damping_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping
-from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation import DROP
-from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
+from humanoid_sim.simulation.floating_base import BaseObserver, Supported, support_in_mode
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
 
-
-class PlayedRobot(Robot, Protocol):
-    """A robot that can tell whether there is still anything to protect."""
-
-    @property
-    def is_closed(self) -> bool:
-        """True if `close` was called."""
+if TYPE_CHECKING:
+    from humanoid_sim.hardware.robot import HardwareRobot
 
 
 class RobotSetup:
     """A robot, and how a run shows and drives it."""
 
-    robot: PlayedRobot
+    robot: SimRobot | HardwareRobot
     live: Mapping[str, int]  # names and widths of the live inputs that its state carries
     notices: tuple[str, ...] = ()
     base: BaseObserver | None = None  # sees a simulated floating base, from the monitor's thread
+    support: Supported | None = None  # of a floating base in MuJoCo
 
     def __init__(self, description: RobotDescription) -> None:
         self.description = description
@@ -57,17 +52,17 @@ class RobotSetup:
 
     def enter(self, mode: Mode) -> str:
         """Note that a mode begins; returns a line to record. See `Session.mode_listener`."""
-        return ""
+        return "" if self.support is None else support_in_mode(self.support, mode)
 
     def bring_up(self, config: PlayConfig, console: Console) -> bool:
         """Prepare the robot, print what was checked, and ask the operator; True if it is to be enabled."""
         return True
 
-    def checks(self) -> list[tuple[str, str, str]]:
+    def checks(self) -> Sequence[tuple[str, str, str]]:
         """Return the findings of the latest bring-up: verdict, subject, text."""
-        return []
+        return ()
 
-    def warnings(self) -> list[str]:
+    def warnings(self) -> Sequence[str]:
         return [f"{subject}: {text}" for verdict, subject, text in self.checks() if verdict == "warning"]
 
     def figures(self) -> dict[str, Any] | None:
@@ -113,13 +108,10 @@ class SimulatedSetup(RobotSetup):
         self.notices = tuple(self.robot.warnings)
         if description.is_floating:
             self.notices = (f"IMU: {imu_line(self._bare, description)}", *self.notices)
-            self.base = BaseObserver(self.robot.model, description)
+            self.base, self.support = BaseObserver(self.robot.model, description), self.robot
 
     def qpos(self, state: MITState) -> FloatArray:
         return self.robot.qpos
-
-    def enter(self, mode: Mode) -> str:
-        return support_in_mode(self.robot, mode) if self.description.is_floating else ""
 
     def check_policy(self, contract: PolicyContract) -> list[str]:
         gains = resolve_action(contract, self.description.joint_names)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, policy_path, sample_policy, song_path
 from humanoid_sim.controllers.contract import PolicyContract
@@ -45,12 +45,14 @@ class PolicyChoice:
         return Path(self.checkpoint.source).stem
 
     @property
+    def label(self) -> str:
+        source, file = self.checkpoint.source, self.motion_file
+        return source if file is None else f"{source}, motion {file.name}"
+
+    @property
     def settings(self) -> dict[str, Any]:
-        return {
-            "policy": self.checkpoint.source,
-            "policy_sha256": self.checkpoint.sha256,
-            "motion": None if self.motion_file is None else str(self.motion_file),
-        }
+        motion = None if self.motion_file is None else str(self.motion_file)
+        return {"policy": self.checkpoint.source, "policy_sha256": self.checkpoint.sha256, "motion": motion}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,7 @@ class Policies:
 
     @property
     def named(self) -> Mapping[str, LoadedPolicy]:
+        """The policies by name, where there are several."""
         return {choice.name: choice.loaded for choice in self.choices} if len(self.choices) > 1 else {}
 
     @property
@@ -78,9 +81,7 @@ class Policies:
 
     @property
     def label(self) -> str:
-        files = ((one.checkpoint.source, one.motion_file) for one in self.choices)
-        labels = [source if file is None else f"{source}, motion {file.name}" for source, file in files]
-        return "; ".join(labels) or NO_POLICY
+        return "; ".join(choice.label for choice in self.choices) or NO_POLICY
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -89,12 +90,15 @@ class Policies:
         others = {one.name: one.settings for one in self.choices[1:]}
         return self.first.settings | ({"policies": others} if others else {})
 
+    @property
+    def live_timeouts(self) -> dict[str, float]:
+        """Time in s after which a live input counts no more, of those that state one, by name."""
+        topics = [item for contract in self.contracts for item in contract.live_topics.items()]
+        return {name: topic.timeout for name, topic in topics if topic.timeout is not None}
+
     def external_inputs(self, reported: Mapping[str, int]) -> dict[str, int]:
         """Return name and width of the live inputs that have to come from other programs; the robot reports some."""
-        found: dict[str, int] = {}
-        for choice in self.choices:
-            found |= choice.loaded.live_inputs(reported)
-        return found
+        return dict(item for choice in self.choices for item in choice.loaded.live_inputs(reported).items())
 
 
 def choose_policies(config: PlayConfig, description: RobotDescription) -> tuple[Policies, RobotDescription]:
@@ -116,27 +120,25 @@ def choose_policies(config: PlayConfig, description: RobotDescription) -> tuple[
 
 
 def _choose(config: PlayConfig, description: RobotDescription, name: str | None) -> PolicyChoice:
-    if name is None:
-        path = sample_policy(description.name)
-    elif name != PLACEHOLDER:
-        path = policy_path(name, also=(PLACEHOLDER, NO_POLICY))
-    contract_file = None if config.contract is None else Path(config.contract)
-    warning = ""
+    file, joints = None if config.contract is None else Path(config.contract), description.joint_names
+    warning, is_shipped = "", name is None
     if name == PLACEHOLDER:
         checkpoint = placeholder_checkpoint(description)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
-    elif has_onnxruntime():
-        checkpoint = load_checkpoint(path, contract_file, description.joint_names)
-        if config.hardware is not None:  # a fault, and so DAMPING, while the motors still listen
-            checkpoint.limit_inference(0.5 * config.can_timeout)
     else:
-        contract = read_contract(path, contract_file, description.joint_names)
-        checkpoint = Checkpoint(contract, zero_policy(contract.action_count), str(path))
-        warning = f"PLACEHOLDER POLICY: {path.name} does NOT run; the action is zero. Run: pip install onnxruntime"
-    has_samples = name is None or (name != PLACEHOLDER and str(path) != name)  # a policy that ships
-    motion, file, notices = _motion(config, checkpoint, description, has_samples=has_samples)
-    loaded = checkpoint.with_motion(motion, str(file))
-    return PolicyChoice(loaded, checkpoint, motion, file, warning, (*_notices(checkpoint, warning), *notices))
+        path = sample_policy(description.name) if name is None else policy_path(name, also=(PLACEHOLDER, NO_POLICY))
+        is_shipped = str(path) != name
+        if has_onnxruntime():
+            checkpoint = load_checkpoint(path, file, joints)
+            if config.hardware is not None:  # a fault, and so DAMPING, while the motors still listen
+                checkpoint.limit_inference(0.5 * config.can_timeout)
+        else:
+            contract = read_contract(path, file, joints)
+            checkpoint = Checkpoint(contract, zero_policy(contract.action_count), str(path))
+            warning = f"PLACEHOLDER POLICY: {path.name} does NOT run; the action is zero. Run: pip install onnxruntime"
+    motion, motion_file, notices = _motion(config, checkpoint, description, is_shipped=is_shipped)
+    loaded = checkpoint.with_motion(motion, str(motion_file))
+    return PolicyChoice(loaded, checkpoint, motion, motion_file, warning, (*_notices(checkpoint, warning), *notices))
 
 
 def _notices(checkpoint: Checkpoint, warning: str) -> list[str]:
@@ -150,20 +152,17 @@ def _notices(checkpoint: Checkpoint, warning: str) -> list[str]:
     return [*lines, f"golden vectors: {golden}"] if golden else lines
 
 
-_Followed: TypeAlias = tuple[Motion | None, Path | None, tuple[str, ...]]
-"""A motion, the file that it is from, and what to tell about it."""
-
-
 def _motion(
-    config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription, *, has_samples: bool
-) -> _Followed:
+    config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription, *, is_shipped: bool
+) -> tuple[Motion | None, Path | None, tuple[str, ...]]:
+    """Return the motion that a policy follows, the file that it is from, and what to tell about it."""
     given, task, source = config.motion, checkpoint.contract.task_type, checkpoint.source
     has_own = task == "locomotion" or checkpoint.motion is not None
     if has_own and (given is None or len(config.policy) > 1):  # of several policies it is for those that follow one
         return checkpoint.motion, None, ()
     if task == "locomotion":
         raise InputError(f"--motion: is '{given}', but {source} follows no motion")
-    if given is None and not has_samples:
+    if given is None and not is_shipped:
         raise InputError(f"--motion: is missing; {source} is a {task} policy and follows one")
     if task == "piano" and (given is None or not (given.endswith(".mcap") or Path(given).is_dir())):
         song = load_song(given or SAMPLE_SONG, description, what="--motion")

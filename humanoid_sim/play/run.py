@@ -33,11 +33,6 @@ class Outcome(NamedTuple):
     problems: tuple[str, ...]  # parts of the run that failed while it went on, a line each
 
 
-def play(config: PlayConfig) -> int:
-    """Run, report, and return the exit status. Raises `InputError` before anything moves."""
-    return played(config, PlayConsole()).status
-
-
 def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     """Run, and report on a console.
 
@@ -124,12 +119,12 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     outputs, path = run.plan.outputs, run.plan.outputs.record
     if path is not None and path.exists():
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
-    for kind, file, write in (("page", outputs.html, _write_page), ("video", outputs.video, _write_video)):
+    for kind, file in (("page", outputs.html), ("video", outputs.video)):
         if run.poses is None or file is None:
             continue
         try:
             with _noting(problems), console.status(f"writing the {kind} (Ctrl-C skips it)"):
-                write(file, run, run.poses)
+                _draw(file, run.plan, run.poses)
                 say(kind, f"{file}   {file.stat().st_size / 1e6:.1f} MB")
         except KeyboardInterrupt:
             say(kind, "skipped")
@@ -137,17 +132,17 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
         say("summary", outputs.summary)
 
 
-def _write_page(path: Path, run: Run, poses: Poses) -> None:
-    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415 - viser takes seconds to import
+def _draw(file: Path, plan: Plan, poses: Poses) -> None:
+    """Write a page or a video, whose packages take seconds to import."""
+    if file.suffix.lower() == ".html":
+        from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415
 
-    title = f"{run.plan.description.name}, {run.plan.policies.label}"
-    write_page(path, run.plan.setup.model(), poses, title=title)
+        title = f"{plan.description.name}, {plan.policies.label}"
+        write_page(file, plan.setup.model(), poses, title=title)
+    else:
+        from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
 
-
-def _write_video(path: Path, run: Run, poses: Poses) -> None:
-    from humanoid_sim.rendering.video import write_video  # noqa: PLC0415 - pictures' libraries are heavy
-
-    write_video(path, run.plan.setup.model(), poses)
+        write_video(file, plan.setup.model(), poses)
 
 
 _Handler: TypeAlias = signal.Handlers | int | Callable[[int, FrameType | None], object] | None

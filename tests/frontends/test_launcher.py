@@ -8,8 +8,8 @@ from waiting import until
 
 from humanoid_sim.cli import FRONT_ENDS, FrontEnd
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.frontends import Wanted, launcher, require_packages
-from humanoid_sim.frontends.launcher import FrontEnds
+from humanoid_sim.frontends import launcher, require_packages
+from humanoid_sim.frontends.launcher import FrontEnds, Wanted
 
 pytestmark = pytest.mark.soak
 
@@ -33,7 +33,7 @@ def launch(local, monkeypatch):
             local.feed,
             show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),
-            status=lambda: {"front_ends": dict(front_ends.running)},
+            status=dict,
         )
         local.stack.callback(front_ends.close)
         front_ends.start(HEADER)

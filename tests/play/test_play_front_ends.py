@@ -1,11 +1,11 @@
 import importlib.util
-import subprocess
 
 import pytest
+from fake_pads import FakePads
 
 from humanoid_sim.cli import parse
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.frontends import Wanted
+from humanoid_sim.frontends.launcher import Wanted
 from humanoid_sim.play import front_ends
 from humanoid_sim.play.front_ends import look_for_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
@@ -29,16 +29,14 @@ def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options, ne
     assert PlayConfig(**options).needs_gamepad is needed
 
 
-def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
-    answer = subprocess.CompletedProcess([], 1, stdout="no gamepad is plugged in\n", stderr="")
-    monkeypatch.setattr(front_ends.subprocess, "run", lambda *_, **__: answer)
-    with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in; plug one in .* or say --no-gamepad$"):
+def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch, tmp_path):
+    pads = FakePads(tmp_path)
+    monkeypatch.setattr(front_ends, "Pads", lambda: pads)
+    with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in, .*; plug one in .*, or say --no-gam"):
         look_for_gamepad(PlayConfig(hardware="can0"))
-    assert look_for_gamepad(PlayConfig(gamepad=())) == ["gamepad: no gamepad is plugged in"]
-    answer.returncode = 0
-    answer.stdout = "Pad (12 buttons, unknown layout); down: none; its buttons have their driver's numbers\n"
-    assert look_for_gamepad(PlayConfig(hardware="can0")) == [f"gamepad: {answer.stdout.strip()}"]
+    assert look_for_gamepad(PlayConfig(gamepad=()))[0].startswith("gamepad: no gamepad is plugged in")
+    pads.plug()
+    assert look_for_gamepad(PlayConfig(hardware="can0")) == ["gamepad: Test Pad"]
     assert look_for_gamepad(PlayConfig()) == []
     assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
 

@@ -32,6 +32,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Feed, Intake, SessionError, find_session, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings
+from humanoid_sim.frontends.pads import Pads
 from humanoid_sim.gamepad import Driver
 from humanoid_sim.messages import (
     Event,
@@ -260,7 +261,6 @@ def play(*arguments: str, operator: Operator | None = None, stdin: Any = None, a
         record(self, tick)
         watch.tick(tick)
 
-    no_pad = subprocess.CompletedProcess([], 1, stdout="no gamepad is plugged in\n", stderr="")
     clock = partial(OutsideSafety, clock=lambda: monotonic_ns() + round(1e9 * around.aged))
     with ExitStack() as stack:
         stack.enter_context(redirect_stdout(out))
@@ -269,7 +269,7 @@ def play(*arguments: str, operator: Operator | None = None, stdin: Any = None, a
         stack.enter_context(patch.object(McapRecorder, "tick", ticked))
         stack.enter_context(patch("humanoid_sim.play.assembly.OutsideSafety", clock))
         stack.enter_context(patch("humanoid_sim.play.assembly._STANDSTILL", 1e9))
-        stack.enter_context(patch("humanoid_sim.play.front_ends.subprocess.run", lambda *_, **__: no_pad))
+        stack.enter_context(patch("humanoid_sim.play.front_ends.Pads", partial(Pads, Path("no pads"))))
         stack.enter_context(_unhandled_signals_raise())
         try:
             status = run_program(main, options)
