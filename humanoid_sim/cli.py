@@ -9,39 +9,12 @@ import io
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 from humanoid_sim.errors import InputError, RobotError, known_names
 
-
-class FrontEnd(NamedTuple):
-    """Facts about a front end that are known without importing it."""
-
-    help: str  # its line in the list of verbs
-    purpose: str  # noun for messages
-    packages: tuple[str, ...] = ()  # packages that it imports, other than those that this package always needs
-    extra: str = ""  # extra of this package that installs them
-
-
-FRONT_ENDS: Mapping[str, FrontEnd] = {
-    "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad"),
-    "midi": FrontEnd(
-        "send to a running session which keys of a MIDI keyboard are down", "a MIDI keyboard", ("rtmidi",), "midi"
-    ),
-    "gravity": FrontEnd("compensate gravity in REMOTE, on a running session", "gravity compensation"),
-    "console": FrontEnd("serve a page for the operator, on a running session", "the browser console"),
-    "viewer": FrontEnd("watch a running session in a window, or move a robot's joints by sliders", "MuJoCo's window"),
-    "dds": FrontEnd(
-        "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
-        "the DDS bridge",
-        ("cyclonedds",),
-        "dds",
-    ),
-    "rerun": FrontEnd("watch a running session in rerun's viewer", "rerun's viewer", ("rerun", "rerun_cli"), "rerun"),
-}
-"""Front ends by name, which is also that of the module `humanoid_sim/<name>.py` and of the verb."""
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
     "robot": "show what is read from an MJCF, and make an MJCF of a URDF",
@@ -53,7 +26,13 @@ VERBS = {
     "piano": "how well a recorded run played its song",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
-    **{name: front_end.help for name, front_end in FRONT_ENDS.items()},
+    "gamepad": "drive a running session with a gamepad",
+    "midi": "send to a running session which keys of a MIDI keyboard are down",
+    "gravity": "compensate gravity in REMOTE, on a running session",
+    "console": "serve a page for the operator, on a running session",
+    "viewer": "watch a running session in a window, or move a robot's joints by sliders",
+    "dds": "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
+    "rerun": "watch a running session in rerun's viewer",
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
 }
 _MODULES = {"policy": "policy_tools"}  # verbs whose program lies beside the library that they are named after
@@ -138,34 +117,29 @@ def mute_output() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """`humanoid-sim <verb> …`."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] in ([], ["-h"], ["--help"], ["--version"]):
-        return run_program(_print_page, words)
-    return run_program(_run_verb, words)
+    return run_program(_run_verb, sys.argv[1:] if arguments is None else arguments)
 
 
 def _run_verb(words: Sequence[str] | None) -> int:
-    verb, *arguments = words or ()
-    return load_program(verb)(arguments)
+    verb, *arguments = words or ("--help",)
+    if verb not in ("-h", "--help", "--version"):
+        return load_program(verb)(arguments)
+    if verb == "--version":
+        from humanoid_sim import __version__  # noqa: PLC0415 - only here
+
+        print(__version__)
+        return ExitStatus.OK
+    print("usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]\n")
+    for name, purpose in VERBS.items():
+        print(textwrap.fill(purpose, 80, initial_indent=f"  {name:<16}", subsequent_indent=" " * 18))
+    print("\nBegin with `python -m humanoid_sim play`. `VERB --help` describes a verb.")
+    return ExitStatus.OK
 
 
 def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
     """Return the program of a verb, imported now."""
     if verb not in VERBS:
         raise InputError(known_names("verb", verb, VERBS))
-    module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
-    program: Callable[[Sequence[str] | None], int] = module.main
+    program: Callable[[Sequence[str] | None], int]
+    program = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}").main
     return program
-
-
-def _print_page(words: Sequence[str] | None) -> int:
-    if words == ["--version"]:
-        from humanoid_sim import __version__  # noqa: PLC0415 - only here
-
-        print(__version__)
-        return ExitStatus.OK
-    print("usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]\n")
-    for verb, purpose in VERBS.items():
-        print(textwrap.fill(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18))
-    print("\nBegin with `python -m humanoid_sim play`. `VERB --help` describes a verb.")
-    return ExitStatus.OK

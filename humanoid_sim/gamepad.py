@@ -46,12 +46,7 @@ class Driver:
     """Requests of a session what gamepads show; `step` once a period."""
 
     def __init__(self, intake: Intake, joy: JoyBindings, *, speeds: FloatArray | None, is_hardware: bool) -> None:
-        """Choose no gamepad yet.
-
-        Args:
-            speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
-            is_hardware: the loss of the gamepad damps.
-        """
+        """Choose no gamepad yet; full sticks command `speeds`, shape (3, 2), None where no policy takes a velocity."""
         self._intake, self._joy, self._speeds, self._is_hardware = intake, joy, speeds, is_hardware
         self._pad: Pad | None = None
         self._velocity = np.zeros(3)
@@ -117,19 +112,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     joy = JoyBindings() if config.mapping is None else read_bindings(config.mapping)
     with closing(Pads()) as pads:
         if config.list:
-            return _list(pads)
+            is_usable, lines = describe_pads(pads.poll())
+            print(*lines, sep="\n")
+            return ExitStatus.of(is_usable)
         with attached(config.session, "gamepad") as attachment:
             speeds, hardware = policy_speeds(attachment.header), attachment.is_hardware
             driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware)
             print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
             run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)
     return 0
-
-
-def _list(pads: Pads) -> int:
-    is_usable, lines = describe_pads(pads.poll())
-    print(*lines, sep="\n")
-    return ExitStatus.of(is_usable)
 
 
 if __name__ == "__main__":

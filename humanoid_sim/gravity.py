@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,8 +17,6 @@ from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import GravityTorque
 
-GravityForm = Literal["effort", "pd"]
-
 _DAMPING = 1.0  # N·m·s/rad of the effort form: an arm that is let go comes to rest
 _TIMEOUT = 0.5  # s that a tick is waited for
 
@@ -28,12 +27,12 @@ class GravityConfig:
 
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
-    form: GravityForm = "effort"
+    form: Literal["effort", "pd"] = "effort"
     """Form of the command: feed-forward effort, or a PD position offset."""
 
 
 def gravity_command(
-    description: RobotDescription, position: FloatArray, gravity: FloatArray, form: GravityForm
+    description: RobotDescription, position: FloatArray, gravity: FloatArray, form: Literal["effort", "pd"]
 ) -> MITCommand:
     """Return the command that holds `position`, shape (n,), rad, against `gravity`, shape (n,), N·m.
 
@@ -50,18 +49,14 @@ def gravity_command(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GravityConfig, "gravity", arguments)
-    with attached(config.session, "gravity") as attachment:
+    with attached(config.session, "gravity") as attachment, suppress(SessionError):  # which says that it has ended
         description, torque = attachment.description, GravityTorque(attachment.description, attachment.model())
         print(f"gravity compensation ({config.form}) for {attachment}", flush=True)
         while attachment.is_running():
             for tick in attachment.ticks(_TIMEOUT)[-1:]:
                 position = tick.record.input.state.joint_position
-                if not np.isfinite(position).all():
-                    continue
-                try:
+                if np.isfinite(position).all():
                     attachment.send(gravity_command(description, position, torque(position), config.form), tick.stamp)
-                except SessionError:  # it has ended
-                    return 0
     return 0
 
 

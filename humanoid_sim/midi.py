@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Intake, monotonic_ns
@@ -33,10 +34,6 @@ class MidiConfig:
     device: str = ""
     """A raw MIDI byte stream instead of a port: a device such as /dev/snd/midiC1D0, or a FIFO."""
 
-    def open(self) -> ByteDevice | Port:
-        """Open the keyboard. Raises `InputError` or `OSError`."""
-        return ByteDevice(self.device) if self.device else Port(self.port)
-
 
 class Sender:
     """Sends the keys in each period, as long as they are known, and once more, all released, when they are lost."""
@@ -59,10 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = parse(MidiConfig, "midi", arguments)
     if not config.device:
         require_packages("midi")
-    with (
-        closing(Keyboard(config.open)) as keyboard,
-        attached(config.session, "midi") as attachment,
-    ):
+    source = partial(ByteDevice, config.device) if config.device else partial(Port, config.port)
+    with closing(Keyboard(source)) as keyboard, attached(config.session, "midi") as attachment:
         width = attachment.live_inputs.get(KEY_PRESSED, 0)
         if width != KEY_COUNT:
             raise InputError(f"{attachment}: takes {width} keys from outside, expected {KEY_COUNT}")

@@ -83,9 +83,9 @@ class RunLog:
 
     def status(self, source: Source) -> None:
         """Write the mode, and the time of day, by which a picture that stands still gives itself away."""
-        text, record = time.strftime("%H:%M:%S"), source.latest_record
-        if record is not None:
-            control = record.output.control_mode
+        text = time.strftime("%H:%M:%S")
+        if source.latest is not None:
+            control = source.latest.record.output.control_mode
             text = f"# {source.lateness() or control.mode.name}\n\n{control.status_message}\n\n{text}"
         document = self._rerun.TextDocument(text, media_type=self._rerun.MediaType.MARKDOWN)
         self._stream.log("status", document, static=True)

@@ -68,7 +68,7 @@ def _show(model: mujoco.MjModel, attachment: Attachment | None) -> None:
             qpos = data.qpos.copy()
             if attachment is not None:
                 attachment.ticks()
-                record = attachment.latest_record
+                record = None if attachment.latest is None else attachment.latest.record
                 window.set_texts(window_text(record, attachment.lateness(), time.strftime("%H:%M:%S")))
                 if record is not None and record.qpos is not None:
                     qpos = record.qpos

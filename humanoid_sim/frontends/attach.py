@@ -6,10 +6,9 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,13 +29,11 @@ _STATUS_WITHIN = 0.6  # s that the session's status is waited for, which it send
 _BEHIND = 30  # priorities behind the control loop, and behind all its threads
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(NamedTuple):
     """A tick, and its arrival."""
 
     record: TickRecord
-    stamp: int
-    """CLOCK_MONOTONIC ns"""
+    stamp: int  # CLOCK_MONOTONIC ns
 
     @property
     def age(self) -> float:
@@ -48,11 +45,9 @@ class Source:
     """Ticks of a robot, and what interprets them."""
 
     header: SessionHeader
-    latest: Tick | None = None
-    """Newest tick that `ticks` has returned."""
+    latest: Tick | None = None  # newest tick that `ticks` has returned
     is_hardware = False
-    live_inputs: Mapping[str, int] = {}
-    """Names and widths of the live inputs that the session receives from other programs."""
+    live_inputs: Mapping[str, int] = {}  # names and widths of those that the session receives from other programs
 
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
         """Return the ticks that are new since the last call; waits up to `timeout` s for one."""
@@ -70,14 +65,8 @@ class Source:
         """Return what a session sends beside its ticks, twice a second."""
         return {}
 
-    @property
-    def latest_record(self) -> TickRecord | None:
-        """Newest tick's record."""
-        return None if self.latest is None else self.latest.record
-
     @cached_property
     def description(self) -> RobotDescription:
-        """The robot."""
         return RobotDescription.from_json(self.header.documents["robot"])
 
     def lateness(self) -> str:
@@ -91,7 +80,7 @@ class Attachment(Source):
 
     def __init__(self, session: SessionInfo, feed: Feed, intake: Intake) -> None:
         """Begin with the newest tick. Raises `InputError` for a session of another version."""
-        self.session, self.feed, self.intake = session, feed, intake
+        self.session, self._feed, self.intake = session, feed, intake
         self.is_hardware, self.live_inputs = bool(session.hardware), feed.live_inputs
         fields, documents = feed.header["session"], feed.header["documents"]
         blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
@@ -103,8 +92,8 @@ class Attachment(Source):
 
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
         if timeout > 0.0:
-            self.feed.wait(self._number, timeout)
-        samples = self.feed.since(self._number)
+            self._feed.wait(self._number, timeout)
+        samples = self._feed.since(self._number)
         with blaming(f"{self.session}: a tick of another version", CdrError):
             ticks = [Tick(decode_tick(sample.data), sample.stamp) for sample in samples]
         if samples:
@@ -113,13 +102,13 @@ class Attachment(Source):
 
     def model(self) -> mujoco.MjModel:
         with blaming(f"{self.session}: its model cannot be loaded", (ValueError, mujoco.FatalError)):
-            return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
+            return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self._feed.blob(MODEL_BLOB)})
 
     def is_running(self) -> bool:
-        return self.feed.is_running()
+        return self._feed.is_running()
 
     def status(self) -> Mapping[str, Any]:
-        return self.feed.status()
+        return self._feed.status()
 
     def send(self, command: MITCommand, stamp: int) -> bool:
         """Send a command for REMOTE; `stamp` (ns) is when what it is made of arrived. True if sent."""
@@ -160,12 +149,8 @@ def run_steps(attachment: Attachment, step: Callable[[], list[str]], period: flo
 
     On hardware no other program keeps the device waiting: it would look lost, and a DAMP come late.
     """
-    with punctual_threads(behind=_BEHIND) if attachment.is_hardware else nullcontext():
+    with punctual_threads(behind=_BEHIND) if attachment.is_hardware else nullcontext(), suppress(SessionError):
         while attachment.is_running():
-            try:
-                lines = step()
-            except SessionError:  # it has ended
-                return
-            for line in lines:
+            for line in step():
                 print(line, flush=True)
             time.sleep(period)

@@ -24,7 +24,7 @@ _GRACE = 2.0  # s that a child gets to end after SIGTERM
 class Wanted(NamedTuple):
     """A front end to start with a session."""
 
-    name: str  # in `FRONT_ENDS`
+    name: str
     options: tuple[str, ...] = ()  # of its command line; `--session` is added
     label: str = ""  # of one that runs twice; empty: its name
 

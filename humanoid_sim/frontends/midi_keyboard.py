@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from time import monotonic
 
 import mido
@@ -19,6 +19,7 @@ _MOST_BYTES = 4096  # read in one poll
 _CHECK_PERIOD = 0.5  # s between two checks that a port is still there: no library reports when it goes
 _RETRY = 0.5  # s between two attempts to open a keyboard that is gone
 _OWN_PORTS = "Midi Through"  # of ALSA itself, which are not keyboards
+_NOTE_OFF, _NOTE_ON, _CONTROL, _PROGRAM, _PRESSURE = 0x8, 0x9, 0xB, 0xC, 0xD
 _ALL_OFF = (120, 123)  # controllers: all sound off, all notes off
 
 
@@ -27,34 +28,15 @@ class ByteDevice:
 
     def __init__(self, path: str) -> None:
         self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
-        self._parser = mido.Parser()
-        self._status, self._count = 0, 0  # of the latest channel message, and its data bytes so far
 
-    def read(self) -> list[mido.Message] | None:
-        """Return the new messages; None if the device is gone."""
+    def read(self) -> bytes | None:
+        """Return the new bytes; None if the device is gone."""
         try:
-            data = os.read(self._handle, _MOST_BYTES)
+            return os.read(self._handle, _MOST_BYTES) or None
         except BlockingIOError:
-            return []
+            return b""
         except OSError:
             return None
-        self._parser.feed(self._written_out(data))
-        return list(self._parser) if data else None
-
-    def _written_out(self, data: bytes) -> bytearray:
-        """Put a status byte before each message, which keyboards leave out where it repeats (running status)."""
-        written = bytearray()
-        for byte in data:
-            if byte >= 0xF8:  # real time, which may come within a message
-                continue
-            if byte >= 0x80:
-                self._status, self._count = byte if byte < 0xF0 else 0, 0
-            elif self._status and self._count == (1 if self._status >> 4 in (0xC, 0xD) else 2):
-                written.append(self._status)
-                self._count = 0
-            self._count += byte < 0x80
-            written.append(byte)
-        return written
 
     def close(self) -> None:
         os.close(self._handle)
@@ -70,13 +52,13 @@ class Port:
         self._name, self._port = found[0], mido.open_input(found[0])
         self._checked = monotonic()
 
-    def read(self) -> list[mido.Message] | None:
-        """Return the new messages; None if the port is gone."""
+    def read(self) -> bytes | None:
+        """Return the new bytes; None if the port is gone."""
         if monotonic() - self._checked > _CHECK_PERIOD:
             self._checked = monotonic()
             if self._name not in port_names():
                 return None
-        return list(self._port.iter_pending())
+        return b"".join(message.bin() for message in self._port.iter_pending())
 
     def close(self) -> None:
         self._port.close()
@@ -96,6 +78,7 @@ class Keyboard:
         self._open = open_source
         self._source: ByteDevice | Port | None = open_source()
         self._tried = 0.0
+        self._message: list[int] = [0xFF]  # as far as it has come
         self._held: set[tuple[int, int]] = set()  # channel and key
         self.is_known = True
         """True while it is known which keys are down."""
@@ -118,23 +101,30 @@ class Keyboard:
             self._tried = monotonic()
             with contextlib.suppress(OSError, InputError):
                 self._source = self._open()
-        messages = None if self._source is None else self._source.read()
-        was_known, self.is_known = self.is_known, messages is not None
-        if messages is None:
+        data = None if self._source is None else self._source.read()
+        was_known, self.is_known = self.is_known, data is not None
+        if data is None:
             self.close()
             self._held.clear()
-        else:
-            self._update(messages)
+        for byte in data or b"":
+            self._take(byte)
         if self.is_known == was_known:
             return []
         return ["the keyboard is there again" if self.is_known else "the keyboard is gone: all keys released"]
 
-    def _update(self, messages: Iterable[mido.Message]) -> None:
-        for message in messages:
-            if message.type == "control_change" and message.control in _ALL_OFF:
-                self._held = {held for held in self._held if held[0] != message.channel}
-            elif message.type in ("note_on", "note_off") and message.channel != PERCUSSION:
-                held = (message.channel, message.note - FIRST_NOTE)
-                self._held.discard(held)
-                if message.type == "note_on" and message.velocity > 0 and 0 <= held[1] < KEY_COUNT:
-                    self._held.add(held)
+    def _take(self, byte: int) -> None:
+        if byte >= 0xF8:  # real time, which may come within a message
+            return
+        self._message = [byte] if byte >= 0x80 else [*self._message, byte]
+        kind, channel = divmod(self._message[0], 16)
+        if len(self._message) < (2 if kind in (_PROGRAM, _PRESSURE) else 3):
+            return
+        number, value = self._message[1], self._message[-1]
+        self._message = self._message[:1]  # which the next one may leave out (running status)
+        if kind == _CONTROL and number in _ALL_OFF:
+            self._held = {held for held in self._held if held[0] != channel}
+        elif kind in (_NOTE_OFF, _NOTE_ON) and channel != PERCUSSION:
+            held = (channel, number - FIRST_NOTE)
+            self._held.discard(held)
+            if kind == _NOTE_ON and value > 0 and 0 <= held[1] < KEY_COUNT:
+                self._held.add(held)

@@ -42,16 +42,9 @@ class ConsoleSink(WorkerSink):
         *,
         has_keys: bool = False,
         walks: bool = False,
-        motion_frames: int = 0,
-        available: Container[str] = (),
+        motion_frames: int = 0,  # of the policy's motion
+        available: Container[str] = (),  # names of the controllers that exist
     ) -> None:
-        """Take what the line needs beside ticks.
-
-        Args:
-            has_keys: an operator sits at the keys.
-            motion_frames: of the policy's motion; 0 for none.
-            available: names of the controllers that exist.
-        """
         super().__init__("console")
         self._console = console
         self._has_line = console.is_terminal and not console.is_dumb_terminal
@@ -62,8 +55,7 @@ class ConsoleSink(WorkerSink):
         # Written by the control thread, read by the worker's.
         self._queued = ("", "")
         self._latest: TickRecord | None = None
-        self._frame = 0
-        self._overruns = 0
+        self._frame = self._overruns = 0
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
@@ -98,13 +90,11 @@ class ConsoleSink(WorkerSink):
         self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:
-        if self._latest is not None and self._has_line:
-            # The last column would make some terminals begin a new line.
-            self._write(_CLEAR + self._line(self._latest)[: self._console.width - 1])
+        if self._latest is not None:  # the last column would make some terminals begin a new line
+            self._write_line(self._line(self._latest)[: self._console.width - 1])
 
     def handle_close(self) -> None:
-        if self._has_line:
-            self._write(_CLEAR)
+        self._write_line("")
 
     def _line(self, record: TickRecord) -> str:
         """Return the line, the most important parts first: a narrow terminal cuts it."""
@@ -130,13 +120,13 @@ class ConsoleSink(WorkerSink):
         return "  ".join(parts)
 
     def _print(self, text: str) -> None:
-        if self._has_line:
-            self._write(_CLEAR)
+        self._write_line("")
         self._console.print(f"[bold]{self._time:8.3f} s[/bold]  {text}", highlight=False)
 
-    def _write(self, text: str) -> None:
-        self._console.file.write(text)
-        self._console.file.flush()
+    def _write_line(self, text: str) -> None:
+        if self._has_line:
+            self._console.file.write(_CLEAR + text)
+            self._console.file.flush()
 
 
 def _styled(mode: Mode) -> str:

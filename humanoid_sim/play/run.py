@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
@@ -76,9 +75,8 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
         else:
             complain(f"failed: {problem}")
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
-    went_wrong = fell or problems or summary["faults"] or summary["safety"]
-    status = 128 + received[0] if received else int(ExitStatus.of(not went_wrong))
-    return Outcome(status, summary, tuple(problems))
+    passed = not (fell or problems or summary["faults"] or summary["safety"])
+    return Outcome(128 + received[0] if received else ExitStatus.of(passed), summary, tuple(problems))
 
 
 def _problems(run: Run, result: SessionResult) -> list[str]:
@@ -145,22 +143,19 @@ def _draw(file: Path, plan: Plan, poses: Poses) -> None:
         write_video(file, plan.setup.model(), poses)
 
 
-_Handler: TypeAlias = signal.Handlers | int | Callable[[int, FrameType | None], object] | None
-
-
 @contextmanager
 def _handled_signals(run: Run) -> Iterator[list[int]]:
     """Handle the signals for as long as the run lasts; yields the list of those received that end it.
 
     SIGINT, SIGQUIT, SIGTERM and a closed terminal end the run through DAMPING. Once the robot is closed nothing is left
-    to protect, and they do what they do to any program. SIGTSTP suspends a simulation; a process that holds motors
-    damps instead, and goes on. It also ignores what stops a process that uses a terminal in the background.
+    to protect, and they do what they do to any program. A process that holds motors is not suspended but damps, and
+    ignores what stops a process that uses a terminal in the background.
     """
     received: list[int] = []
-    before: dict[int, _Handler] = {}
+    before: dict[int, Any] = {}
     interruption, keyboard, robot = run.interruption, run.keyboard, run.plan.setup.robot
 
-    def end(number: int, _: FrameType | None) -> None:
+    def end(number: int, _: object) -> None:
         received.append(number)
         if robot.is_closed:
             if keyboard is not None:
@@ -169,25 +164,12 @@ def _handled_signals(run: Run) -> Iterator[list[int]]:
             signal.raise_signal(number)
         run.session.request_stop(signal.Signals(number).name)
 
-    def suspend(number: int, frame: FrameType | None) -> None:
-        if interruption is not None and not robot.is_closed:
-            interruption.refuse_suspension()
-            return
-        if keyboard is not None:
-            keyboard.close()
-        signal.signal(number, signal.SIG_DFL)
-        signal.raise_signal(number)  # returns when the process is continued
-        signal.signal(number, suspend)
-        proceed(number, frame)
-
-    def proceed(_: int, __: FrameType | None) -> None:
-        if keyboard is not None:
-            keyboard.take_terminal()
-
     always = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
-    handlers: dict[int, _Handler] = dict.fromkeys((*always, signal.SIGHUP), end)
-    handlers |= {signal.SIGTSTP: suspend, signal.SIGCONT: proceed}
+    handlers: dict[int, Any] = dict.fromkeys((*always, signal.SIGHUP), end)
+    if keyboard is not None:
+        handlers[signal.SIGCONT] = lambda *_: keyboard.take_terminal()
     if interruption is not None:
+        handlers[signal.SIGTSTP] = lambda *_: interruption.refuse_suspension()
         handlers |= {signal.SIGTTIN: signal.SIG_IGN, signal.SIGTTOU: signal.SIG_IGN}
     for number, handler in handlers.items():
         if number in always or signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup

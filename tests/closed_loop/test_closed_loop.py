@@ -1,56 +1,65 @@
-"""Whole stacks on simulated robots: each mode does to the robot what it is for."""
+"""The whole stack around a simulated Lite, one tick at a time: each mode does to the robot what it is for."""
 
 import numpy as np
 import pytest
-from drive import Drive
 
-from humanoid_sim.assets import SAMPLE_POLICY, asset_path
-from humanoid_sim.evaluation.run_figures import MotionErrors
-from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.loaded_policy import load_policy
-from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import GravityTorque
+from humanoid_sim.simulation.model import SimConfig
+from humanoid_sim.simulation.sim_robot import SimRobot
+from humanoid_sim.stack import build_supervisor
+
+LITE, PERIOD = load_robot("lite"), 0.005
 
 
-@pytest.mark.parametrize("name", ["reach", "wave"])
-def test_the_sample_policy_tracks_the_sample_motions(name):
-    checkpoint = load_checkpoint(SAMPLE_POLICY)
-    motion = read_motion(asset_path("motions", f"{name}.mcap"))
-    loaded = load_policy(checkpoint.contract, checkpoint.policy, motion, checkpoint.observation_width)
-    drive = Drive(loaded)
-    errors = MotionErrors(drive.description, loaded)
-    drive.stand()
-    drive.step(Intent.START_LOCOMOTION)
-    drive.run(motion.duration)
-    frames = []
-    for state, output in zip(drive.states, drive.outputs, strict=True):
-        if output.policy_step is not None:
-            frames.append(output.policy_step.frame)
-            errors.update(output.policy_step.frame, state)
-    assert frames == list(range(len(motion.frames)))
-    assert drive.outputs[-1].control_mode.mode is Mode.LOCOMOTION
-    summary = errors.summary()
-    assert summary["errors"]["hand_position_error"]["rms"] <= 0.03
-    assert summary["errors"]["hand_orientation_error"]["rms"] <= np.radians(12.0)
-    assert np.abs(drive.applied()).max() < drive.description.effort_limit.max()
+class Drive:
+    """Steps robot and supervisor in turn and keeps what passed between them."""
+
+    def __init__(self):
+        self.robot = SimRobot(LITE, SimConfig(control_period=PERIOD))
+        self.supervisor = build_supervisor(LITE, PERIOD, None)
+        self.memory = self.supervisor.initial()
+        self.states, self.outputs = [], []
+
+    def step(self, *intents):
+        state, safety = self.robot.read()
+        self.memory, output = self.supervisor.step(self.memory, TickInput(state, safety, intents))
+        self.robot.write(output.command)
+        self.states.append(state)
+        self.outputs.append(output)
+
+    def run(self, seconds):
+        for _ in range(round(seconds / PERIOD)):
+            self.step()
+
+    def stand(self, load=Intent.LOAD_A):
+        """DAMPING, then STANDBY until it is finished."""
+        self.step(Intent.DAMP)
+        self.step(load)
+        while not self.outputs[-1].standby.is_finished:
+            self.step()
+
+    def applied(self, since):
+        """Shape (ticks, n), N·m: the torques that the motors applied, from tick `since` on."""
+        return np.array([state.joint_effort for state in self.states[since:]])
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
 def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load):
     drive = Drive()
     drive.stand(load)
-    robot = drive.description
-    standby = robot.standby_controller_a if load is Intent.LOAD_A else robot.standby_controller_b
+    standby = LITE.standby_controller_a if load is Intent.LOAD_A else LITE.standby_controller_b
     goal = np.array(standby.pose_segments[-1])
     assert drive.outputs[-1].command.position.tolist() == goal.tolist()
-    assert drive.time == pytest.approx(sum(standby.segment_durations), abs=0.02)
+    assert drive.states[-1].time == pytest.approx(sum(standby.segment_durations), abs=0.02)
     drive.run(1.0)
     # A spring of stiffness K_p gives way by gravity / K_p; friction and what still moves add 0.1° or so.
-    sag = np.abs(GravityTorque(robot)(drive.position)) / np.array(standby.target_stiffness)
+    state = drive.states[-1]
+    sag = np.abs(GravityTorque(LITE)(state.joint_position)) / np.array(standby.target_stiffness)
     assert 0.01 < sag.max() < 0.1
-    assert (np.abs(drive.position - goal) <= sag + 0.003).all()
-    assert np.abs(drive.states[-1].joint_velocity).max() < 0.005
+    assert (np.abs(state.joint_position - goal) <= sag + 0.003).all()
+    assert np.abs(state.joint_velocity).max() < 0.005
     assert drive.outputs[-1].control_mode.mode is Mode.STANDBY
 
 
@@ -64,8 +73,7 @@ def test_gains_ramp_in_without_a_step_in_torque(load):
     drive.step(load)
     drive.run(4.1)
     change = np.abs(np.diff(drive.applied(entered - 1), axis=0)).max(axis=1)
-    durations = drive.description.standby_controller_a.segment_durations
-    ramp = round(durations[0] / drive.robot.control_period)
+    ramp = round(LITE.standby_controller_a.segment_durations[0] / PERIOD)
     assert change[:3].max() < 0.02  # N·m per tick of 5 ms: nothing jumps when it begins
     assert change[:ramp].max() < 0.1
     # The corner of the trajectory between its segments is a step in speed, which K_d turns into one of torque.
@@ -74,14 +82,15 @@ def test_gains_ramp_in_without_a_step_in_torque(load):
 
 
 def test_arms_that_are_let_go_sink_slowly():
-    speeds = {}
-    for intent in (Intent.DAMP, None):
+    speeds = []
+    for is_damped in (True, False):
         drive = Drive()
         drive.stand()
-        if intent is None:  # without damping: what ZERO_TORQUE would do
+        if is_damped:
+            drive.step(Intent.DAMP)
+        else:  # what ZERO_TORQUE would do
             drive.memory = drive.supervisor.initial()
-        drive.step(*([intent] if intent else []))
         drive.run(1.0)
-        speeds[intent] = max(np.abs(state.joint_velocity).max() for state in drive.states[-200:])
-    assert speeds[Intent.DAMP] < 1.0  # rad/s
-    assert speeds[None] > 5.0
+        speeds.append(max(np.abs(state.joint_velocity).max() for state in drive.states[-200:]))
+    assert speeds[0] < 1.0  # rad/s
+    assert speeds[1] > 5.0

@@ -17,6 +17,8 @@ REFUSED = {
     "play --script": "Missing value for argument '--script'. Expected 1 values.; …",
     "play --policy lite_pino": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: …",
     "play --policy lite_biped_velocity": "--robot: policy on robot 'lite': …",
+    "play --policy lite_tracking --policy lite_tracking": "--policy: lite_tracking, lite_tracking are not different …",
+    "play --policy lite_tracking --policy none": "--policy: several are given, expected none of them to be 'none', …",
     "play --robot lite_bipd": "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, …",
     "play --motion wve": "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, …",
     "prepare --policy lite_pino --motion x.npz": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?…",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_pads import BLUETOOTH, DUALSENSE, JOYSTICK, XBOX, FakePads
+from fake_pads import BLUETOOTH, DUALSENSE, XBOX, FakePads
 
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import InputError
@@ -104,13 +104,6 @@ def test_only_the_first_pad_drives_and_every_pad_damps(local, pads, pad):
     assert desk.press(second, "L1", "A") is Mode.DAMPING
     assert desk.press(pad, "L1", "A") is Mode.STANDBY
     assert desk.press(second, "X") is Mode.DAMPING
-
-
-def test_an_unknown_pad_is_not_used(local, pads):
-    odd = pads.plug(JOYSTICK, "Odd Pad")
-    desk = Desk(local, pads)
-    assert desk.poll() == []
-    assert desk.press(odd, 2) is Mode.ZERO_TORQUE
 
 
 def test_sticks_steer_and_one_at_rest_claims_nothing(local, pads, pad):

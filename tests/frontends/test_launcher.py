@@ -6,7 +6,6 @@ import pytest
 from local_session import HEADER
 from waiting import until
 
-from humanoid_sim.cli import FRONT_ENDS, FrontEnd
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import launcher, require_packages
 from humanoid_sim.frontends.launcher import FrontEnds, Wanted
@@ -61,8 +60,7 @@ def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launc
 
 
 def test_packages_that_are_missing_are_named_with_their_extra(monkeypatch):
-    fakes = {**FRONT_ENDS, "fake": FrontEnd("", "a fake", packages=("json", "no_such_package"), extra="fake")}
-    monkeypatch.setattr("humanoid_sim.frontends.FRONT_ENDS", fakes)
-    with pytest.raises(MissingPackageError, match=r"a fake needs the package 'no_such_package'.*humanoid_sim\[fake\]"):
-        require_packages("fake")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "rerun_cli" else name)
+    with pytest.raises(MissingPackageError, match=r"'rerun_cli'.*humanoid_sim\[rerun\]"):
+        require_packages("rerun")
     require_packages("gravity")

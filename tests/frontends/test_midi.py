@@ -129,7 +129,7 @@ def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypa
     Port("")
     found = Port("keystation")
     assert opened == ["Pads:0 20:0", "Keystation 88:0 24:0"]
-    assert found.read() == waiting
+    assert found.read() == bytes.fromhex("903c40")
     names.pop()
     assert found.read() is None
     with pytest.raises(InputError, match="no keyboard with 'keystation'; ports: Pads:0 20:0"):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from humanoid_sim import play, replay
+from humanoid_sim import replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
@@ -71,21 +71,6 @@ def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_i
     assert run_program(replay.main, ["r.mcap"]) == 0
     with pytest.raises(InputError, match="several policies"):
         replay.main(["r.mcap", "--policy", "lite_tracking"])
-
-
-@pytest.mark.parametrize(
-    ("options", "line"),
-    [
-        (("--policy", "lite_tracking", "--policy", "lite_tracking"), "--policy: lite_tracking, lite_tracking are not"),
-        (("--policy", "lite_tracking", "--policy", "none"), "--policy: several are given"),
-        ((*PLACEHOLDER, "--policy", "lite_tracking", "--contract", "c.yaml"), "no --contract"),
-        ((*PLACEHOLDER, "--policy", "lite_biped_velocity"), "policy on robot 'lite'"),
-    ],
-)
-def test_policies_that_cannot_share_a_session_are_refused(run, folder, options, line):
-    (folder / "c.yaml").touch()
-    with pytest.raises(InputError, match=line):
-        play.main([*options, "--viewer", "none"])
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])

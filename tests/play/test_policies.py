@@ -8,7 +8,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import choose_policies
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.robots.description import load_robot
 
 LITE = load_robot("lite")
@@ -30,14 +29,6 @@ def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(po
     choice = choose_policy(PlayConfig(policy=(policy,)), load_robot(robot))
     assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
     assert (choice.motion_file and choice.motion_file.stem) == followed
-
-
-def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves():
-    for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
-        choice = choose_policy(PlayConfig(policy=("lite_tracking",), hardware=hardware, can_timeout=0.2), LITE)
-        policy = choice.checkpoint.policy
-        assert isinstance(policy, OnnxPolicy)
-        assert policy.model.time_limit == limit
 
 
 def test_a_policy_of_the_users_needs_a_motion(tmp_path):

@@ -24,7 +24,7 @@ from humanoid_sim.mit import FloatArray
 
 _OLD = 0.5  # s, largest age of the tick that a joint is moved by, and largest gap between two commands
 _DAMP_FOR, _DAMP_PERIOD = 1.0, 0.1  # s for which DAMP is repeated until DAMPING is seen, and between two
-_POLL = 0.001  # s
+_POLL = 0.001  # s that an answer is waited for
 
 
 def _seconds_since(stamp: int) -> float:
@@ -32,28 +32,22 @@ def _seconds_since(stamp: int) -> float:
 
 
 class Operator:
-    """Commands of one session. `damp` and `do` may be called on any thread, all else on the console's."""
+    """Commands of one session. `damp`, `do` and `request` may be called on any thread, all else on the console's."""
 
     def __init__(self, attachment: Attachment, gate: Gate) -> None:
         self._attachment, self._gate, self._intake = attachment, gate, attachment.intake
         self._damping = Intake(attachment.session, "console")
         gate.damp = self.damp
         self._damp_since = self._damped = 0
-        self._name = f"console ({os.getpid()})"
         self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._token = ""
-        self.answer = ""
-        """The latest answer of the session, or why something is refused or has ended."""
+        self.answer = ""  # of the session, to the latest request; or why something is refused or has ended
         self.speeds = policy_speeds(attachment.header)
-        """Shape (3, 2): lowest and highest velocity, m/s, m/s, rad/s; None where no policy takes one."""
-        self.velocity: FloatArray = np.zeros(3)
-        """Shape (3,), m/s, m/s, rad/s: what this console commands."""
-        self._is_changed = False
-        self.sliders: JointSliders | None = None
-        """Joint that is moved; None for none."""
+        self.velocity: FloatArray = np.zeros(3)  # that this console commands, m/s, m/s, rad/s
+        self._is_steered = False  # by hand, since the velocity was sent
+        self.sliders: JointSliders | None = None  # of the joint that is moved
         self._pose = "a"
         self._stepped = self._sent = 0
-        self._timeout = 1e-3 * attachment.description.remote_policy_controller.stale_command_timeout_ms
 
     def close(self) -> None:
         """Let go."""
@@ -74,7 +68,7 @@ class Operator:
         self._actions.put(partial(action, *arguments))
 
     def request(self, word: str) -> None:
-        """Have `step` request something, of the robot as the page shows it now; on any thread."""
+        """Have `step` request something, of the robot as the page shows it now."""
         self.do(self._request, word, self._gate.seen())
 
     def step(self) -> None:
@@ -82,28 +76,26 @@ class Operator:
         tick = self._attachment.latest
         if tick is None:
             return
+        control = tick.record.output.control_mode
+        if control.mode is Mode.STANDBY:
+            self._pose = control.controller_name[-1]
         try:
             while not self._actions.empty():
                 self._actions.get()()
             self._repeat_damp(tick)
-            self._take_answer()
-            if tick.record.output.control_mode.mode is Mode.STANDBY:
-                self._pose = tick.record.output.control_mode.controller_name[-1]
+            if self._token:
+                with contextlib.suppress(SessionError):  # not yet
+                    self.answer, self._token = self._intake.answer(self._token, _POLL).text, ""
             self._steer_on(tick)
             self._move_on(tick)
         except SessionError as error:
             self.answer, self.sliders, self.velocity = str(error), None, np.zeros(3)
 
     def _request(self, word: str, seen: int) -> None:
-        if not seen:
+        if seen:
+            self._token, self.answer = self._intake.post(word, seen=seen), f"{word} …"
+        else:
             self.answer = f"{word} left out: no heartbeat of its page"
-            return
-        self._token, self.answer = self._intake.post(word, seen=seen), f"{word} …"
-
-    def _take_answer(self) -> None:
-        if self._token:
-            with contextlib.suppress(SessionError):  # not yet
-                self.answer, self._token = self._intake.answer(self._token, _POLL).text, ""
 
     def _repeat_damp(self, tick: Tick) -> None:
         is_damped = tick.stamp > self._damp_since and tick.record.output.control_mode.mode is Mode.DAMPING
@@ -116,23 +108,23 @@ class Operator:
     def steer(self, axis: int, value: float) -> None:
         """Change one component of the velocity, m/s, m/s, rad/s."""
         assert self.speeds is not None
-        self.velocity[axis], self._is_changed = np.clip(value, *self.speeds[axis]), True
+        self.velocity[axis], self._is_steered = np.clip(value, *self.speeds[axis]), True
 
     def stop(self) -> None:
         """Command a velocity of zero."""
-        self.velocity, self._is_changed = np.zeros(3), True
+        self.velocity, self._is_steered = np.zeros(3), True
 
     def _steer_on(self, tick: Tick) -> None:
-        if not self._is_changed and not self.velocity.any():
+        if not self._is_steered and not self.velocity.any():
             return
         mode = tick.record.output.control_mode.mode
         problem = self._gate.silence() or ("" if mode is Mode.LOCOMOTION else f"mode is {mode.name}")
         if problem and self.velocity.any():
             self.answer, self.velocity = f"velocity let go: {problem}", np.zeros(3)
         # As old as the page's heartbeat: a page that falls silent stops the robot by itself.
-        deliberate = self._is_changed and not problem
+        deliberate = self._is_steered and not problem
         self._intake.velocity(*self.velocity.tolist(), deliberate=deliberate, stamp=self._gate.heartbeat())
-        self._is_changed = False
+        self._is_steered = False
 
     def take(self, name: str) -> None:
         """Move this joint by sliders from here on."""
@@ -170,8 +162,8 @@ class Operator:
         if problem or gap > _OLD:
             self.leave(problem or f"the console was held up for {gap:.1f} s")
             return
-        if gap > self._timeout:  # the joints were damped meanwhile
-            self.sliders.restart(position)
+        if 1e3 * gap > self._attachment.description.remote_policy_controller.stale_command_timeout_ms:
+            self.sliders.restart(position)  # the joints were damped meanwhile
         command = self.sliders.step(position, 1e-9 * (now - self._stepped))
         self._stepped = now
         if self._attachment.send(command, tick.stamp):
@@ -182,7 +174,7 @@ class Operator:
         owner = self._attachment.status().get("owners", {}).get("REMOTE", "")
         if mode is not Mode.REMOTE:
             return f"requires REMOTE, mode is {mode.name}"
-        if owner not in ("", self._name):
+        if owner not in ("", f"console ({os.getpid()})"):
             return f"REMOTE belongs to {owner}"
         if tick.age > _OLD:
             return "the session stands still"

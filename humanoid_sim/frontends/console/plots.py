@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from viser import GuiApi, GuiUplotHandle, uplot
 
@@ -17,39 +15,25 @@ _PERIOD = 0.02  # s of the robot's time, the shortest between two rows
 _COLORS = ("#7fb4ff", "#ffaa3c", "#40c878", "#ff6b6b", "#c792ea", "#e6e07a", "#5fd3d3", "#d0d0d0")
 
 
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """Values that are drawn together, against the robot's time."""
-
-    name: str
-    series: tuple[str, ...]
-    columns: slice
-    """Columns of the history."""
-
-
 class Plots:
-    """Charts that operators choose, for all pages at once."""
+    """Charts that operators choose, for all pages at once: each draws columns of one history against its first."""
 
     def __init__(self, source: Source) -> None:
-        self.charts: dict[str, Chart] = {}
-        self._width = 1  # the time
-        for name in source.header.joint_names:
-            self._add(f"{name} position, rad", ("position", "command"))
-        for kind, unit in (("velocity", "rad/s"), ("effort", "N·m")):
-            for name in source.header.joint_names:
-                self._add(f"{name} {kind}, {unit}", (kind,))
-        self._add("loop, ms", ("tick time",))
-        labels = read_labels(source.header)
-        for term, width in source.header.observation_terms:
-            names = labels.observation.get(term, ())
-            self._add(f"observed {term}", names if len(names) == width else tuple(map(str, range(width))))
-        self._observed: FloatArray = np.full(sum(width for _, width in source.header.observation_terms), np.nan)
-        self._history: FloatArray = np.full((_ROWS, self._width), np.nan)
-        self._shown: list[tuple[Chart, GuiUplotHandle]] = []
-
-    def _add(self, name: str, series: tuple[str, ...]) -> None:
-        self.charts[name] = Chart(name, series, slice(self._width, self._width + len(series)))
-        self._width += len(series)
+        joints, terms = source.header.joint_names, source.header.observation_terms
+        labels = read_labels(source.header).observation
+        charts: dict[str, tuple[str, ...]] = {f"{name} position, rad": ("position", "command") for name in joints}
+        charts |= {f"{name} velocity, rad/s": ("velocity",) for name in joints}
+        charts |= {f"{name} effort, N·m": ("effort",) for name in joints}
+        charts["loop, ms"] = ("tick time",)
+        for term, width in terms:
+            names = labels.get(term, ())
+            charts[f"observed {term}"] = names if len(names) == width else tuple(map(str, range(width)))
+        ends = 1 + np.cumsum([len(names) for names in charts.values()])
+        self.charts = charts  # names of the lines of each
+        self._ends = dict(zip(charts, ends.tolist(), strict=True))
+        self._observed: FloatArray = np.full(sum(width for _, width in terms), np.nan)
+        self._history: FloatArray = np.full((_ROWS, ends[-1]), np.nan)
+        self._shown: list[tuple[str, GuiUplotHandle]] = []
 
     def add_controls(self, gui: GuiApi) -> None:
         """Add the controls to a GUI; charts come below them."""
@@ -58,10 +42,9 @@ class Plots:
         folder = gui.add_folder("Plots")
 
         def added(_: object) -> None:
-            chart = self.charts.get(add.value)
-            if chart is not None:
+            if add.value in self.charts:
                 with folder:
-                    self._shown.append((chart, _uplot(gui, chart)))
+                    self._shown.append((add.value, _uplot(gui, add.value, self.charts[add.value])))
                 add.value = "…"
 
         def cleared(_: object) -> None:
@@ -90,18 +73,18 @@ class Plots:
     def show(self) -> None:
         """Draw the charts anew."""
         rows = self._history[np.isfinite(self._history[:, 0])]
-        for chart, handle in self._shown if len(rows) else ():
-            handle.data = (rows[:, 0], *rows[:, chart.columns].T)
+        for name, handle in self._shown if len(rows) else ():
+            end = self._ends[name]
+            handle.data = (rows[:, 0], *rows[:, end - len(self.charts[name]) : end].T)
 
 
-def _uplot(gui: GuiApi, chart: Chart) -> GuiUplotHandle:
-    lines = [uplot.Series(label=name, stroke=_COLORS[i % len(_COLORS)], width=1) for i, name in enumerate(chart.series)]
-    axes = tuple(uplot.Axis(stroke="#999", grid={"stroke": "#8883"}) for _ in range(2))
+def _uplot(gui: GuiApi, title: str, names: tuple[str, ...]) -> GuiUplotHandle:
+    lines = [uplot.Series(label=name, stroke=_COLORS[i % len(_COLORS)], width=1) for i, name in enumerate(names)]
     return gui.add_uplot(
         tuple(np.zeros(1) for _ in range(1 + len(lines))),
         (uplot.Series(label="s"), *lines),
-        title=chart.name,
+        title=title,
         scales={"x": uplot.Scale(time=False)},
-        axes=axes,
+        axes=tuple(uplot.Axis(stroke="#999", grid={"stroke": "#8883"}) for _ in range(2)),
         aspect=1.8,
     )

@@ -1,5 +1,6 @@
 """What an operator's page commands of a session, and when that ends."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -173,7 +174,7 @@ def test_a_joint_is_moved_in_remote_with_the_gains_of_the_pose_before(desk):
     ],
 )
 def test_a_joint_that_is_let_go_is_passive_at_once(desk, change, reason):
-    desk.owners = {"REMOTE": desk.operator._name}
+    desk.owners = {"REMOTE": f"console ({os.getpid()})"}
     moving(desk)
     desk.run(Mode.REMOTE, 3.0)
     assert desk.commands[-1].stiffness.any()

@@ -39,8 +39,7 @@ def test_a_watched_robot_s_mode_safety_and_plots_are_shown():
     scene = Scene(gate.serve(), source)
     panel = Panel(source, scene, None)
     assert panel.show() == {"age": 0.0}
-    chart = panel._plots.charts["left_elbow_pitch position, rad"]
-    panel._plots._shown.append((chart, SimpleNamespace()))
+    panel._plots._shown.append(("left_elbow_pitch position, rad", SimpleNamespace()))
     for time in (3.0, 3.001, 3.02, 0.5, 0.52):
         state = healthy_state(np.full(LITE.joint_count, 0.25), time)
         source.latest = Tick(TickRecord(0, TickInput(state, (status,)), output, 0.0, False), monotonic_ns())
