@@ -48,15 +48,15 @@ def examine(config: DoctorConfig, console: Console) -> dict[str, Any]:
 
 def make_document(contract: PolicyContract, result: Result, file: Path) -> dict[str, Any]:
     """Return everything as plain values; `file` is where the fix belongs."""
-    right = contract if result.finding is None else result.finding.contract
+    fix, changes = compare_contracts(contract, contract if result.finding is None else result.finding.contract)
     return {
         "healthy": result.is_healthy,
         "verdict": result.verdict,
         "finding": None if result.finding is None else result.finding.family,
-        "changes": changes(contract, right),
+        "changes": changes,
         "note": result.note,
         "file": str(file),
-        "fix": fixed_fields(contract, right),
+        "fix": fix,
         "ranking": [{"edit": row.edit.name, "score": row.score, "note": row.note} for row in result.rows],
     }
 
@@ -71,36 +71,24 @@ def print_document(document: Mapping[str, Any], console: Console) -> None:
     console.print("\n".join(lines), soft_wrap=True, markup=False, highlight=False, emoji=False)
 
 
-def _differing(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
-    old = wiring_values(before)
-    return {name: value for name, value in wiring_values(after).items() if value != old.get(name)}
-
-
-def fixed_fields(before: PolicyContract, after: PolicyContract) -> dict[str, Any]:
-    """Return what differs in `after`, as a contract file has it."""
-    found: dict[str, Any] = {}
-    for name, value in _differing(before, after).items():
-        parts = name.split(".")
-        if len(parts) == 3:  # observation.TERM.OPTION
-            found.setdefault("terms", {}).setdefault(parts[1], {})[parts[2]] = value
-        elif len(parts) == 2:
-            found.setdefault(parts[0], {})[parts[1]] = value
-        else:
-            found[name] = value
-    return found
-
-
-def changes(before: PolicyContract, after: PolicyContract) -> list[str]:
-    """Return what differs, one line a field: the joint or place, the value before and after."""
-    values, found = wiring_values(before), []
-    for field, new in _differing(before, after).items():
-        old, name = values.get(field), field.removeprefix("observation.")
+def compare_contracts(before: PolicyContract, after: PolicyContract) -> tuple[dict[str, Any], list[str]]:
+    """Return what differs in `after` as a contract file has it, and in words, a line a field with joints or places."""
+    present, fix, lines = wiring_values(before), dict[str, Any](), list[str]()
+    for field, new in wiring_values(after).items():
+        old, name = present.get(field), field.removeprefix("observation.")
+        if new == old:
+            continue
+        *sections, option = name.split(".")
+        section = fix
+        for key in sections if name == field else ("terms", *sections):
+            section = section.setdefault(key, {})
+        section[option] = new
         if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
-            found.append(f"{name}: {shown(old)} -> {shown(new)}")
+            lines.append(f"{name}: {shown(old)} -> {shown(new)}")
             continue
         owners = before.action_joint_names if name.startswith("action_") else before.joint_names
         if isinstance(new[0], str) or len(owners) != len(new):
             owners = tuple(f"[{i}]" for i in range(len(new)))
-        lines = [f"{at} {shown(a)} -> {shown(b)}" for at, a, b in zip(owners, old, new, strict=True) if a != b]
-        found.append(f"{name}: {', '.join(lines[:_SHOWN])}{', …' if len(lines) > _SHOWN else ''}")
-    return found
+        places = [f"{at} {shown(a)} -> {shown(b)}" for at, a, b in zip(owners, old, new, strict=True) if a != b]
+        lines.append(f"{name}: {', '.join(places[:_SHOWN])}{', …' if len(places) > _SHOWN else ''}")
+    return fix, lines
