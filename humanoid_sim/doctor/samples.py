@@ -21,6 +21,7 @@ from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.golden import value_name
+from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import with_joint_limits
@@ -45,7 +46,10 @@ class Samples:
         self._traces: dict[tuple[object, ...], Trace] = {}
         self._file = read_arrays(path)
         trace = self.trace(subject.contract)
-        steps = zip(trace.arrays["observation"], _frames(trace, 10**9).tolist(), strict=True)
+        observed, width = trace.arrays["observation"], contract_layout(subject.contract).width
+        if observed.shape[1] != width:
+            raise InputError(f"{path}: observation has shape {observed.shape}, expected ({len(trace)}, {width})")
+        steps = zip(observed, _frames(trace, 10**9).tolist(), strict=True)
         own = np.array([subject.policy(row, frame) for row, frame in steps])
         if _far(own, trace.arrays["action"], _ACTION_TOLERANCE).any():
             raise InputError(f"{path}: action differs from what the policy answers to observation: another network's")

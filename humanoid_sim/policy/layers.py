@@ -214,6 +214,7 @@ class _Names:
                 found.setdefault(name, Statement(value, "follows from observation"))
         needed = [*_REQUIRED, *(kind.requires.replace("phase", "phase.period") for kind in kinds if kind.requires)]
         needed += ["command_names"] if "command" in self.terms else []
+        needed += ["phase.period"] if any(name.startswith("phase.") for name in found) else []
         given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value]
         return tuple(dict.fromkeys(name for name in needed if name not in given))
 

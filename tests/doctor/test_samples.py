@@ -106,3 +106,5 @@ def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
 def test_the_trace_of_another_network_is_refused(walker, steps, search):
     with pytest.raises(InputError, match="action"):
         search(walker.contract, action=steps["action"] + 0.1)
+    with pytest.raises(InputError, match=r"observation has shape \(60, 50\), expected \(60, 53\)"):
+        search(walker.contract, obs=steps["obs"][:, :50])

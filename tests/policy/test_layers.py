@@ -94,6 +94,7 @@ def test_everything_that_is_missing_is_named_at_once_and_widths_are_known_all_th
     }
     reading = join([deploy(**given, command_names=["twist"])], "policy.onnx")
     assert contract_layout(reading.outline).width == 6 + 3 + 4 + 3
+    assert joined(by_hand(**{"phase.offsets": [0.0]})).missing == ("phase.period",)  # that no term needs
 
 
 def test_values_by_name_pattern_and_place():
