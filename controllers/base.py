@@ -36,7 +36,7 @@ class Fault:
 
 
 class Controller(Protocol):
-    """One way of commanding every joint. Memories are `Memory` or a subclass."""
+    """One way of commanding every joint. Memories are `Memory` or a subclass; states have the robot's joints."""
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ down. What the terms of an observation mean is in `terms`.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from humanoid_sim.mit import (
     HEIGHT_SCAN,
     VELOCITY_COMMAND,
     BoolArray,
+    Float32Array,
     FloatArray,
     frozen_array,
     point_velocity,
@@ -30,22 +32,9 @@ from humanoid_sim.mit import (
 
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
-ModelDamping = Literal["undecided", "keep", "drop"]
-Frame = Literal["body", "world"]
-OrientationLayout = Literal["rows", "columns", "two_rows"]
 QuaternionOrder = Literal["wxyz", "xyzw"]
-HistoryOrder = Literal["oldest_first", "newest_first"]
-ActionForm = Literal["raw", "scaled"]
 JOINT_LIMITS = "joint_limits"
 
-TERM_CHOICES: Mapping[str, Any] = {
-    "history_order": HistoryOrder,
-    "frame": Frame,
-    "layout": OrientationLayout,
-    "quaternion": QuaternionOrder,
-    "form": ActionForm,
-}
-"""Options of a term that are one of a few words."""
 _MOST_RAYS = 2000  # as many values fit into one message of another program
 
 
@@ -91,8 +80,7 @@ class HeightScan:
     @property
     def count(self) -> int:
         """Number of rays."""
-        columns, rows = self._sides
-        return columns * rows
+        return math.prod(self._sides)
 
     @property
     def points(self) -> FloatArray:
@@ -112,14 +100,14 @@ class Term:
     scale: FloatArray | float = 1.0  # scalar, or one factor per value. 0 feeds zeros
     clip: tuple[float, float] | None = None  # bounds before scaling
     history: int = 1  # number of policy steps that are shown, this one included
-    history_order: HistoryOrder = "oldest_first"
-    frame: Frame = "body"  # for velocities and the anchor position
+    history_order: Literal["oldest_first", "newest_first"] = "oldest_first"
+    frame: Literal["body", "world"] = "body"  # for velocities and the anchor position
     at: str = BASE  # for the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site
     relative: bool | None = None  # less the default pose: joint positions (None: true), motion command (None: false)
-    layout: OrientationLayout = "rows"  # of six orientation values: two columns row by row, by column, or two rows
+    layout: Literal["rows", "columns", "two_rows"] = "rows"  # of six orientation values, two columns by rows
     inverse: bool = False  # for the anchor orientation: seen from the reference instead of from the robot
     quaternion: QuaternionOrder = "wxyz"  # for terms that are quaternions
-    form: ActionForm = "raw"  # for the last action: the network's output, or that times the action scale
+    form: Literal["raw", "scaled"] = "raw"  # for the last action: the network's output, or that times the action scale
     joints: tuple[str, ...] | None = None  # for joint positions and velocities, in this order; None: all, the policy's
     scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
     width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
@@ -217,12 +205,12 @@ class PolicyContract:
     lookahead_steps: tuple[int, ...] = ()  # steps ahead of this one that `target_keys_future` shows (piano)
     action_offset: FloatArray | None = None  # shape (m,), rad, added to the scaled action; None: the default pose
     action_clip: float = np.inf  # magnitude at which a raw action is clipped before it is scaled
-    action_limit: float | None = None  # magnitude of a raw action beyond which the policy has failed; None: the usual
+    action_limit: float = 100.0  # magnitude of a raw action beyond which the policy has failed: few exceed ten
     position_clip: FloatArray | str | None = None
     """Shape (m, 2), or (1, 2) for all, rad, bounds of commanded positions; None: none; `joint_limits`: the robot's."""
     effort_limit: FloatArray | None = None
     """Shape (n,), N·m, of the training, infinite without; a robot with lower limits keeps them. None: the robot's."""
-    model_joint_damping: ModelDamping = "undecided"
+    model_joint_damping: Literal["undecided", "keep", "drop"] = "undecided"
     """Whether the damping of the robot's own model acts in addition to `joint_damping`. Undecided: it does."""
     history_layout: HistoryLayout = "per_term"  # of several steps: each term's together, or each step's together
     command_ranges: FloatArray | None = None  # shape (3, 2), bounds of vx, vy (m/s) and yaw rate (rad/s); None: any
@@ -249,7 +237,7 @@ class PolicyContract:
             "history_layout": (is_one_history, "per_term where terms show different numbers of steps"),
             "policy_dt": (0.0 < self.policy_dt < np.inf, "seconds > 0"),
             "action_clip": (self.action_clip > 0.0, "a number > 0"),
-            "action_limit": (self.action_limit is None or self.action_limit > 0.0, "a number > 0"),
+            "action_limit": (self.action_limit > 0.0, "a number > 0"),
         }
         require_fields(owner, self, checks)
         one_of(owner, "task_type", self.task_type, TaskType)
@@ -295,6 +283,10 @@ class PolicyContract:
     def observation_names(self) -> tuple[str, ...]:
         """Names of the observation terms, in order."""
         return tuple(term.name for term in self.terms)
+
+    def clipped(self, action: Float32Array) -> Float32Array:
+        """Return raw actions, shape (..., m), as they are scaled."""
+        return np.clip(action, -self.action_clip, self.action_clip) if self.action_clip < np.inf else action
 
     @property
     def action_count(self) -> int:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault, Memory
-from humanoid_sim.controllers.parameters import LARGEST_COMMAND, joints_problem
+from humanoid_sim.controllers.parameters import LARGEST_COMMAND
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -29,18 +29,8 @@ class HeldMemory(Memory):
     command: MITCommand
 
 
-class _Held:
-    """Returns the command of its activation, whatever the state is now."""
-
-    __slots__ = ()
-
-    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
-        """Return the held command."""
-        return memory, memory.command
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class DampingController(_Held):
+class DampingController:
     """Holds the joint positions of its activation with damping only: soft under gravity, viscous against motion."""
 
     joints: tuple[str, ...]
@@ -49,19 +39,23 @@ class DampingController(_Held):
     def activate(self, tick_input: TickInput) -> HeldMemory | Fault:
         """Capture the positions; fails only if none is known: one silent joint must not make the others limp."""
         position = tick_input.state.joint_position
-        if problem := joints_problem(tick_input.state, self.joints):
-            return Fault(problem)
         if not np.isfinite(position).any():
             return Fault("no joint position is known")
         return HeldMemory(command=damped_command(position, self.damping))
 
+    def update(self, memory: HeldMemory, tick_input: TickInput) -> tuple[HeldMemory, MITCommand]:
+        """Return the held command, whatever the state is now."""
+        return memory, memory.command
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ZeroTorqueController(_Held):
+class ZeroTorqueController:
     """Zeros in all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
 
     joints: tuple[str, ...]
 
-    def activate(self, tick_input: TickInput) -> HeldMemory:
-        """Make the zeros."""
-        return HeldMemory(command=MITCommand.zeros(len(self.joints)))
+    def activate(self, tick_input: TickInput) -> Memory:
+        return Memory()
+
+    def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:
+        return memory, MITCommand.zeros(len(self.joints))

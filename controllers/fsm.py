@@ -90,14 +90,6 @@ def refused(intent: Intent, reason: str) -> str:
     return f"{intent.name} refused: {reason}"
 
 
-def granted_intent(intents: Sequence[Intent], refusals: Sequence[str]) -> Intent | None:
-    """Return the intent that took effect in a tick, from its intents and its output's refusals; None for none."""
-    chosen, _ = choose_intent(intents)
-    if chosen is None or any(refusal.startswith(refused(chosen, "")) for refusal in refusals):
-        return None
-    return chosen
-
-
 def transition(
     current: str,
     safety: SafetyStatus,
@@ -112,10 +104,10 @@ def transition(
     it lasts. It never moves ZERO_TORQUE up, and nothing recovers by itself. `available` has the names of the
     controllers that exist, `unready` is why the one that is to move the robot cannot start yet; '' for none.
     """
-    reason = ""
+    refusal = ""
     if intent is not None:
-        reason = _refusal(current, safety, intent, standby_finished, available) or unready
-    refusal = refused(intent, reason) if intent is not None and reason else ""
+        reason = why_refused(current, safety, intent, standby_finished, available) or unready
+        refusal = refused(intent, reason) if reason else ""
     if MODES[current] in MOVING and not safety.is_ok:
         return Decision(DAMPING, message=describe_safety(safety), refusal=refusal)
     if intent is None or refusal or RULES[intent].target == current:  # the last is DAMP in DAMPING
@@ -124,9 +116,10 @@ def transition(
     return Decision(target, quit=target is None, message=f"{intent.name} requested")
 
 
-def _refusal(
+def why_refused(
     current: str, safety: SafetyStatus, intent: Intent, standby_finished: bool, available: Container[str]
 ) -> str:
+    """Return why `transition` would refuse an intent; '' for one that it grants. Arguments as there."""
     rule, mode = RULES[intent], MODES[current]
     requirement = ("finished " if rule.standby_finished else "") + mode_names(rule.modes)
     if not safety.is_ok and intent not in (Intent.DAMP, Intent.QUIT):
@@ -138,12 +131,3 @@ def _refusal(
     if rule.target is not None and rule.target not in available:
         return f"{rule.target} is not available"
     return ""
-
-
-def granted(
-    current: str, safety: SafetyStatus, standby_finished: bool, available: Container[str]
-) -> tuple[Intent, ...]:
-    """Return the intents that `transition` would not refuse; arguments as there."""
-    return tuple(
-        intent for intent in Intent if not transition(current, safety, intent, standby_finished, available).refusal
-    )

@@ -93,7 +93,7 @@ class Guards:
         position, time = state.joint_position, state.time
         if not condition.any():
             return None
-        if memory is None or memory.held.shape != condition.shape:
+        if memory is None:
             return GuardMemory(time, np.where(condition, 0.0, -1.0), side, position)
         elapsed = np.clip(np.nan_to_num(np.subtract(time, memory.time)), 0.0, _LONGEST_STEP)[..., None, None]
         held = np.where(memory.held >= 0.0, memory.held + elapsed, 0.0)
@@ -106,12 +106,9 @@ class Guards:
         start = np.where(follows | (advance < 0.0), position, memory.start)
         return GuardMemory(time, np.where(condition, held, -1.0), side, start)
 
-    def _is_late(self, memory: GuardMemory) -> BoolArray:
-        return np.asarray((memory.held >= 0.0) & (memory.held >= self._times))
-
-    def tripped(self, memory: GuardMemory | None) -> BoolArray:
+    def tripped(self, memory: GuardMemory) -> BoolArray:
         """Return which robots a guard has tripped for, shape (...)."""
-        return np.zeros((), dtype=bool) if memory is None else np.asarray(self._is_late(memory).any(axis=(-2, -1)))
+        return np.asarray((memory.held >= self._times).any(axis=(-2, -1)))
 
     def restarted(self, memory: GuardMemory | None, chosen: IndexArray) -> GuardMemory | None:
         """Return the memory of a batch in which the robots with indices `chosen`, shape (k,), begin afresh."""
@@ -122,34 +119,35 @@ class Guards:
         return replace(memory, held=held)
 
     def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
-        """Return the `problem` of each robot of a batch for which a guard has tripped, by its index, 0 for the one."""
-        tripped = self.tripped(memory)
-        if not tripped.ndim:
-            return {0: self.problem(memory, state, command)} if tripped else {}
-        return {i: self.problem(memory, state, command, i) for i in np.flatnonzero(tripped).tolist()}
-
-    def problem(self, memory: GuardMemory | None, state: MITState, command: MITCommand, i: int | tuple[()] = ()) -> str:
-        """Return which guard has tripped first for robot `i` of a batch, () for the only one; '' if none has.
+        """Return the guard that tripped first, and why, for each robot of a batch by its index, 0 for the only one.
 
         The memory is that of `watch` with this state and command.
         """
-        if memory is None or not self._is_late(memory)[i].any():
-            return ""
-        guard, j = np.argwhere(self._is_late(memory)[i])[0]
-        name, at, wanted = self.joints[j], state.joint_position[i][j], command.position[i][j]
-        if guard == _SPEED:
-            speed = state.joint_velocity[i][j]
-            return f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {self.speed_limit[j]:.1f}"
-        if guard == _LIMIT:
-            limit = self.upper[j] if at > self.upper[j] else self.lower[j]
-            push = command.stiffness[i][j] * (wanted - at) + command.effort[i][j]
-            return (
-                f"limit guard: {name} is at {at:.2f} rad, {abs(at - limit):.2f} beyond its limit of {limit:.2f}, "
-                f"commanded to {wanted:.2f} and pushed outward with {abs(push):.1f} N·m; is its homing offset wrong?"
-            )
-        held, pull = memory.held[i][_FOLLOWING, j], self._spring(state, command)[i][j]
-        return (
-            f"following guard: {name} does not follow: it is at {at:.2f} rad, asked to {wanted:.2f}, and came no "
-            f"nearer for {held:.2f} s although K_p times the error is {pull:.1f} N·m; is it held, or its direction or "
-            "zero wrong?"
-        )
+        if memory is None or not self.tripped(memory).any():
+            return {}
+        n = len(self.joints)
+        late = (memory.held >= self._times).reshape(-1, 3, n)
+        arrays = state.joint_position, state.joint_velocity, command.position, command.stiffness, command.effort
+        judged = memory.held[..., _FOLLOWING, :], self._spring(state, command)
+        found: dict[int, str] = {}
+        for i in np.flatnonzero(late.any(axis=(1, 2))).tolist():
+            guard, j = np.argwhere(late[i])[0].tolist()
+            at, speed, wanted, stiffness, effort = (array.reshape(-1, n)[i, j] for array in arrays)
+            held, pull = (array.reshape(-1, n)[i, j] for array in judged)
+            name = self.joints[j]
+            if guard == _FOLLOWING:
+                found[i] = (
+                    f"following guard: {name} does not follow: it is at {at:.2f} rad, commanded to {wanted:.2f}, and "
+                    f"came no nearer for {held:.2f} s although K_p times the error is {pull:.1f} N·m; is it held, or "
+                    "its direction or zero wrong?"
+                )
+            elif guard == _LIMIT:
+                limit, push = self.upper[j] if at > self.upper[j] else self.lower[j], stiffness * (wanted - at) + effort
+                found[i] = (
+                    f"limit guard: {name} is at {at:.2f} rad, {abs(at - limit):.2f} beyond its limit of {limit:.2f}, "
+                    f"commanded to {wanted:.2f} and pushed outward with {abs(push):.1f} N·m; is its homing offset "
+                    "wrong?"
+                )
+            else:
+                found[i] = f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {self.speed_limit[j]:.1f}"
+        return found

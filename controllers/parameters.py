@@ -69,16 +69,9 @@ def per_joint(
     return array
 
 
-def joints_problem(state: MITState, joints: tuple[str, ...]) -> str:
-    """Return what is wrong with the number of joints of a robot's state; else ''."""
-    shape = state.joint_position.shape
-    return "" if shape == (len(joints),) else f"state has {shape} joint positions, expected ({len(joints)},)"
-
-
-def state_problem(state: MITState, joints: tuple[str, ...]) -> str:
-    """Return what is wrong with the number of joints, or the time, of a robot's state; else ''."""
-    time = "" if np.isfinite(state.time) else f"time is {state.time}, expected a finite number"
-    return joints_problem(state, joints) or time
+def time_problem(state: MITState) -> str:
+    """Return what is wrong with the time of a state; else ''."""
+    return "" if np.isfinite(state.time) else f"time is {state.time}, expected a finite number"
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:

@@ -32,13 +32,6 @@ from humanoid_sim.mit import (
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
-ACTION_LIMIT = 100.0
-"""Largest magnitude of a raw action unless another is given: trained policies stay within a few units."""
-
-
-def action_limit_of(contract: PolicyContract, given: float | None = None) -> float:
-    """Return the largest magnitude of a raw action: the one given, the contract's, or `ACTION_LIMIT`."""
-    return next(limit for limit in (given, contract.action_limit, ACTION_LIMIT) if limit is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +56,6 @@ class PolicyWiring:
     contract: PolicyContract
     reference: MotionReference
     extern: Mapping[str, int]  # name and width of the live inputs that states carry
-    action_limit: float | None = None
-    limit: float = field(init=False)  # largest magnitude of a raw action, beyond which the policy has failed
     layout: ObservationLayout = field(init=False, repr=False)
     action_map: ActionMap = field(init=False, repr=False)
     takes_velocity_command: bool = field(init=False, repr=False)
@@ -73,7 +64,6 @@ class PolicyWiring:
         if isinstance(self.contract.position_clip, str):
             raise FieldError(f"position_clip: is '{JOINT_LIMITS}', and no robot is known whose they are")
         put = partial(object.__setattr__, self)
-        put("limit", action_limit_of(self.contract, self.action_limit))
         put("action_map", resolve_action(self.contract, self.joints))
         put("layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
         put("takes_velocity_command", self.contract.takes_velocity_command)
@@ -126,10 +116,10 @@ class PolicyWiring:
         i = int(np.argmin(within))
         hint = ": action_limit in a contract.yaml raises it" if np.isfinite(action[i]) else ""
         joint = self.contract.action_joint_names[i]
-        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
+        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.contract.action_limit:g}{hint}"
 
     def _within(self, action: Float32Array) -> BoolArray:
-        return np.asarray(np.abs(action) <= np.float64(self.limit))  # in float32 1e300 is infinite
+        return np.asarray(np.abs(action) <= np.float64(self.contract.action_limit))  # in float32 1e300 is infinite
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
         """Return the command of an action, shape (..., m), and the memory with it, one frame on."""
@@ -168,15 +158,13 @@ def _anchor_pose(state: MITState) -> FloatArray | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActionMap:
-    """The contract's action in the robot's joint order."""
+    """A contract's action in the robot's joint order."""
 
+    contract: PolicyContract
     indices: IndexArray  # shape (m,), the robot's joint that each action drives
     offset: FloatArray  # shape (m,), rad
-    scale: FloatArray  # shape (m,), rad per unit of action
     stiffness: FloatArray  # shape (n,), N·m/rad, robot order
     damping: FloatArray  # shape (n,), N·m·s/rad, robot order
-    clip: float = float("inf")  # magnitude at which a raw action is clipped
-    position_clip: FloatArray | None = None  # shape (m, 2), rad, least and greatest position; None: any
 
 
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
@@ -188,19 +176,12 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         parts = [f"the {side} lacks {', '.join(names)}" for side, names in sides if names]
         raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
     order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
-    assert contract.action_offset is not None  # filled in at construction
+    driven = joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy")
     stiffness, damping = contract.joint_stiffness[order], contract.joint_damping[order]
     for gains in (stiffness, damping):
         gains.setflags(write=False)
-    return ActionMap(
-        indices=joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy"),
-        offset=contract.action_offset,
-        scale=contract.action_scale,
-        stiffness=stiffness,
-        damping=damping,
-        clip=contract.action_clip,
-        position_clip=None if isinstance(contract.position_clip, str) else contract.position_clip,
-    )
+    assert contract.action_offset is not None  # filled in at construction
+    return ActionMap(contract, driven, contract.action_offset, stiffness, damping)
 
 
 def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
@@ -208,11 +189,10 @@ def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
 
     `position = offset + scale · action` on driven joints, 0 on others, the policy's gains on all.
     """
-    if action_map.clip < np.inf:
-        action = np.clip(action, -action_map.clip, action_map.clip)
-    driven = action_map.offset + action_map.scale * action
-    if action_map.position_clip is not None:
-        driven = np.clip(driven, action_map.position_clip[:, 0], action_map.position_clip[:, 1])
+    contract = action_map.contract
+    driven = action_map.offset + contract.action_scale * contract.clipped(action)
+    if isinstance(contract.position_clip, np.ndarray):
+        driven = np.clip(driven, contract.position_clip[:, 0], contract.position_clip[:, 1])
     stiffness, damping = action_map.stiffness, action_map.damping
     shape = (*action.shape[:-1], *stiffness.shape)
     if action.ndim > 1:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.controllers.parameters import command_problem, state_problem
+from humanoid_sim.controllers.parameters import command_problem, time_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -24,7 +24,6 @@ class RemoteMemory(Memory):
     stamp: float  # arrival time of the latest command, which tells it from the next; NaN before the first
     age: float = 0.0  # s since it arrived, summed tick by tick: a clock that jumps back makes no command young
     command: MITCommand | None = None  # None: none since activation
-    is_fresh: bool = False  # True while a command that is not stale is in force
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +51,7 @@ class RemotePolicyController:
 
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
-        if problem := state_problem(tick_input.state, self.joints):
+        if problem := time_problem(tick_input.state):
             return Fault(problem)
         time, remote = float(tick_input.state.time), tick_input.remote
         return RemoteMemory(activation_time=time, time=time, stamp=math.nan if remote is None else remote.arrival_time)
@@ -60,7 +59,7 @@ class RemotePolicyController:
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """Return the command in force, or the damped hold in its place."""
         state, remote = tick_input.state, tick_input.remote
-        if problem := state_problem(state, self.joints):
+        if problem := time_problem(state):
             return Fault(problem)
         time, begin = float(state.time), memory.activation_time
         command, stamp, age = memory.command, memory.stamp, memory.age + max(time - memory.time, 0.0)
@@ -68,11 +67,10 @@ class RemotePolicyController:
             if problem := command_problem(remote.command, self.joints):
                 return Fault(f"remote {problem}")
             command, stamp, age = remote.command, remote.arrival_time, max(time - remote.arrival_time, 0.0)
-        fresh = command is not None and age <= self.stale_command_timeout_ms * 1e-3
-        notice = "" if fresh == memory.is_fresh else self._news(fresh)
-        after = RemoteMemory(
-            notice=notice, activation_time=begin, time=time, stamp=stamp, age=age, command=command, is_fresh=fresh
-        )
+        timeout = 1e-3 * self.stale_command_timeout_ms
+        fresh, was_fresh = command is not None and age <= timeout, memory.command is not None and memory.age <= timeout
+        notice = "" if fresh == was_fresh else self._news(fresh)
+        after = RemoteMemory(notice=notice, activation_time=begin, time=time, stamp=stamp, age=age, command=command)
         if command is not None and (fresh or self.stale_command_policy == "hold"):
             return after, command
         return after, damped_command(state.joint_position, self.damping)

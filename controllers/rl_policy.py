@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.parameters import joints_problem, require
+from humanoid_sim.controllers.parameters import require
 from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
@@ -48,7 +48,6 @@ class RLPolicyController:
     reference: MotionReference
     policy: Policy
     control_period: float  # s between two ticks; `policy_dt` is a whole multiple of it
-    action_limit: float | None = None  # largest magnitude of a raw action; None: as `action_limit_of` says
     extern: Mapping[str, int] = field(default_factory=dict)  # name and width of the live observation terms
     decimation: int = field(init=False)  # ticks per inference
     wiring: PolicyWiring = field(init=False, repr=False)
@@ -58,7 +57,7 @@ class RLPolicyController:
         decimation, is_whole = ticks_per_step(policy_dt, self.control_period)
         divisor = f"policy_dt ({policy_dt:g} s) to be a whole multiple of it"
         require(is_whole, "RLPolicyController.control_period", f"{self.control_period:g} s", divisor)
-        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
+        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern)
         object.__setattr__(self, "decimation", decimation)
         object.__setattr__(self, "wiring", wiring)
 
@@ -74,16 +73,12 @@ class RLPolicyController:
                 return f"the live input '{name}' ({topic.name}) is {age:.3g} s old, expected at most {live.timeout:g} s"
         return ""
 
-    def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
+    def activate(self, tick_input: TickInput) -> RLPolicyMemory:
         """Return a fresh memory, and an inference due at once."""
-        if problem := joints_problem(tick_input.state, self.joints):
-            return Fault(problem)
         return RLPolicyMemory(policy=self.wiring.activate(tick_input.state), held_ticks=self.decimation)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """Return the command of a new inference when one is due, else the last one."""
-        if problem := joints_problem(tick_input.state, self.joints):
-            return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
             held = RLPolicyMemory(policy=memory.policy, held_ticks=memory.held_ticks + 1, command=memory.command)
             return held, memory.command

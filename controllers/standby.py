@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault, Memory
-from humanoid_sim.controllers.parameters import state_problem
+from humanoid_sim.controllers.parameters import time_problem
 from humanoid_sim.messages import StandbyState, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
@@ -57,12 +56,11 @@ class StandbyController:
         return StandbyMemory(standby=standby, start=memory.start, elapsed=elapsed, time=time), command
 
     def _problem(self, state: MITState) -> str:
-        if problem := state_problem(state, self.joints):
-            return problem
-        for joint, position in zip(self.joints, state.joint_position.tolist(), strict=True):
-            if not math.isfinite(position):
-                return f"position of {joint} is {position}, expected a finite number"
-        return ""
+        known = np.isfinite(state.joint_position)
+        if known.all():
+            return time_problem(state)
+        i = int(np.argmin(known))
+        return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
 
     def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
         """Return progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""

@@ -63,8 +63,7 @@ class Supervisor:
             first = next(iter(self.policies.values()))
             object.__setattr__(self, "controllers", {**self.controllers, RL_POLICY: first})
         for name in (ZERO_TORQUE, DAMPING):
-            if name not in self.controllers:
-                raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
+            require(name in self.controllers, "Supervisor.controllers", f"without {name}", "it always")
         for name, controller in self.controllers.items():
             if name not in MODES:
                 raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
@@ -145,6 +144,9 @@ class Supervisor:
         self, name: str, policy: str, start: Any, before: SupervisorMemory, tick_input: TickInput
     ) -> tuple[Memory, MITCommand, GuardMemory | None] | Fault:
         """Return a controller's result, or what keeps its command from being sent; `start` is its memory, or None."""
+        shape, n = tick_input.state.joint_position.shape, len(self.joints)
+        if shape != (n,) and (MODES[name] in MOVING or (name == DAMPING and start is None)):
+            return Fault(f"state has {shape} joint positions, expected ({n},)")
         try:
             controller: Any = self._controller(name, policy)
             answer = controller.activate(tick_input) if start is None else start
@@ -159,7 +161,7 @@ class Supervisor:
             guards = None
             if not problem and self.guards is not None and MODES[name] in MOVING:
                 guards = self.guards.watch(before.guards, tick_input.state, command)
-                problem = self.guards.problem(guards, tick_input.state, command)
+                problem = self.guards.problems(guards, tick_input.state, command).get(0, "")
             if problem:
                 return Fault(problem, memory.policy_step)
             if not isinstance(memory, Memory):

@@ -107,9 +107,7 @@ def _joint_position(bound: BoundTerm, now: TermInput) -> FloatArray:
 
 
 def _last_action(bound: BoundTerm, now: TermInput) -> Any:
-    action, clip = now.last_action, bound.contract.action_clip
-    if clip < np.inf:  # trainers that clip actions keep, and show, the clipped ones
-        action = np.clip(action, -clip, clip)
+    action = bound.contract.clipped(now.last_action)  # trainers that clip actions keep, and show, the clipped ones
     return action * bound.contract.action_scale if bound.term.form == "scaled" else action
 
 

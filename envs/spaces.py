@@ -29,12 +29,12 @@ def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
     Targets from `lower - effort_limit / K_p` to `upper + effort_limit / K_p`: beyond, an action changes nothing. Where
     a joint has no limits or no stiffness, up to the limit of the raw action.
     """
-    actions, driven = wiring.action_map, wiring.action_map.indices
+    contract, actions, driven = wiring.contract, wiring.action_map, wiring.action_map.indices
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = description.effort_limit[driven] / actions.stiffness[driven]
         ends = np.stack([description.lower[driven] - reach, description.upper[driven] + reach])
-        raw = np.sort((ends - actions.offset) / actions.scale, axis=0)
-    limit = np.float32(min(wiring.limit, actions.clip))
+        raw = np.sort((ends - actions.offset) / contract.action_scale, axis=0)
+    limit = np.float32(min(contract.action_limit, contract.action_clip))
     low, high = np.where(np.isfinite(raw), np.clip(raw, -limit, limit), [[-limit], [limit]]).astype(np.float32)
     return Box(low, high, dtype=np.float32)
 

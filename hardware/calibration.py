@@ -61,7 +61,7 @@ class Calibration:
 
 def load_calibration(path: str | os.PathLike[str], description: RobotDescription) -> Calibration:
     """Read a calibration for a robot; an `InputError` where it names another motor for a joint: another robot's."""
-    document = read_yaml(Path(path), str(path), "a calibration (YAML)")
+    document = read_yaml(Path(path), "a calibration (YAML)")
     accepted = ", ".join(CalibrationEntry.__struct_fields__)
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected a mapping from joint names to {accepted}")

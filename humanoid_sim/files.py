@@ -6,12 +6,12 @@ import io
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from humanoid_sim.errors import InputError, blaming, reason_of
+from humanoid_sim.errors import InputError, blaming
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -47,11 +47,6 @@ def _kind(path: Path) -> str:
     return "a directory" if path.is_dir() else "a pipe or a device"
 
 
-def is_file(path: str | os.PathLike[str]) -> bool:
-    """Return True if there is such a regular file; False also for a name that no file can have."""
-    return os.path.isfile(path)
-
-
 def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
     """Return every array of an `.npz` file by its name; none of them may need code to be read.
 
@@ -63,13 +58,12 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
     import numpy as np  # noqa: PLC0415
 
     path = regular_file(path, "an .npz file")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except TypeError:  # an array is no context
-        raise InputError(f"{path}: holds a single array (.npy), expected an .npz file of several") from None
-    except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason_of(error)}") from None
+    broken = (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error)
+    with blaming(f"{path}: is not a complete .npz file of plain arrays", broken), path.open("rb") as file:
+        archive = np.load(file, allow_pickle=False)
+        if isinstance(archive, np.ndarray):
+            raise ValueError("it holds a single array (.npy)")
+        return {name: archive[name] for name in archive.files}
 
 
 def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
@@ -102,21 +96,15 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     import fcntl  # noqa: PLC0415 - Unix alone has it
 
     flags = os.O_WRONLY | os.O_CREAT | (0 if overwrite else os.O_EXCL)
-    try:
-        file = io.FileIO(os.open(path, flags, 0o666), "wb")  # not truncated yet: it may be another session's
-    except FileExistsError:
-        raise InputError(f"{path}: exists; choose another name") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with blaming(f"{path}: cannot be written", OSError), ExitStack() as opened:
+        file = opened.enter_context(io.FileIO(os.open(path, flags, 0o666), "wb"))  # it may be another session's
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{path}: is being written by another session; choose another name") from None
         if Path(path).is_file():
             file.truncate(0)
-    except OSError as error:
-        file.close()
-        is_locked = isinstance(error, BlockingIOError)
-        reason = "is being written by another session" if is_locked else f"cannot be written: {error.strerror}"
-        raise InputError(f"{path}: {reason}; choose another name") from None
+        opened.pop_all()
     return file
 
 

@@ -1,4 +1,4 @@
-"""Suggestion of the known name that was probably meant: for messages about names that do not exist."""
+"""Names of things in pairs and near one another: the known name that was probably meant, and left and right."""
 
 from __future__ import annotations
 
@@ -6,31 +6,20 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 
-_AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
-_SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
-
 
 def near_miss(name: str, known: Iterable[str]) -> str:
     """Return the one of the known names that was probably meant; empty if none is close."""
     plain = {_plain(other): other for other in known}
-    wanted = _plain(name)
-    if wanted in plain:
-        return plain[wanted]
-    shuffled = [other for other in plain if sorted(other.split("_")) == sorted(wanted.split("_"))]
-    close = shuffled or difflib.get_close_matches(wanted, list(plain), n=1, cutoff=0.75)
+    close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=0.75)
     # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
-    if close and _which(close[0]) == _which(wanted):
-        return plain[close[0]]
-    return ""
+    return plain[close[0]] if close and _which(close[0]) == _which(_plain(name)) else ""
 
 
 def _plain(name: str) -> str:
-    """Return a name without what exporters add, drop or spell differently, and without an option's dashes."""
+    """Return a name with sides as words, without what exporters add, an option's dashes and a folder."""
     text = name.lstrip("-").rpartition("/")[2].lower().replace("-", "_").replace(" ", "_")
-    text = _AFFIXES.sub("", text)
-    for pattern, side in _SIDES:
-        text = re.sub(pattern, side, text)
-    return text
+    text = re.sub(r"^joint_|_(joint|link|dof|motor)$", "", text)
+    return re.sub(r"^l_|_l$", "_left_", re.sub(r"^r_|_r$", "_right_", text)).strip("_")
 
 
 def _which(name: str) -> list[str]:

@@ -17,7 +17,6 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from weakref import finalize
 
-import msgspec
 from rich.console import Console
 
 from humanoid_sim.assets import policy_path
@@ -30,7 +29,7 @@ from humanoid_sim.policy_tools.show import print_checkpoint
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.regress import RegressConfig
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.strict_yaml import schema_problem
+from humanoid_sim.strict_yaml import converted
 
 if TYPE_CHECKING:
     from humanoid_sim.regress.results import Results
@@ -47,18 +46,16 @@ class _Shown:
     def _print(self, console: Console) -> None:
         raise NotImplementedError
 
+    def __repr__(self) -> str:
+        return self._printed().export_text()
+
+    def _repr_html_(self) -> str:
+        return self._printed().export_html(inline_styles=True, code_format=_PAGE)
+
     def _printed(self) -> Console:
         console = Console(file=io.StringIO(), width=120, highlight=False, emoji=False, record=True, force_jupyter=False)
         self._print(console)
         return console
-
-    def __str__(self) -> str:
-        return self._printed().export_text()
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return self._printed().export_html(inline_styles=True, code_format=_PAGE)
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,7 +124,8 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         folder = Path(mkdtemp(prefix="humanoid_sim-"))
         stack.callback(rmtree, folder, ignore_errors=True)
         path = (folder / "run.mcap" if record is None else Path(record)).absolute()
-        given = {"viewer": "none", "html": "none", **options, **_of_policy(policy), "record": path}
+        chosen = {} if policy is None else {"policy": [_path_of(policy)], **_contract_of(policy)}
+        given = {"viewer": "none", "html": "none", **options, **chosen, "record": path}
         outcome = played(_config("simulate", PlayConfig, given), PlayConsole(quiet=True))
         if outcome.status > 128:
             raise KeyboardInterrupt
@@ -157,9 +155,8 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     """
     from humanoid_sim.doctor.report import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
-    chosen = _of_policy(policy)
-    checkpoint = policy_path(chosen.pop("policy")[0], "diagnose")
-    config = _config("diagnose", DoctorConfig, {**options, **chosen, "checkpoint": checkpoint, "robot": robot})
+    given = {"checkpoint": policy_path(_path_of(policy), "diagnose"), "robot": robot, **_contract_of(policy)}
+    config = _config("diagnose", DoctorConfig, {**options, **given})
     return Diagnosis(examine(config, Console(stderr=True, quiet=quiet)))
 
 
@@ -211,19 +208,14 @@ def _path_of(policy: Given) -> str:
     return policy.name if isinstance(policy, Policy) else str(policy)
 
 
-def _of_policy(policy: Given | None) -> dict[str, Any]:
-    """Return the options that name a policy; one that was loaded brings its contract's file."""
-    if policy is None:
-        return {}
+def _contract_of(policy: Given) -> dict[str, Path]:
+    """Return the option with the file of a loaded policy's contract, if it has one."""
     file = policy.checkpoint.contract_file if isinstance(policy, Policy) else None
-    return {"policy": [_path_of(policy)], **({} if file is None else {"contract": file})}
+    return {} if file is None else {"contract": file}
 
 
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
     """Return a program's options from keywords. Raises `InputError` for one that does not exist, or a wrong value."""
     require_known("option", given, [item.name for item in fields(kind)], f"{function}: ")
     texts = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
-    try:
-        return msgspec.convert(texts, kind, dec_hook=lambda wanted, value: wanted(value))
-    except msgspec.ValidationError as error:
-        raise InputError(f"{function}: {schema_problem(error)}") from None
+    return converted(texts, kind, function, dec_hook=lambda wanted, value: wanted(value))

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, NoReturn
+from typing import NoReturn, TypeAlias
 
-import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.base import (
@@ -23,12 +21,12 @@ from humanoid_sim.controllers.base import (
 )
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import blaming
 from humanoid_sim.messages import URDF_DOCUMENT, SessionHeader
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
@@ -40,37 +38,33 @@ from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import urdf_of
 
+Policies: TypeAlias = LoadedPolicy | Mapping[str, LoadedPolicy] | None
+"""The policy of a stack, or several by name, of which the first is selected at the start."""
 
-class _ControllerSettings(msgspec.Struct, frozen=True):
-    """Settings in a header that neither the robot's description nor the contract holds."""
 
-    remote: bool
-    action_limit: float
-    guards: bool | dict[str, Any] | None  # true for the guards of the robot's description; older: their parameters
+def _by_name(policies: Policies) -> Mapping[str, LoadedPolicy]:
+    """Return policies by name; a single one has none."""
+    if isinstance(policies, LoadedPolicy):
+        return {"": policies}
+    return policies or {}
 
 
 def build_supervisor(
     description: RobotDescription,
     control_period: float,
-    loaded: LoadedPolicy | None,
+    policies: Policies,
     *,
-    policies: Mapping[str, LoadedPolicy] | None = None,
     remote: bool = False,
     live: Mapping[str, int] | None = None,
-    action_limit: float | None = None,
-    guards: bool = True,
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
 
-    Raises `InputError` if the policy does not fit the robot.
+    Raises `InputError` if a policy does not fit the robot.
 
     Args:
         description: the robot; it holds the parameters of all controllers but the policy's.
-        loaded: the policy; None for none.
-        policies: several policies by name, of which `loaded` is the first; None if it is the only one.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
-        action_limit: largest magnitude of a raw action; None: the contract's, or 100.
     """
     joints, settings = description.joint_names, description.remote_policy_controller
     controllers: dict[str, Controller] = {
@@ -79,10 +73,9 @@ def build_supervisor(
         STANDBY_A: _standby(joints, description.standby_controller_a),
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
-    given = {"": loaded} if loaded is not None and not policies else policies or {}
     learned = {
-        name: policy_controller(description, control_period, policy, live=live, action_limit=action_limit)
-        for name, policy in given.items()
+        name: policy_controller(description, control_period, policy, live=live)
+        for name, policy in _by_name(policies).items()
     }
     if "" in learned:
         controllers[RL_POLICY] = learned.pop("")
@@ -94,7 +87,7 @@ def build_supervisor(
             settings.stale_command_timeout_ms,
             needs_producer=description.is_floating,
         )
-    return Supervisor(joints, controllers, guards=guards_of(description) if guards else None, policies=learned)
+    return Supervisor(joints, controllers, guards=guards_of(description), policies=learned)
 
 
 def policy_controller(
@@ -103,7 +96,6 @@ def policy_controller(
     loaded: LoadedPolicy,
     *,
     live: Mapping[str, int] | None = None,
-    action_limit: float | None = None,
 ) -> RLPolicyController:
     """Return the controller of a policy on a robot; arguments and errors as of `build_supervisor`."""
     with blaming(f"policy on robot '{description.name}'"):
@@ -113,7 +105,6 @@ def policy_controller(
             loaded.reference,
             loaded.policy,
             control_period,
-            action_limit,
             extern=loaded.extern if live is None else live,
         )
 
@@ -131,47 +122,41 @@ def _standby(joints: tuple[str, ...], settings: StandbySettings) -> StandbyContr
 def run_header(
     description: RobotDescription,
     control_period: float,
-    loaded: LoadedPolicy | None,
-    motion: Motion | None = None,
+    policies: Policies,
     *,
-    policies: Mapping[str, LoadedPolicy] | None = None,
-    motions: Mapping[str, Motion] | None = None,
     settings: Mapping[str, object],
     start_time_ns: int = 0,
     remote: bool = False,
-    action_limit: float | None = None,
-    guards: bool = True,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
-    Arguments are as of `build_supervisor`; `motions` are those that `policies` follow, by the policy's name; `settings`
-    is anything else that a reader may want to know, as JSON; `start_time_ns` is Unix time at the robot clock's zero.
+    Arguments are as of `build_supervisor`; `settings` is anything else that a reader may want to know, as JSON;
+    `start_time_ns` is Unix time at the robot clock's zero.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     shown = {**settings, "versions": versions, "platform": platform.platform()}
-    limit = action_limit if loaded is None else action_limit_of(loaded.contract, action_limit)
-    controllers = _ControllerSettings(remote, ACTION_LIMIT if limit is None else limit, guards)
     documents = {
         URDF_DOCUMENT: urdf_of(bare_model(description), description),
         "robot": description.to_json(),
         "settings": json.dumps(shown, indent=1),
-        "controllers": msgspec.json.encode(controllers).decode(),
+        "controllers": json.dumps({"remote": remote}),
     }
-    attachments = {} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)}
-    if loaded is not None:
-        documents["contract"] = encode(loaded.contract)
-        documents[LABELS_DOCUMENT] = labels_document(loaded.observation_labels, loaded.contract.action_joint_names)
-    if policies:
-        files = {name: f"{name}.{MOTION_ATTACHMENT}" for name in motions or {}}
-        attachments |= {files[name]: motion_bytes(followed) for name, followed in (motions or {}).items()}
-        described = {
-            name: {
-                "contract": encode(replace(one.contract, action_limit=action_limit_of(one.contract, action_limit))),
-                "observation_width": one.layout.width,
-                "motion": files.get(name),
-            }
-            for name, one in policies.items()
-        }
+    named = _by_name(policies)
+    described: dict[str, dict[str, str | None]] = {}
+    attachments: dict[str, bytes] = {}
+    widths: tuple[tuple[str, int], ...] = ()
+    for name, policy in named.items():
+        file = f"{name}.{MOTION_ATTACHMENT}" if described else MOTION_ATTACHMENT
+        if policy.motion is not None:
+            attachments[file] = motion_bytes(policy.motion)
+        contract = encode(policy.contract)
+        if not described:
+            widths = tuple((term.name, term.width) for term in policy.layout.terms)
+            labels = policy.observation_labels
+            documents["contract"] = contract
+            documents[LABELS_DOCUMENT] = labels_document(labels, policy.contract.action_joint_names)
+        described[name] = {"contract": contract, "motion": file if file in attachments else None}
+    if named and "" not in named:
         documents["policies"] = json.dumps(described)
     return SessionHeader(
         robot=description.name,
@@ -180,14 +165,8 @@ def run_header(
         start_time_ns=start_time_ns,
         documents=documents,
         attachments=attachments,
-        observation_terms=() if loaded is None else tuple((term.name, term.width) for term in loaded.layout.terms),
+        observation_terms=widths,
     )
-
-
-def recorded_contract(header: SessionHeader) -> PolicyContract | None:
-    """Return the contract of a recorded run's policy; None if it had none. Raises `InputError` if it is damaged."""
-    text = header.documents.get("contract")
-    return None if text is None else decode(text, "recording")
 
 
 def recorded_contracts(header: SessionHeader) -> tuple[PolicyContract, ...]:
@@ -209,8 +188,8 @@ def no_policy(*_: object) -> NoReturn:
 
 
 def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | None:
-    """Return a recorded run's contract and motion with `policy` in the place of its own; None if it had none."""
-    contract = recorded_contract(header)
+    """Return a recorded run's first contract and motion, with `policy` in the place of its own; None if it had none."""
+    contract = next(iter(recorded_contracts(header)), None)
     return None if contract is None else load_policy(contract, policy, recorded_motion(header))
 
 
@@ -219,23 +198,13 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
 
     Raises `InputError` if the header lacks what is needed.
     """
-    try:
+    with blaming("recording: its header is damaged, or lacks", (KeyError, TypeError, ValueError)):
         description = RobotDescription.from_json(header.documents["robot"])
-        controllers = msgspec.json.decode(header.documents["controllers"], type=_ControllerSettings)
-    except KeyError as error:
-        raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
-    policies = {
-        name: load_policy(decode(one["contract"], "recording"), policy, recorded_motion(header, one["motion"]))
-        for name, one in json.loads(header.documents.get("policies", "{}")).items()
-    }
+        remote = bool(json.loads(header.documents["controllers"])["remote"])
+        policies = {
+            name: load_policy(decode(one["contract"], "recording"), policy, recorded_motion(header, one["motion"]))
+            for name, one in json.loads(header.documents.get("policies", "{}")).items()
+        }
     return build_supervisor(
-        description,
-        header.control_period,
-        None if policies else recorded_policy(header, policy),
-        policies=policies,
-        remote=controllers.remote,
-        action_limit=None if policies else controllers.action_limit,
-        guards=bool(controllers.guards),
+        description, header.control_period, policies or recorded_policy(header, policy), remote=remote
     )

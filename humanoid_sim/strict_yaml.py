@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import yaml
 
 from humanoid_sim.errors import InputError, one_line, reason_of
 from humanoid_sim.files import regular_file
+
+_Kind = TypeVar("_Kind")
 
 
 class Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  # type: ignore[misc]
@@ -33,8 +36,7 @@ def _construct_slice(loader: Any, node: yaml.Node) -> slice:
     """`[start, stop, step]`, as trainers write Python's slices."""
     bounds = loader.construct_sequence(node, deep=True)
     if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
-        message = "a slice is [start, stop, step], each an integer or null"
-        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+        raise ValueError(f"a slice is {bounds}, expected [start, stop, step], each an integer or null")
     return slice(*bounds)
 
 
@@ -51,35 +53,36 @@ class TrainerLoader(Loader):
 
 
 def _construct_plain(loader: Any, _tag: str, node: yaml.Node) -> Any:
-    if isinstance(node, yaml.MappingNode):
-        return loader.construct_mapping(node, deep=True)
-    if isinstance(node, yaml.SequenceNode):
-        return loader.construct_sequence(node, deep=True)
-    return loader.construct_scalar(node)
+    if isinstance(node, yaml.ScalarNode):
+        return loader.construct_scalar(node)
+    construct = loader.construct_mapping if isinstance(node, yaml.MappingNode) else loader.construct_sequence
+    return construct(node, deep=True)
 
 
 TrainerLoader.add_multi_constructor("tag:yaml.org,2002:python/", _construct_plain)
 
 
-def read_yaml(path: Path, label: str = "", what: str = "a YAML file", loader: type[Loader] = Loader) -> Any:
+def read_yaml(path: Path, what: str = "a YAML file", loader: type[Loader] = Loader) -> Any:
     """Return the document in a YAML file; None if it is empty. Raises `InputError` with the place and what is wrong.
 
-    `label` is what to call the file in messages, its path by default; `what` it should be.
+    `what` it should be.
     """
-    label = label or str(path)
     try:
         return yaml.load(regular_file(path, what).read_text(encoding="utf-8"), loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        problem = one_line(getattr(error, "problem", None) or str(error).partition("\n")[0])
-        raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
-    except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:  # a value that its tag does not fit
-        raise InputError(f"{label}: not YAML that can be read: {reason_of(error)}") from None
+        raise InputError(f"{path}: {where}not valid YAML: {one_line(error.problem or str(error))}") from None
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not YAML that can be read: {reason_of(error)}") from None
 
 
-def schema_problem(error: msgspec.ValidationError) -> str:
-    """Return what msgspec has found wrong with a document, the field first: `joints[3].upper: Expected …`."""
-    problem, _, place = str(error).partition(" - at `$")
-    place = place.strip(".`")
-    return f"{place}: {problem}" if place else problem
+def converted(
+    document: Any, kind: type[_Kind], where: str = "", dec_hook: Callable[[type, Any], Any] | None = None
+) -> _Kind:
+    """Return a document as a type. Raises `InputError` with the field: `robot.yaml: joints[3].upper: Expected …`."""
+    try:
+        return msgspec.convert(document, kind, dec_hook=dec_hook)
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).partition(" - at `$")
+        raise InputError(": ".join(filter(None, (where, place.strip(".`"), problem)))) from None

@@ -99,7 +99,7 @@ def test_a_policy_that_does_not_fit_the_robot(robot, period, live, contract):
 def header():
     loaded = load_policy(lite_contract(), zero_policy(14), motion())
     options = {"remote": True}
-    head = run_header(LITE, 0.005, loaded, motion(), settings={"policy": "p.onnx"}, **options)
+    head = run_header(LITE, 0.005, loaded, settings={"policy": "p.onnx"}, **options)
     return head, build_supervisor(LITE, 0.005, loaded, **options)
 
 
@@ -130,8 +130,6 @@ def test_a_header_whose_documents_are_damaged_is_one_line(name, text):
     assert "\n" not in str(caught.value)
 
 
-def test_a_run_without_guards_or_policy_is_rebuilt_without():
-    head = run_header(LITE, 0.005, None, settings={}, guards=False)
-    again = rebuild_supervisor(head, zero_policy(0))
-    assert again.guards is None
+def test_a_run_without_a_policy_is_rebuilt_without():
+    again = rebuild_supervisor(run_header(LITE, 0.005, None, settings={}), zero_policy(0))
     assert RL_POLICY not in again.controllers

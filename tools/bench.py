@@ -148,7 +148,7 @@ def _playing(*sinks: Sink) -> Iterator[tuple[Session, Supervisor, SimRobot]]:
     loaded = load_policy(checkpoint.contract, checkpoint.policy, motion)
     period = 1.0 / description.simulation.control_frequency
     robot = SimRobot(description, SimConfig(control_period=period))
-    header = run_header(description, period, loaded, motion, settings={})
+    header = run_header(description, period, loaded, settings={})
     with closing(robot):
         settings = LoopSettings(period, realtime=False, simulated=True)
         supervisor = build_supervisor(description, period, loaded)

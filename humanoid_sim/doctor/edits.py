@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import TERM_CHOICES, PolicyContract, Term
+from humanoid_sim.controllers.contract import PolicyContract, Term
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError
@@ -225,7 +225,7 @@ def _observation_changes(contract: PolicyContract, motion: Motion | None) -> Cha
     for term in terms:
         for scale in contract.kind(term).scales:
             yield "scale", f"{term.name} is multiplied by {scale:g}", with_term(contract, term, scale=scale)
-    for first in get_args(TERM_CHOICES["history_order"]):
+    for first in ("oldest_first", "newest_first"):
         yield (
             "history",
             f"histories are {first}",
@@ -238,7 +238,7 @@ def _observation_changes(contract: PolicyContract, motion: Motion | None) -> Cha
 def _conventions(contract: PolicyContract, term: Term) -> Iterator[tuple[str, Any]]:
     """Yield options of a term with the values that exporters differ in."""
     kind = contract.kind(term)
-    values: dict[str, Sequence[Any]] = {name: get_args(choices) for name, choices in TERM_CHOICES.items()}
+    values: dict[str, Sequence[Any]] = {name: get_args(hint) for name, hint in get_type_hints(Term).items()}
     values |= {"sign": (-np.asarray(term.scale),), "relative": (not kind.is_relative(term),)}
     values |= {"inverse": (not term.inverse,), "at": (BASE, IMU)}
     for convention in kind.conventions:

@@ -34,7 +34,6 @@ _ROUNDING = 0.5e-3  # largest error of an action scale or offset with three deci
 _CONSTANT = 1e-3  # largest range over the samples of what is constant
 _TRANSITIONS = 40  # steps of the trace that are predicted
 _TIMESTEPS = (TIMESTEP, 0.001)  # s, of physics in predictions: no trace says which the trainer had
-_NO_LIMIT = 1e9  # a recorded action is what it is
 
 
 class Samples:
@@ -65,7 +64,7 @@ class Samples:
         """Return a contract's wiring on the joints of the trace."""
         loaded = self._subject.load(with_joint_limits(contract, self._subject.description))
         joints = self.trace(contract).joint_names
-        return PolicyWiring(joints, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
+        return PolicyWiring(joints, loaded.contract, loaded.reference, loaded.extern)
 
     def observed(self, contract: PolicyContract) -> Float32Array:
         """Return what the policy would have observed in the S states, shape (S, N)."""

@@ -64,7 +64,7 @@ class Run:
 
         Raises `InputError` if a socket or the terminal cannot be taken over; nothing stays open then.
         """
-        config, setup, policies, first = plan.config, plan.setup, plan.policies, plan.policies.first
+        config, setup, policies = plan.config, plan.setup, plan.policies
         self.plan = plan
         self._sim = setup.robot if isinstance(setup.robot, SimRobot) else None
         self._outside_safety = OutsideSafety(plan.watchdogs)
@@ -73,10 +73,7 @@ class Run:
         header = run_header(
             plan.description,
             plan.control_period,
-            None if first is None else first.loaded,
-            None if first is None else first.motion,
-            policies=policies.named,
-            motions={choice.name: choice.motion for choice in policies.choices if choice.motion is not None},
+            policies.loaded,
             settings={
                 "program": f"humanoid_sim.play {__version__}",
                 "options": asdict(config),

@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from humanoid_sim.cli import mute_output
-from humanoid_sim.controllers.fsm import granted, merge_safety
+from humanoid_sim.controllers.fsm import merge_safety, why_refused
 from humanoid_sim.evaluation.run_report import MODE_STYLES
-from humanoid_sim.messages import Event, EventKind, Mode, TickRecord
+from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import REACTIVABLE
@@ -112,8 +112,9 @@ class ConsoleSink(WorkerSink):
         parts += [f"{self._overruns} late ticks", f"{float(state.time):.1f} s"]
         if self._has_keys:
             safety = merge_safety(record.input.safety)
-            intents = granted(control.controller_name, safety, is_reached, self._available)
-            parts += [f"{key_of(intent)} {intent.name}" for intent in intents]
+            now = control.controller_name, safety
+            granted = [each for each in Intent if not why_refused(*now, each, is_reached, self._available)]
+            parts += [f"{key_of(intent)} {intent.name}" for intent in granted]
             if control.mode in REACTIVABLE:
                 parts.append(f"{REACTIVATE_KEY} reactivate")
             parts.append("? help")

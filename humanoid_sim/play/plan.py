@@ -59,7 +59,7 @@ class Plan:
         front_ends = wanted_front_ends(config)
         self.realtime = is_realtime(config, front_ends)
         self.policies, self.description = choose_policies(config, load_robot(config.robot))
-        description, contracts, first = self.description, self.policies.contracts, self.policies.first
+        description, contracts = self.description, self.policies.contracts
         self.control_period, moved = control_rate(config, description, contracts[0].policy_dt if contracts else None)
         self.setup = self._robot(left)
         self.external = self.policies.external_inputs(self.setup.live)
@@ -70,8 +70,7 @@ class Plan:
         self.supervisor = build_supervisor(
             description,
             self.control_period,
-            None if first is None else first.loaded,
-            policies=self.policies.named,
+            self.policies.loaded,
             remote=True,
             live={**self.external, **self.setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
         )

@@ -70,9 +70,11 @@ class Policies:
         return tuple(choice.loaded.contract for choice in self.choices)
 
     @property
-    def named(self) -> Mapping[str, LoadedPolicy]:
-        """The policies by name, where there are several."""
-        return {choice.name: choice.loaded for choice in self.choices} if len(self.choices) > 1 else {}
+    def loaded(self) -> LoadedPolicy | Mapping[str, LoadedPolicy] | None:
+        """The only one, or all by name."""
+        if len(self.choices) > 1:
+            return {choice.name: choice.loaded for choice in self.choices}
+        return self.first.loaded if self.first else None
 
     @property
     def walks(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,7 +15,6 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import FieldError, InputError, blaming
-from humanoid_sim.files import is_file
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import MALFORMED, Layer, Reading, join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
@@ -154,7 +154,7 @@ def file_digest(path: Path) -> str:
     """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
     digest = hashlib.sha256(path.read_bytes())
     external = external_file(path)
-    if is_file(external):
+    if os.path.isfile(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()
 

@@ -26,7 +26,6 @@ _SAMPLES = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 """Absolute for values up to 1, relative beyond; targets in rad. float32 sums in another order stay below, wrong wiring
 does not; networks amplify the rounding of other hardware."""
-_NO_LIMIT = 1e9  # a recorded action is what it is
 _VERSION = 1
 
 
@@ -77,7 +76,7 @@ def samples_label(samples: Trace) -> str:
 
 
 def _verify(loaded: LoadedPolicy, trace: Trace) -> list[PolicyMemory]:
-    wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
+    wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern)
     arrays, seen, memories = trace.arrays, [], []
     memory = wiring.activate(trace.state(0))
     for i, action in enumerate(arrays["action"]):

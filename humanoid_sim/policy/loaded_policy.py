@@ -26,6 +26,7 @@ class LoadedPolicy:
     contract: PolicyContract
     reference: MotionReference
     policy: Policy
+    motion: Motion | None = None  # what the reference was made of
 
     @property
     def extern(self) -> Mapping[str, int]:
@@ -67,7 +68,7 @@ def load_policy(
         for name, topic in contract.live_topics.items():
             if is_used(topic.name):
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
-        loaded = LoadedPolicy(contract, _reference(contract, motion, motion_source), policy)
+        loaded = LoadedPolicy(contract, _reference(contract, motion, motion_source), policy, motion)
         layout = loaded.layout
         if observation_width not in (None, layout.width):
             raise FieldError(f"observation: {width_problem(layout, observation_width)}")

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError, blaming, require_known
-from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
 
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
@@ -101,7 +101,7 @@ class OnnxModel:
     def _refuse_other_kinds(self) -> None:
         names = [tensor.name for tensor in self.inputs]
         bundle = self.path.with_suffix(".yaml")
-        text = bundle.read_text(encoding="utf-8", errors="replace") if is_file(bundle) else ""
+        text = bundle.read_text(encoding="utf-8", errors="replace") if os.path.isfile(bundle) else ""
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
@@ -57,7 +58,7 @@ def load_song(name: str, robot: RobotDescription, folder: Path = Path(), what: s
 
     Raises `InputError`, which begins with `what` where there is no such song, or no note is within the robot's reach.
     """
-    is_beside = name not in sample_songs() and is_file(folder / name)
+    is_beside = name not in sample_songs() and os.path.isfile(folder / name)
     song = playable(read_notes(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
         raise InputError(f"{what}: '{name}' has no note that '{robot.name}' can reach: {song.names_left_out}")

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
-from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_checkpoint
@@ -87,7 +87,7 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
 
 
 def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
-    width, limit = policy.observation_width, action_limit_of(contract)
+    width, limit = policy.observation_width, contract.action_limit
     action = np.abs(policy(np.zeros(width, dtype=np.float32), 0))
     if not action.max() <= limit:
         joint = contract.action_joint_names[int(np.argmax(action))]

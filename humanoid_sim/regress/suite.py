@@ -5,6 +5,7 @@ A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. The
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -14,10 +15,9 @@ import msgspec
 from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.evaluation.step_metrics import METRICS
-from humanoid_sim.files import is_file
 from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.randomisation import Randomisation
-from humanoid_sim.strict_yaml import read_yaml, schema_problem
+from humanoid_sim.strict_yaml import converted, read_yaml
 
 TaskName = Literal["tracking", "velocity", "piano"]
 REACHED = ("vx_reached", "vy_reached", "yaw_rate_reached")
@@ -145,15 +145,11 @@ class Suite(_Part, frozen=True, kw_only=True):
 def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     """Return a shipped suite by its name, or the one in a YAML file; with the folder that its paths are relative to."""
     known = shipped("suites")
-    if name_or_path not in known and not is_file(name_or_path):
+    if name_or_path not in known and not os.path.isfile(name_or_path):
         named = known_names("suite", name_or_path, known)
         raise InputError(f"--suite: {named}; or a suite's YAML file that exists")
     path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
-    document = read_yaml(path)
-    try:
-        suite = msgspec.convert(document, Suite)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {schema_problem(error)}") from None
+    suite = converted(read_yaml(path), Suite, str(path))
     with blaming(path, InputError):
         _check(suite)
     return suite, path.resolve().parent

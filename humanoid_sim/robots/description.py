@@ -23,10 +23,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, needing, require_known
-from humanoid_sim.files import is_file
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings, steps_per_period
-from humanoid_sim.strict_yaml import read_yaml, schema_problem
+from humanoid_sim.strict_yaml import converted, read_yaml
 
 __all__ = ["RobotDescription", "load_robot", "with_contract", "with_contract_physics", "with_joint_limits"]
 _PUBLIC = "robot_descriptions:"
@@ -80,14 +79,11 @@ def _described(document: Any, folder: Path) -> RobotDescription:
     with blaming("holds a number that is not finite", ValueError):
         json.dumps(document, allow_nan=False, default=str)
     mjcf = document.get("mjcf") if isinstance(document, dict) else None
-    if not isinstance(mjcf, str) or not is_file(folder / mjcf):
+    if not isinstance(mjcf, str) or not os.path.isfile(folder / mjcf):
         raise InputError(f"mjcf: is {mjcf!r}, expected the name of an MJCF beside the description")
     if isinstance(document.get("joints", {}), dict):
         document = _completed(document, folder / mjcf)
-    try:
-        robot = msgspec.convert({**document, "folder": str(folder)}, RobotDescription)
-    except msgspec.ValidationError as error:
-        raise InputError(schema_problem(error)) from None
+    robot = converted({**document, "folder": str(folder)}, RobotDescription)
     problems = [*_problems(robot), *_motor_problems(robot)]
     if problems:
         raise InputError("; ".join(problems))
@@ -136,24 +132,21 @@ def _problems(robot: RobotDescription) -> Iterator[str]:
     except InputError as error:
         yield f"simulation.{error}"
     poses = {"initial_position": robot.initial_position}
-    lists: dict[str, Sequence[float | None]] = {}
+    lists: dict[str, Sequence[float | None] | None] = {
+        "damping_controller.damping": robot.damping_controller.damping or None,
+        "remote_policy_controller.damping": robot.remote_policy_controller.damping or None,
+        "guards.following_effort": robot.guards.following_effort or None,
+        "guards.speed": robot.guards.speed or None,
+    }
     for name in _STANDBYS:
         standby = getattr(robot, name)
-        lists[f"{name}.target_stiffness"] = standby.target_stiffness
-        lists[f"{name}.target_damping"] = standby.target_damping
+        lists |= {f"{name}.{field}": getattr(standby, field) for field in ("target_stiffness", "target_damping")}
         poses |= {f"{name}.pose_segments[{i}]": pose for i, pose in enumerate(standby.pose_segments)}
         count, expected = len(standby.pose_segments), len(standby.segment_durations)
         if count != expected:
             yield f"{name}.pose_segments: has {count} poses, expected {expected}, one per segment duration"
-    may_be_empty = {
-        "damping_controller.damping": robot.damping_controller.damping,
-        "remote_policy_controller.damping": robot.remote_policy_controller.damping,
-        "guards.following_effort": robot.guards.following_effort,
-        "guards.speed": robot.guards.speed,
-    }
-    lists |= {name: values for name, values in may_be_empty.items() if values}
     for place, values in (poses | lists).items():
-        if len(values) != robot.joint_count:
+        if values is not None and len(values) != robot.joint_count:
             yield f"{place}: has {len(values)} values, expected {robot.joint_count}, one per joint"
     for place, pose in poses.items():
         for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):

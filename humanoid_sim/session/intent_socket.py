@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from humanoid_sim.client import Answer, monotonic_ns
-from humanoid_sim.controllers.fsm import granted_intent
+from humanoid_sim.controllers.fsm import refused
 from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
@@ -154,7 +154,9 @@ class IntentSocket(IntentSource, Sink):
                 is_refused = any(text.startswith("policy ") for text in output.refusals)
                 is_granted = request.rest == record.input.policy and not is_refused
             case word:
-                is_granted = _INTENTS[word] is granted_intent(record.input.intents, output.refusals)
+                intent = _INTENTS[word]
+                is_refused = any(text.startswith(refused(intent, "")) for text in output.refusals)
+                is_granted = intent in record.input.intents and not is_refused
         return Answer(is_granted, f"{control.mode.name} ({control.controller_name}): {control.status_message}")
 
     def close(self) -> None:

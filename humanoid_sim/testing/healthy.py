@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 
 _UPRIGHT_AT_ORIGIN = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # m and w x y z
@@ -61,7 +60,7 @@ def well_behaved(action_count: int) -> Answer:
     return lambda observation, frame: np.tanh(observation.sum(dtype=np.float64) + spread * frame)
 
 
-def misbehaviours(action_count: int, action_limit: float = ACTION_LIMIT) -> Mapping[str, Answer]:
+def misbehaviours(action_count: int, action_limit: float = 100.0) -> Mapping[str, Answer]:
     """Return policies of `action_count` actions whose answers no controller may pass on, by what is wrong."""
     zeros = [0.0] * action_count
 

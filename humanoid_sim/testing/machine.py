@@ -10,7 +10,6 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from hypothesis.strategies import DataObject
 
 from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
@@ -46,9 +45,10 @@ class StackMachine(RuleBasedStateMachine):
         self.stack = self.build(self.policy)
         self.joint_count = len(self.stack.joints)
         learned = self.stack.controllers.get(RL_POLICY)
-        count, limit, self.externs = 1, ACTION_LIMIT, dict[str, int]()
+        count, limit, self.externs = 1, 100.0, dict[str, int]()
         if isinstance(learned, RLPolicyController):
-            count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
+            contract, self.externs = learned.contract, dict(learned.extern)
+            count, limit = contract.action_count, contract.action_limit
         self.answers = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
         self.joints: FloatArray = np.full(self.joint_count, 0.5)  # rad: where the tick before commanded them to be
         self.memory = self.stack.initial()

@@ -133,8 +133,8 @@ class SafetyProperties:
             self._guards = None
             return
         self._guards = guards.watch(self._guards, state, command)
-        problem = guards.problem(self._guards, state, command)
-        require(not problem, "{} goes on although a guard has tripped: {}", name, problem)
+        problems = guards.problems(self._guards, state, command)
+        require(not problems, "{} goes on although a guard has tripped: {}", name, problems.get(0))
 
 
 def _check_mode(name: str, given: TickInput, output: TickOutput) -> None:

@@ -70,7 +70,7 @@ def row(state, i):
 
 def wiring_of(contract):
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
-    return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
+    return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS)
 
 
 def test_a_batch_does_what_its_robots_do():
@@ -106,7 +106,7 @@ def test_actions_are_accepted_one_by_one():
 def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="position of the anchor body"):
-        policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
+        policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3})
     with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
         wiring_of(contract(position_clip="joint_limits"))
 

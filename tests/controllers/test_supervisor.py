@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 from rig import DAMPING_KD, JOINTS, PATHS, Run, good_answer, supervisor, two_policies
 
@@ -89,8 +90,8 @@ def test_any_failure_of_a_foreign_controller_is_damped_and_can_be_recorded(behav
 @pytest.mark.parametrize(
     ("replaced", "message"),
     [
-        ({ZERO_TORQUE: None}, "controllers: zero_torque_controller is missing"),
-        ({DAMPING: None}, "controllers: damping_controller is missing"),
+        ({ZERO_TORQUE: None}, "controllers: is without zero_torque_controller"),
+        ({DAMPING: None}, "controllers: is without damping_controller"),
         ({"dance_controller": ZeroTorqueController(JOINTS)}, "controllers: unknown controller 'dance_controller'"),
         (
             {DAMPING: ZeroTorqueController(("shoulder", "wrist", "elbow"))},
@@ -103,12 +104,24 @@ def test_a_stack_that_cannot_be_safe_is_refused(replaced, message):
         supervisor(**replaced)
 
 
-@pytest.mark.parametrize("path", [path for path in PATHS if path != ZERO_TORQUE])
-def test_an_absurd_reading_ends_in_damping_not_in_zero_torque(path):
-    """Of one joint, above what may be commanded: the other joints are as sound as before."""
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("path", [path for path in PATHS if path != DAMPING])
+def test_a_state_of_another_robot_ends_in_zero_torque(path, count):
     run = Run(supervisor())
     run.walk(*PATHS[path])
-    output = run.step(Intent.DAMP, position=(0.4, 1e9, 0.6))
+    output = run.step(position=(0.4,) * count)
+    assert output.control_mode.mode is Mode.ZERO_TORQUE
+    assert output.command.position.tolist() == [0.0, 0.0, 0.0]
+    assert all(fault.message == f"state has ({count},) joint positions, expected (3,)" for fault in output.faults)
+
+
+@pytest.mark.parametrize("reading", [np.nan, -np.inf, 1e6 + 1.0, 1e300])
+@pytest.mark.parametrize("path", [path for path in PATHS if path not in (ZERO_TORQUE, DAMPING)])
+def test_an_unknown_or_absurd_reading_of_one_joint_makes_no_joint_limp(path, reading):
+    run = Run(supervisor())
+    run.walk(*PATHS[path])
+    output = run.step(Intent.DAMP, position=(0.4, reading, 0.6))
     assert output.control_mode.mode is Mode.DAMPING
     assert not output.faults
+    assert output.command.position.tolist() == [0.4, 0.0, 0.6]
     assert output.command.damping.tolist() == DAMPING_KD

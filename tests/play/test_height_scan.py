@@ -20,7 +20,7 @@ SCAN = Term("height_scan", scan=HeightScan(grid=(0.4, 0.2), resolution=0.2), sca
 def seeing(path):
     """A policy with the sample policy's wiring that observes the ground alone."""
     sample = load_checkpoint(policy_path("lite_tracking")).contract
-    contract = replace(sample, task_type="locomotion", observation=(SCAN,), body_names=(), action_limit=None)
+    contract = replace(sample, task_type="locomotion", observation=(SCAN,), body_names=())
     metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
     width = contract_layout(contract).width
     return saved(path, linear_model(metadata, inputs=width, outputs=contract.action_count))

@@ -37,7 +37,7 @@ def test_a_checkpoint_is_loaded_with_the_tensors_beside_it(tmp_path, is_external
 def test_a_graph_that_loops_too_long_is_a_fault_in_that_tick(tmp_path):
     checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", models.looping_model()))
     checkpoint.limit_inference(0.1)
-    wiring = PolicyWiring(models.JOINTS, checkpoint.contract, no_reference(), {}, 100.0)
+    wiring = PolicyWiring(models.JOINTS, checkpoint.contract, no_reference(), {})
     step = infer(wiring, checkpoint.policy, np.full(8, 9e18, dtype=np.float32), 0)
     assert isinstance(step, Fault)
     assert "not done after 0.1 s" in step.message

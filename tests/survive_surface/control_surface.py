@@ -61,29 +61,19 @@ class StackConfig:
     """Parameters of a control stack."""
 
     joints: tuple[str, ...]
-    period: float
-    """s between two ticks."""
-    damping: Mapping[str, float]
-    """K_d of DAMPING, by joint."""
-    poses: Mapping[str, Mapping[str, float]]
-    """Last pose of `a` and `b`, rad, by joint; the first is all zeros."""
-    segment_duration: float
-    """s of each of the two segments of a pose."""
+    period: float  # s between two ticks
+    damping: Mapping[str, float]  # K_d of DAMPING, by joint
+    poses: Mapping[str, Mapping[str, float]]  # Last pose of `a` and `b`, rad, by joint; the first is all zeros
+    segment_duration: float  # s of each of the two segments of a pose
     standby_gains: tuple[float, float]
-    passive_damping: float
-    """K_d of REMOTE without commands."""
-    policy: Callable[[np.ndarray, int], Any]
-    """Observation and frame to action."""
-    contract: Mapping[str, Any]
-    """A checkpoint's, by the keys of its metadata."""
-    live: Mapping[str, int]
-    """Name and width of live inputs that the policy observes behind its other terms."""
+    passive_damping: float  # K_d of REMOTE without commands
+    policy: Callable[[np.ndarray, int], Any]  # Observation and frame to action
+    contract: Mapping[str, Any]  # A checkpoint's, by the keys of its metadata
+    live: Mapping[str, int]  # Name and width of live inputs that the policy observes behind its other terms
     stale_command_policy: str = "passive"
     is_floating: bool = False
-    guards: Mapping[str, Any] | None = None
-    """Bounds of the guards, one number for all joints; None: no guards."""
-    replaced: Mapping[str, Any] | None = None
-    """Controllers of `controller` in place of the product's, by name."""
+    guards: Mapping[str, Any] | None = None  # Bounds of the guards, one number for all joints; None: no guards
+    replaced: Mapping[str, Any] | None = None  # Controllers of `controller` in place of the product's, by name
 
 
 def supervisor(config: StackConfig) -> Any:
@@ -216,11 +206,9 @@ class Link:
 
     def __init__(self, config: StackConfig, read_at: Callable[[float], MITState]) -> None:
         joints, period = config.joints, config.period
-        self.refusals: list[str] = []
-        """Reasons of refusals by the session itself, before the supervisor sees anything."""
+        self.refusals: list[str] = []  # Reasons of refusals by the session itself, before the supervisor sees anything
         self._period = period
-        self._now = 1000.0
-        """s, CLOCK_MONOTONIC."""
+        self._now = 1000.0  # s, CLOCK_MONOTONIC
         self._robot = _Robot(joints, read_at)
         self._open = ExitStack()
         folder = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="hs-")))
@@ -339,10 +327,8 @@ class Replayed:
     """Result of a replay."""
 
     is_identical: bool
-    ticks: int
-    """Ticks that were the same."""
-    first_tick: int | None
-    """The first that differs."""
+    ticks: int  # Ticks that were the same
+    first_tick: int | None  # The first that differs
     is_complete: bool | None
 
 

@@ -23,7 +23,7 @@ from humanoid_sim.ros2.messages import (
 )
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC, TOPICS, Topic
 from humanoid_sim.session.sources import remote_problem
-from humanoid_sim.stack import recorded_contract
+from humanoid_sim.stack import recorded_contracts
 
 _SUSPENDED = 0.05  # s between two polls beyond which the process was suspended
 _SETTLE = 0.1  # s for which commands are dropped after that: what lay in sockets meanwhile is old
@@ -84,7 +84,7 @@ class CommandReader:
         self._commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=_DEPTH)
         self._statuses = _readers(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC]) if is_local else []
         self._live: list[tuple[str, int, bool, Reader]] = []
-        contract = recorded_contract(attachment.header)
+        contract = next(iter(recorded_contracts(attachment.header)), None)
         for name, width in attachment.live_inputs.items() if is_local else ():
             topic = live_topic(contract, name)
             if topic is not None:

@@ -5,12 +5,12 @@ A file of this form comes with every checkpoint of the project: https://github.c
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.trainer_files import read_section
@@ -37,7 +37,7 @@ def find_berkeley(checkpoint: Path) -> Path | None:
     places = (folder, folder / "configs", folder.parent / "configs")
     for path in (place / f"{checkpoint.stem}.yaml" for place in places):
         with suppress(InputError):  # some other file
-            if is_file(path) and read_section(path).keys() >= _KNOWN_BY:
+            if os.path.isfile(path) and read_section(path).keys() >= _KNOWN_BY:
                 return path
     return None
 

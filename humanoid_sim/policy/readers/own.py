@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -12,7 +13,6 @@ import msgspec
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
-from humanoid_sim.files import is_file
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked
 from humanoid_sim.strict_yaml import read_yaml
@@ -100,6 +100,8 @@ def decode(text: str, where: str) -> PolicyContract:
             raise ValueError(f"has version {document['version']!r}, expected {_VERSION}")
         stated = flattened(document["contract"], f"{where}: contract")
         stated.pop("phase.speed", None)  # in older stamps, without a meaning of its own
+        if stated.get("action_limit", 0.0) is None:  # in older stamps: the usual one
+            del stated["action_limit"]
         values = {name: checked(name, value, f"{where}: contract: {name}") for name, value in stated.items()}
         return build(values, document["source"])
 
@@ -133,7 +135,7 @@ def own_contract(checkpoint: Path) -> Path:
 def find_contract(checkpoint: Path) -> Path | None:
     """Return `<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in its folder; None without one."""
     places = (own_contract(checkpoint), checkpoint.with_name("contract.yaml"))
-    return next((path for path in places if is_file(path)), None)
+    return next((path for path in places if os.path.isfile(path)), None)
 
 
 def read_contract_file(path: Path) -> Layer:

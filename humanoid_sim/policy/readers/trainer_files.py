@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file
 from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
@@ -19,7 +19,7 @@ def find_beside(checkpoint: Path, name: str) -> Path | None:
     """Return the file beside the model, in `params/` there, or in `params/` beside the folder `exported/` around it."""
     folder = checkpoint.absolute().parent
     places = [folder, folder / "params", *([folder.parent / "params"] if folder.name == "exported" else [])]
-    return next((place / name for place in places if is_file(place / name)), None)
+    return next((place / name for place in places if os.path.isfile(place / name)), None)
 
 
 class Section(dict[str, Any]):

@@ -89,7 +89,7 @@ def test_what_came_while_the_bridge_was_suspended_is_dropped_unless_it_is_latche
 
     monkeypatch.setattr(module, "Reader", FakeReader)
     monkeypatch.setattr(module, "monotonic_ns", lambda: now[0])
-    monkeypatch.setattr(module, "recorded_contract", lambda _: None)
+    monkeypatch.setattr(module, "recorded_contracts", lambda _: ())
     monkeypatch.setattr(module, "live_topic", lambda *_: SimpleNamespace(name="/goal", timeout=timeout))
     intake = SimpleNamespace(live=lambda *_, stamp: sent.append(stamp))
     header = SimpleNamespace(joint_names=JOINTS)
