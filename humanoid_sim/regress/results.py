@@ -18,8 +18,6 @@ Verdict = Literal["worse beyond tolerance", "worse within tolerance", "better", 
 and does not, or lies on the other side of 0, or holds 0."""
 WORSE: Verdict = "worse beyond tolerance"
 """Verdict that fails a candidate."""
-
-
 Failure = Literal["", "fault", "lost"]
 """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
 simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""

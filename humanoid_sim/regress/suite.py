@@ -35,8 +35,13 @@ class Metric(NamedTuple):
     better: Literal["lower", "higher"] = "lower"
 
 
-def _of_steps(name: str, summary: Literal["rms", "mean"], task: TaskName | None = None) -> Metric:
-    return Metric(name, METRICS[name].unit, summary, task, "higher" if task == "piano" else "lower")
+def _of_steps(
+    name: str,
+    summary: Literal["rms", "mean"],
+    task: TaskName | None = None,
+    better: Literal["lower", "higher"] = "lower",
+) -> Metric:
+    return Metric(name, METRICS[name].unit, summary, task, better)
 
 
 _ROWS = (
@@ -52,9 +57,9 @@ _ROWS = (
     Metric("slip", "m/s", "mean", "velocity"),  # of the feet's points that touch the ground
     _of_steps("power", "mean", "velocity"),
     Metric("falls", "share", "episode", "velocity"),
-    _of_steps("f1", "mean", "piano"),
-    _of_steps("precision", "mean", "piano"),
-    _of_steps("recall", "mean", "piano"),
+    _of_steps("f1", "mean", "piano", "higher"),
+    _of_steps("precision", "mean", "piano", "higher"),
+    _of_steps("recall", "mean", "piano", "higher"),
     Metric("key_force", "N", "episode", "piano"),  # hardest touch of a key, of every physics step
     Metric("hard_touches", "share", "episode", "piano"),  # a key was touched harder than the robot allows
     _of_steps("effort", "rms"),
