@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import os
 import re
 import select
 import sys
 import termios
-from collections.abc import Callable, Sequence
+import tty
+from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
-from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.errors import InputError
@@ -18,27 +19,25 @@ from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import VELOCITY_HELP, VELOCITY_KEYS, IntentSource, VelocityCommand
 
-KEYS = MappingProxyType(
-    {
-        " ": Intent.DAMP,
-        "d": Intent.DAMP,
-        "a": Intent.LOAD_A,
-        "b": Intent.LOAD_B,
-        "l": Intent.START_LOCOMOTION,
-        "r": Intent.START_REMOTE,
-        "q": Intent.QUIT,
-    }
-)
+KEYS: Mapping[str, Intent] = {
+    " ": Intent.DAMP,
+    "d": Intent.DAMP,
+    "a": Intent.LOAD_A,
+    "b": Intent.LOAD_B,
+    "l": Intent.START_LOCOMOTION,
+    "r": Intent.START_REMOTE,
+    "q": Intent.QUIT,
+}
 """Key to intent. The space bar damps: it is the key that a startled hand finds."""
 REACTIVATE_KEY = "e"
 KEY_HELP = (
     "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT, "
     "h or ? this help"
 )
-_DAMP_KEYS = " d"
+_DAMP_KEYS = (" ", "d")
 _LATE = 0.3  # s between two polls beyond which the process stood still
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-_SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")  # of an arrow key or a function key
+_KEY = re.compile(r"\x1b[\[O]([A-D])|\x1b(?:\[[0-9;]*[A-Za-z~]|O[A-Z])|(.)", re.DOTALL)  # arrow, function key, other
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")  # the beginning of one
 
 
@@ -101,11 +100,11 @@ class Keyboard(IntentSource):
 
     def take_terminal(self) -> None:
         """Have the terminal send key by key and show none of them, unless another program has it at present."""
-        iflag, oflag, cflag, lflag, ispeed, ospeed, characters = self._before
-        characters = list(characters)
-        characters[termios.VMIN], characters[termios.VTIME] = 1, 0
-        lflag &= ~(termios.ICANON | termios.ECHO)
-        self._set([iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters])
+        attributes = copy.deepcopy(self._before)
+        attributes[tty.IFLAG] &= ~termios.IXON
+        attributes[tty.LFLAG] &= ~(termios.ICANON | termios.ECHO)
+        attributes[tty.CC][termios.VMIN], attributes[tty.CC][termios.VTIME] = 1, 0
+        self._set(attributes)
 
     def close(self) -> None:
         """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
@@ -148,12 +147,5 @@ class Keyboard(IntentSource):
         unfinished = _UNFINISHED.search(text)
         self._unfinished = unfinished[0] if unfinished else ""
         text = text[: len(text) - len(self._unfinished)]
-        if "\x1b" not in text:
-            return list(text.lower())
-        found, end = [], 0
-        for sequence in _SEQUENCE.finditer(text):
-            found += [key for key in text[end : sequence.start()].lower() if key in _DAMP_KEYS]
-            end = sequence.end()
-            arrow = sequence[3] or (sequence[2] if not sequence[1] else "")
-            found.append(_ARROWS.get(arrow, ""))
-        return found + [key for key in text[end:].lower() if key in _DAMP_KEYS]
+        keys = [_ARROWS[arrow] if arrow else key.lower() for arrow, key in _KEY.findall(text)]
+        return [key for key in keys if "\x1b" not in text or key in _DAMP_KEYS or key in _ARROWS.values()]

@@ -7,8 +7,9 @@ arms have sunk, and nobody knows what the operator did about it.
 from __future__ import annotations
 
 import math
-import time as system_time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from time import CLOCK_BOOTTIME, clock_gettime
 
 from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.session.sources import IntentSource
@@ -33,10 +34,8 @@ class DeviceWatch(IntentSource):
         drives = output is not None and output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
         if arrival is None:  # missing, but not lost: only driven joints are damped
             is_lost = drives
-        elif self._is_lost:  # only a new heartbeat ends that
-            is_lost = not time - arrival <= DEVICE_TIMEOUT
-        else:
-            is_lost = not time - max(arrival, self._resumed) <= DEVICE_TIMEOUT
+        else:  # only a new heartbeat ends a loss
+            is_lost = not time - (arrival if self._is_lost else max(arrival, self._resumed)) <= DEVICE_TIMEOUT
         was_lost, self._is_lost = self._is_lost, is_lost
         if is_lost and not was_lost:
             self._tell(f"{self._name}: lost, no heartbeat for {DEVICE_TIMEOUT:g} s: DAMP")
@@ -46,15 +45,13 @@ class DeviceWatch(IntentSource):
         return (Intent.DAMP,) if is_lost and drives else ()
 
 
-def running_time() -> float:
-    """Return s since the computer started, including the time for which it was suspended."""
-    return system_time.clock_gettime(system_time.CLOCK_BOOTTIME)
+_UPTIME = partial(clock_gettime, CLOCK_BOOTTIME)  # s, with the time for which the computer was suspended
 
 
 class Interruption(IntentSource):
     """Requests DAMP in the tick that follows a standstill, and when a terminal wants to suspend the process."""
 
-    def __init__(self, longest: float, tell: Callable[[str], None], clock: Callable[[], float] = running_time) -> None:
+    def __init__(self, longest: float, tell: Callable[[str], None], clock: Callable[[], float] = _UPTIME) -> None:
         """Begin at the first tick; beyond `longest` s between two signs of life the loop stood still."""
         self._longest, self._tell, self._clock = longest, tell, clock
         self._last: float | None = None

@@ -39,7 +39,8 @@ class Reactivation:
         """
         allowed, self._allowed = self._allowed, ()
         if mode not in allowed:
-            self.answer = Answer(False, reactivation_refusal(mode))
+            required = " or ".join(one.name for one in allowed)
+            self.answer = Answer(False, f"REACTIVATE refused: requires {required}, mode is {mode.name}")
             return EventKind.NOTE
         try:
             robot.activate()
@@ -49,13 +50,6 @@ class Reactivation:
             lines = ("reactivated: the robot is verified and enabled afresh", *self._warnings())
             self.answer = Answer(True, "; warning: ".join(lines))
         return EventKind.FRESH_START
-
-
-def reactivation_refusal(mode: Mode) -> str:
-    """Return why it is refused in a mode; empty where it is granted."""
-    if mode in REACTIVABLE:
-        return ""
-    return f"REACTIVATE refused: requires {' or '.join(mode.name for mode in REACTIVABLE)}, mode is {mode.name}"
 
 
 def flattened(text: str) -> str:

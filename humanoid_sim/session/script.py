@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
@@ -16,7 +16,7 @@ _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS, policy NAME"
 class ScriptStep(NamedTuple):
     """One step: send an intent, select a policy, or let time pass."""
 
-    kind: Literal["intent", "wait", "motion", "hold", "policy"]
+    kind: str  # `intent`, `wait`, `motion`, `hold` or `policy`
     intent: Intent | None = None
     seconds: float = 0.0
     policy: str = ""
@@ -28,25 +28,25 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     An intent's name sends it; `wait` lasts until the standby pose is reached; `motion` until the policy's motion has
     ended; `hold 5` for 5 s on the robot's clock; `policy dance` selects one of several.
     """
-    parts = [part.strip() for part in text.split(";")]
-    steps = tuple(_step(number, part) for number, part in enumerate(parts, start=1) if part)
+    steps = []
+    for number, part in enumerate(text.split(";"), start=1):
+        match part.split():
+            case []:
+                continue
+            case [word] if word.lower() in _INTENTS:
+                steps.append(ScriptStep("intent", _INTENTS[word.lower()]))
+            case [word] if word.lower() in ("wait", "motion"):
+                steps.append(ScriptStep(word.lower()))
+            case [word, seconds] if word.lower() == "hold" and number_in(seconds) >= 0.0:
+                steps.append(ScriptStep("hold", seconds=number_in(seconds)))
+            case [word, name] if word.lower() == "policy":
+                steps.append(ScriptStep("policy", policy=name))
+            case [word, *_]:
+                near = meant(word, _INTENTS)
+                raise InputError(f"--script: step {number} is '{part.strip()}'{near}, expected one of {_GRAMMAR}")
     if not steps:
         raise InputError(f"--script: is empty, expected steps separated by ';', each one of {_GRAMMAR}")
-    return steps
-
-
-def _step(number: int, part: str) -> ScriptStep:
-    word, *arguments = part.split()
-    match word.lower(), arguments:
-        case (name, []) if name in _INTENTS:
-            return ScriptStep("intent", _INTENTS[name])
-        case ("wait" | "motion" as kind, []):
-            return ScriptStep(kind)
-        case ("hold", [seconds]) if number_in(seconds) >= 0.0:
-            return ScriptStep("hold", seconds=number_in(seconds))
-        case ("policy", [name]):
-            return ScriptStep("policy", policy=name)
-    raise InputError(f"--script: step {number} is '{part}'{meant(word, _INTENTS)}, expected one of {_GRAMMAR}")
+    return tuple(steps)
 
 
 class Script(IntentSource):
@@ -105,7 +105,7 @@ class Script(IntentSource):
         return [step.intent]
 
     def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
-        """Take the tick's safety statuses into account; the FSM itself refuses intents while they last."""
+        """Drop the rest if a status is not OK; the FSM itself refuses intents while it lasts."""
         if not all(status.is_ok for status in statuses):
             self._steps.clear()
 
@@ -123,8 +123,7 @@ class Script(IntentSource):
             return True
         if output is None:
             return False
-        if step.kind == "wait":
-            # Fallen out of STANDBY (a fault, a refusal): waiting on would be waiting for ever.
+        if step.kind == "wait":  # out of STANDBY, by a fault or a refusal, there is nothing to wait for
             return output.standby is None or output.standby.is_finished
         if step.kind == "motion":
             return self._is_motion_over or output.control_mode.controller_name != "rl_policy_controller"

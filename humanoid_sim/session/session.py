@@ -12,6 +12,8 @@ from dataclasses import KW_ONLY, dataclass, replace
 from time import perf_counter, sleep
 from typing import TypeAlias
 
+from humanoid_sim.controllers.base import DAMPING, Fault
+from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED, Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import (
@@ -25,13 +27,13 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
-from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
+from humanoid_sim.session.rest import RestDetector
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection
 
@@ -246,11 +248,34 @@ class Session:
             self.event(f"failed to close the robot: {error}", EventKind.FAILURE)
 
     def _damp_now(self) -> None:
-        self.state = damp_without_supervisor(
-            self.robot,
-            self.supervisor.controllers,
-            self.state,
-            period=self.settings.control_period,
-            longest=0.0 if self.mode is Mode.ZERO_TORQUE else self.settings.damping_time,
-            pause=sleep if self.settings.realtime else None,
-        )
+        """Send DAMPING's command until the joints rest, after something broke; else zero torque.
+
+        Whatever fails here, the next tick tries again: a bus that lost one frame may take the next, and the exception
+        that brought the run here is the one that is reported.
+        """
+        period, interrupted, ticks = self.settings.control_period, None, 0
+        rest, command = RestDetector(period), MITCommand.zeros(len(self.robot.joints))
+        if self.mode is not Mode.ZERO_TORQUE:
+            ticks = round(self.settings.damping_time / period)
+            with contextlib.suppress(Exception):
+                command = self._damping_command() or command
+        for _ in range(ticks + 1):
+            try:
+                with contextlib.suppress(Exception):
+                    self.state, _ = self.robot.read()
+                with contextlib.suppress(Exception):
+                    self.robot.write(command)
+                if rest.update(self.state):
+                    break
+                if self.settings.realtime and ticks:
+                    sleep(period)
+            except BaseException as error:  # an impatient Ctrl-C: the robot is damped first
+                interrupted = interrupted or error
+        if interrupted is not None:
+            raise interrupted
+
+    def _damping_command(self) -> MITCommand | None:
+        controller, tick_input = self.supervisor.controllers[DAMPING], TickInput(self.state)
+        memory = controller.activate(tick_input)
+        result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
+        return None if isinstance(result, Fault) or command_problem(result[1], self.robot.joints) else result[1]

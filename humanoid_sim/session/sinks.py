@@ -11,12 +11,13 @@ from typing import Protocol
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
 QUEUE_LIMIT = 4096  # ticks and events that may wait (20 s at 200 Hz); beyond that they are left out and counted
-BACKLOG_LIMIT = 2000  # ticks
 _STUCK_AFTER = 5.0  # s that a sink may take over all that is left when it is closed
 
 
 class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
+
+    backlog_limit: int = 2000  # ticks
 
     def start(self, header: SessionHeader) -> SessionHeader | None:
         """Start before the first tick. Raises `InputError` if it cannot do its job.
@@ -35,10 +36,6 @@ class Sink(Protocol):
     def backlog(self) -> int:
         """Ticks taken but not yet dealt with. A run without deadlines waits for a long one."""
         return 0
-
-    @property
-    def backlog_limit(self) -> int:
-        return BACKLOG_LIMIT
 
     def close(self) -> None:
         """Deal with what is left after the last tick, release files and threads. Called once."""
