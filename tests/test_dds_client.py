@@ -26,7 +26,7 @@ THREE = np.ones(3)
 
 def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(local, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
-    local.safety = (SafetyStatus(source="can0"),)
+    local.robot.safety = (SafetyStatus(source="can0"),)
     command = MITCommand(0.3 * THREE, 0.0 * THREE, 0.1 * THREE, 20.0 * THREE, THREE)
     with RobotClient("three") as robot, bridge():
         assert robot.state(timeout=0.0) is None

@@ -10,7 +10,7 @@ import time
 
 import can
 import pytest
-from waiting import until, wait_until
+from waiting import until
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.can_bus import (
@@ -150,7 +150,7 @@ def test_frames_go_both_ways(received, address):
 def test_a_frame_is_as_old_as_its_stamp(received, bus, channel):
     for age in (0.3, 3600.0, -5.0):  # it lay in the kernel; the process was stopped for an hour; the clock was set
         bus.incoming.put(message_of(FRAME, time.time() - age))
-    assert wait_until(lambda: len(received) == 3)
+    assert until(lambda: len(received) == 3)
     now = time.monotonic()
     ages = [now - when for _, when in received]
     assert 0.3 <= ages[0] < 20.0
@@ -170,7 +170,7 @@ def test_every_way_to_say_full_is_understood(error, bus, channel):
 
     bus.on_send = full
     channel.send([("left", FRAME)])
-    assert wait_until(lambda: channel.sent == 1)
+    assert until(lambda: channel.sent == 1)
     assert channel.down == ""
 
 

@@ -15,10 +15,6 @@ from humanoid_sim.session.session import Session
 HEADER = SessionHeader("fake", rig.JOINTS, rig.PERIOD, 0)
 
 
-class BrokenError(Exception):
-    """What the fakes raise."""
-
-
 @dataclass
 class FakeRobot:
     """Three joints that never move."""
@@ -36,7 +32,6 @@ class FakeRobot:
         return rig.state(self.writes * rig.PERIOD, joint_velocity=np.zeros(3)), ()
 
     def write(self, command: MITCommand) -> None:
-        assert "close robot" not in self.log
         self.writes += 1
 
     def close(self) -> None:
@@ -63,12 +58,10 @@ class FakeSink:
     log: list[str] = field(default_factory=list)
     on_tick: Callable[[TickRecord], None] = lambda _: None
     name: str = "sink"
-    waiting: list[int] = field(default_factory=list)
-    """Backlogs to report, one per question; 0 after the last."""
+    waiting: list[int] = field(default_factory=lambda: [0])
+    """Backlogs to report, one per question; the last one again."""
     records: list[TickRecord] = field(default_factory=list)
-    events: list[str] = field(default_factory=list)
-    kinds: list[EventKind] = field(default_factory=list)
-    questions: int = 0
+    events: list[tuple[str, EventKind]] = field(default_factory=list)
     backlog_limit = 2000
 
     def start(self, header: SessionHeader) -> None:
@@ -79,20 +72,17 @@ class FakeSink:
         self.records.append(record)
 
     def event(self, event: Event) -> None:
-        self.events.append(event.text)
-        self.kinds.append(event.kind)
+        self.events.append((event.text, event.kind))
 
     @property
     def backlog(self) -> int:
-        self.questions += 1
-        return self.waiting.pop(0) if self.waiting else 0
+        return self.waiting.pop(0) if len(self.waiting) > 1 else self.waiting[0]
 
     def close(self) -> None:
         self.log.append(f"close {self.name}")
 
 
-def session(robot: Any, **options: Any) -> Session:
-    """A session that does not keep real time, unless told to."""
-    loop = {name: options.pop(name) for name in ("realtime", "duration") if name in options}
-    settings = LoopSettings(rig.PERIOD, **{"realtime": False, "damping_time": 2.0, **loop})
+def session(robot: Any, *, duration: float | None = None, **options: Any) -> Session:
+    """A session that does not keep real time."""
+    settings = LoopSettings(rig.PERIOD, realtime=False, duration=duration, damping_time=2.0)
     return Session(robot, rig.supervisor(), settings, header=HEADER, **options)

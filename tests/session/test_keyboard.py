@@ -2,9 +2,7 @@ import os
 import pty
 import sys
 import termios
-import time
-from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -16,73 +14,46 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import VelocityCommand
 
 
-@dataclass
 class Terminal:
     """A pseudo-terminal whose slave is this process's standard input."""
 
-    master: int
-    slave: int
-    is_open: bool = True
+    def __init__(self):
+        self._master, self.slave = pty.openpty()
 
     def type(self, text):
-        os.write(self.master, text.encode())
+        os.write(self._master, text.encode())
 
-    def hang_up(self):
-        os.close(self.master)
-        self.is_open = False
+    def close(self):
+        os.close(self._master)
+        os.close(self.slave)
 
 
 @pytest.fixture
 def terminal(monkeypatch):
-    master, slave = pty.openpty()
-    result = Terminal(master, slave)
-    with os.fdopen(slave, closefd=False) as stdin:
+    with closing(Terminal()) as result, os.fdopen(result.slave, closefd=False) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         yield result
-    os.close(slave)
-    if result.is_open:
-        os.close(master)
 
 
 def heard(keyboard, count):
-    """The next intents; fails if fewer come."""
+    """The next intents, so many."""
     intents = []
-    deadline = time.monotonic() + 30.0
-    while len(intents) < count and time.monotonic() < deadline:
-        intents += keyboard.poll(0.0, None)
-        time.sleep(0.005)
-    assert len(intents) == count, intents
+    until(lambda: intents.extend(keyboard.poll(0.0, None)) or len(intents) >= count)
     return intents
 
 
-@pytest.fixture
-def keyboard(terminal):
-    """`keyboard(...)`: one that listens to the terminal, until the test ends."""
-    with ExitStack() as stack:
-        yield lambda *given, **options: stack.enter_context(closing(Keyboard(*given, **options)))
-
-
-def test_keys_become_intents(terminal, keyboard):
-    heard_by = keyboard()
-    terminal.type(" dabLrRq")
-    names = [intent.name for intent in heard(heard_by, 8)]
-    assert names == ["DAMP", "DAMP", "LOAD_A", "LOAD_B", "START_LOCOMOTION", "START_REMOTE", "START_REMOTE", "QUIT"]
-    terminal.type("xyz\n1\tq")  # whatever else is on a keyboard does nothing
-    assert heard(heard_by, 1) == [Intent.QUIT]
-    assert not heard_by.finished
-
-
-def test_keys_typed_while_the_process_stood_still_only_damp(terminal, keyboard, monkeypatch):
+def test_keys_become_intents_and_of_those_typed_while_the_process_stood_still_only_damp(terminal, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("humanoid_sim.session.keyboard.monotonic", lambda: now[0])
-    late = keyboard()
-    terminal.type("b")
-    assert heard(late, 1) == [Intent.LOAD_B]
-    now[0] += 0.5
-    terminal.type("la a")
-    assert heard(late, 1) == [Intent.DAMP]
-    terminal.type("rq")
-    assert heard(late, 2) == [Intent.START_REMOTE, Intent.QUIT]
+    with closing(Keyboard()) as keyboard:
+        terminal.type(" dabLrRq")
+        names = [intent.name for intent in heard(keyboard, 8)]
+        assert names == ["DAMP", "DAMP", "LOAD_A", "LOAD_B", "START_LOCOMOTION", "START_REMOTE", "START_REMOTE", "QUIT"]
+        now[0] += 0.5
+        terminal.type("la a")
+        assert heard(keyboard, 1) == [Intent.DAMP]
+        terminal.type("xyz\n1\trq")  # whatever else is on a keyboard does nothing
+        assert heard(keyboard, 2) == [Intent.START_REMOTE, Intent.QUIT]
 
 
 def test_the_terminal_is_given_back_as_it_was(terminal):
@@ -95,25 +66,20 @@ def test_the_terminal_is_given_back_as_it_was(terminal):
     assert termios.tcgetattr(terminal.slave) == before
 
 
-def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal, keyboard):
+def test_arrows_and_letters_change_the_velocity_up_to_its_limit_and_one_key_requests_a_fresh_start(terminal):
     velocity = VelocityCommand(np.zeros(3), np.array([[-0.2, 0.2], [-0.1, 0.1], [-0.1, 0.1]]))
-    board = keyboard(velocity)
-    for text, command in (
-        ("w,", [0.1, 0.1, 0.0]),
-        ("\x1b[D", [0.1, 0.1, 0.1]),
-        ("\x1b[A\x1b[B\x1b[A\x1b[A", [0.2, 0.1, 0.1]),
-        ("0", [0.0, 0.0, 0.0]),
-    ):
-        terminal.type(text)
-        until(lambda command=command: board.poll(0.0, None) == [] and velocity.command.tolist() == command)
-
-
-def test_one_key_requests_a_fresh_start(terminal, keyboard):
     reactivation = Reactivation()
-    listening = keyboard(reactivation=reactivation)
-    terminal.type("\x1be")  # alt e
-    terminal.type("d")
-    heard(listening, 1)
-    assert not reactivation.is_requested
-    terminal.type("e")
-    until(lambda: listening.poll(0.0, None) == [] and reactivation.is_requested)
+    with closing(Keyboard(velocity, reactivation=reactivation)) as keyboard:
+        for text, command in (
+            ("w,", [0.1, 0.1, 0.0]),
+            ("\x1b[D", [0.1, 0.1, 0.1]),
+            ("\x1b[A\x1b[B\x1b[A\x1b[1;5B\x1b[A", [0.2, 0.1, 0.1]),  # the fourth is with Ctrl
+            ("0", [0.0, 0.0, 0.0]),
+        ):
+            terminal.type(text)
+            until(lambda command=command: keyboard.poll(0.0, None) == [] and velocity.command.tolist() == command)
+        terminal.type("\x1bed")  # alt e
+        assert heard(keyboard, 1) == [Intent.DAMP]
+        assert not reactivation.is_requested
+        terminal.type("e")
+        until(lambda: keyboard.poll(0.0, None) == [] and reactivation.is_requested)

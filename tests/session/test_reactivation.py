@@ -1,3 +1,4 @@
+import pytest
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.client import Answer
@@ -6,74 +7,62 @@ from humanoid_sim.messages import EventKind, Intent, Mode
 from humanoid_sim.session.reactivation import Reactivation
 
 DONE = "reactivated: the robot is verified and enabled afresh"
+REFUSED = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
+STANDING = {0: (Intent.DAMP,), 1: (Intent.LOAD_A,)}
 
 
-def asked_at(tick, reactivation, **intents):
-    """Options of a session in which an operator asks for it during a tick."""
-    sink = FakeSink(on_tick=lambda record: reactivation.request() if record.index == tick else None)
-    return sink, {"sinks": [sink], "reactivation": reactivation, "duration": 0.4, **intents}
+def run(intents, robot=None, *, is_reset=False):
+    """Request a fresh start in tick 5; the robot, the sink, the answer."""
+    reactivation, robot, sink = Reactivation(), robot or FakeRobot(), FakeSink()
+    sink.on_tick = lambda record: reactivation.request(is_reset=is_reset) if record.index == 5 else None
+    session(robot, duration=0.4, intents=[FakeSource(intents)], sinks=[sink], reactivation=reactivation).run()
+    assert [record.index for record in sink.records] == list(range(len(sink.records)))
+    return robot, sink, reactivation.answer
 
 
 def test_the_stack_begins_again_without_torque():
-    reactivation, robot = Reactivation(), FakeRobot()
-    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
-    session(robot, **options).run()
+    robot, sink, answer = run({1: (Intent.DAMP,)})
     assert robot.log.count("activate") == 2
-    assert reactivation.answer == Answer(True, DONE)
-    assert not reactivation.is_requested
-    assert sink.events == [DONE, "ending: duration of 0.4 s reached"]
-    assert sink.kinds == [EventKind.FRESH_START, EventKind.ENDING]
+    assert answer == Answer(True, DONE)
+    assert sink.events == [(DONE, EventKind.FRESH_START), ("ending: duration of 0.4 s reached", EventKind.ENDING)]
     modes = [record.output.control_mode.mode for record in sink.records]
     assert modes[:6] == [Mode.ZERO_TORQUE] + [Mode.DAMPING] * 5
     assert set(modes[6:]) == {Mode.ZERO_TORQUE}
     assert sink.records[6].output.control_mode.status_message == "started"
-    assert [record.index for record in sink.records] == list(range(len(sink.records)))
 
 
-def test_of_what_was_asked_for_during_the_activation_only_damp_counts():
-    for asked, mode in (((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)):
-        reactivation, robot = Reactivation(), FakeRobot()
-        sink, options = asked_at(5, reactivation, intents=[FakeSource({6: asked})])
-        result = session(robot, **options).run()
-        assert result.reason == "duration of 0.4 s reached"
-        assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
+@pytest.mark.parametrize(
+    ("requested", "mode"),
+    [((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)],
+)
+def test_of_what_was_requested_during_the_activation_only_damp_counts(requested, mode):
+    _, sink, _ = run({6: requested})
+    assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
 
 
-def test_a_simulated_robot_is_reset_in_motion():
-    reactivation, robot = Reactivation(), FakeRobot()
-    sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
-    sink.on_tick = lambda record: reactivation.request(is_reset=True) if record.index == 5 else None
-    session(robot, **options).run()
-    assert robot.log.count("activate") == 2
-    assert sink.kinds[0] is EventKind.FRESH_START
-    assert sink.records[8].output.control_mode.mode is Mode.ZERO_TORQUE
-
-
-def test_in_motion_it_is_refused():
-    reactivation, robot = Reactivation(), FakeRobot()
-    sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
-    session(robot, **options).run()
-    assert robot.log.count("activate") == 1
-    refusal = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
-    assert sink.events[0] == refusal
-    assert reactivation.answer == Answer(False, refusal)
-    assert sink.kinds[0] is EventKind.NOTE
-    assert sink.records[8].output.control_mode.mode is Mode.STANDBY
+@pytest.mark.parametrize(
+    ("is_reset", "activations", "event", "mode"),
+    [(True, 2, (DONE, EventKind.FRESH_START), Mode.ZERO_TORQUE), (False, 1, (REFUSED, EventKind.NOTE), Mode.STANDBY)],
+)
+def test_in_motion_a_simulated_robot_is_reset_and_no_other(is_reset, activations, event, mode):
+    robot, sink, answer = run(STANDING, is_reset=is_reset)
+    assert robot.log.count("activate") == activations
+    assert sink.events[0] == event
+    assert answer == Answer(is_reset, event[0])
+    assert sink.records[8].output.control_mode.mode is mode
 
 
 def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running():
-    reactivation, robot = Reactivation(), FakeRobot()
-    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
+    robot = FakeRobot()
 
     def fail():
         if robot.log.count("activate") == 2:
             raise RobotError("lite: 2 problems:\n  - can0: a\n  - can1: b")
 
     robot.on_activate = fail
-    session(robot, **options).run()
-    assert sink.events[0] == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
-    assert reactivation.answer == Answer(False, sink.events[0])
-    assert sink.kinds[0] is EventKind.FRESH_START
+    _, sink, answer = run({1: (Intent.DAMP,)}, robot)
+    assert answer == Answer(False, "REACTIVATE failed: lite: 2 problems: can0: a; can1: b")
+    assert sink.events[0] == (answer.text, EventKind.FRESH_START)
     control = sink.records[6].output.control_mode
     assert (control.mode, control.status_message) == (Mode.ZERO_TORQUE, "no motor is driven: reactivate failed")
     assert len(sink.records) > 15

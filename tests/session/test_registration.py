@@ -22,15 +22,9 @@ registration.close()
 """
 
 
-@pytest.fixture
-def folder(runtime):
-    return runtime / f"humanoid_sim-{os.getuid()}"
-
-
 def test_with_several_sessions_one_must_be_named(local):
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLED, "stay"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
+    command = [sys.executable, "-c", KILLED, "stay"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         other.stdout.readline()
         assert [info.process for info in running_sessions()] == sorted((os.getpid(), other.pid))
         with pytest.raises(SessionError, match="--session: is needed where several sessions run; running: session "):
@@ -42,8 +36,9 @@ def test_with_several_sessions_one_must_be_named(local):
         find_session(other.pid)
 
 
-def test_a_folder_that_others_may_enter_is_refused(folder):
-    folder.mkdir(mode=0o755)
+def test_a_folder_that_others_may_enter_is_refused(runtime):
+    folder = runtime / f"humanoid_sim-{os.getuid()}"
+    folder.mkdir()
     folder.chmod(0o755)
     with pytest.raises(InputError, match="only its user can enter"):
         Registration()

@@ -2,6 +2,7 @@ import pytest
 from fakes import FakeRobot, FakeSink, session
 
 from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.messages import EventKind
 from humanoid_sim.session import session as loop
 
 
@@ -19,18 +20,16 @@ def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated():
 def test_a_robot_that_does_not_confirm_its_end_makes_the_run_a_failure():
     class Unconfirmed(FakeRobot):
         def close(self):
-            super().close()
             raise RobotError("left: not known to be off")
 
     sink = FakeSink()
     summary = session(Unconfirmed(), duration=0.1, sinks=[sink]).run()
     assert summary.failures == ("robot: left: not known to be off",)
-    assert sink.events[-1] == "failed to close the robot: left: not known to be off"
+    assert sink.events[-1] == ("failed to close the robot: left: not known to be off", EventKind.FAILURE)
 
 
 def test_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch):
     slept = []
     monkeypatch.setattr(loop, "sleep", slept.append)
-    sink = FakeSink(waiting=[5000, 4000, 2001, 2000])
-    session(FakeRobot(), duration=0.02, sinks=[sink]).run()
+    session(FakeRobot(), duration=0.02, sinks=[FakeSink(waiting=[5000, 4000, 2001, 2000])]).run()
     assert slept == [0.001] * 3

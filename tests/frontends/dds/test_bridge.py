@@ -202,7 +202,7 @@ def test_a_fault_that_lasts_for_a_moment_damps(robot):
 
 def test_each_source_is_latched_and_what_the_session_publishes_does_not_come_back(robot):
     bad = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1", "frames of 3 bytes")
-    robot.local.safety = (SafetyStatus(source="can0"), bad)
+    robot.local.robot.safety = (SafetyStatus(source="can0"), bad)
     until(lambda: robot.levels().get("can1") == 1, "the status")
     reader, received = robot.client.reader(SAFETY, depth=10), {}
 
@@ -212,6 +212,6 @@ def test_each_source_is_latched_and_what_the_session_publishes_does_not_come_bac
 
     until(lambda: both(1), "one status of each source")
     assert (received["can0"], received["can1"]) == ((0, 0, ""), (1, 32, "frames of 3 bytes"))
-    robot.local.safety = (SafetyStatus(source="can0"),)
+    robot.local.robot.safety = (SafetyStatus(source="can0"),)
     until(lambda: both(0), "the end of can1's")
     assert "can1" not in robot.levels()
