@@ -84,7 +84,7 @@ def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck):
     result = session(FakeRobot(), duration=60.0, sinks=[stuck, other]).run()  # longer than the backlog of a run
     assert len(other.records) == result.ticks > 2000
     assert str(stuck.error) == "did not finish within 0.2 s"
-    assert stuck.calls == []
+    assert not {0, "close"} & set(stuck.calls)
 
 
 def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck):
