@@ -16,8 +16,7 @@ Intent: TypeAlias = Literal[
     "damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate", "policy"
 ]
 WORDS: tuple[Intent, ...] = get_args(Intent)
-_TIMEOUT = 2.0  # s
-_REACTIVATE_TIMEOUT = 30.0  # s; a bus may have many motors, each of which is identified
+_TIMEOUT, _REACTIVATE_TIMEOUT = 2.0, 30.0  # s; a bus may have many motors, each of which is identified
 
 
 @dataclass(frozen=True)

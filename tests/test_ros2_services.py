@@ -31,14 +31,8 @@ def told(local, word, process=None, **options):
 
 
 def test_the_names_are_those_of_the_original():
-    assert SERVICES == {
-        "/humanoid_control/mode/damp": "damp",
-        "/humanoid_control/mode/load_a": "load_a",
-        "/humanoid_control/mode/load_b": "load_b",
-        "/humanoid_control/mode/start_remote": "start_remote",
-        "/humanoid_control/mode/start_locomotion": "start_locomotion",
-        "/humanoid_control/mode/quit": "quit",
-    }
+    words = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
+    assert {f"/humanoid_control/mode/{word}": word for word in words} == SERVICES
 
 
 def test_the_answer_is_that_of_the_fsm(local):
