@@ -1,7 +1,4 @@
-"""Checks of a contract against a robot, without running it: names, ranges, gains, torques, and evidence at hand.
-
-Each yields findings, one for all the joints that it concerns; `contract_findings` runs all.
-"""
+"""Checks of a contract against a robot, without running it; each finding is one line for all joints it concerns."""
 
 from __future__ import annotations
 
@@ -70,9 +67,6 @@ def _agree(values: FloatArray, expected: FloatArray) -> BoolArray:
     return np.abs(values - expected) <= rounding(values) + _CLOSE * np.abs(expected)
 
 
-# --- what the robot has ---
-
-
 def _name_findings(contract: PolicyContract, description: RobotDescription, model: mujoco.MjModel) -> Iterator[Finding]:
     robot = f"'{description.name}'"
     lacking = [name for name in description.joint_names if name not in contract.joint_names]
@@ -83,22 +77,19 @@ def _name_findings(contract: PolicyContract, description: RobotDescription, mode
     if lacking:
         yield Finding("error", "joint_names", f"have to be the robot's, the policy lacks {list_joints(lacking)}")
     if contract.source.get("joint_names", "").endswith("and the robot"):
-        message = (
-            f"are those of {robot}, by their places: any robot with as many would do; x.contract.yaml can name them"
-        )
-        yield Finding("warning", "joint_names", message)
+        message = f"are those of {robot}, by their places: any robot with as many would do"
+        yield Finding("warning", "joint_names", f"{message}; x.contract.yaml can name them")
     bodies = [model.body(i).name for i in range(1, model.nbody)]
     sites = [BASE, IMU, *(model.site(i).name for i in range(model.nsite) if model.site(i).name)]
     needed = [("body_names", name, bodies) for name in contract.body_names]
     needed += [("anchor_body", contract.anchor_body, bodies)] if contract.anchor_body else []
     for term in contract.terms:
-        if term.scan is not None:
-            needed.append((f"observation term {term.name}", term.scan.at, [*sites, *bodies]))
-        elif "at" in contract.kind(term).conventions:
-            needed.append((f"observation term {term.name}", term.at, sites))
+        field = f"observation term {term.name}"
+        needed += [(field, term.scan.at, [*sites, *bodies])] if term.scan is not None else []
+        needed += [(field, term.at, sites)] if "at" in contract.kind(term).conventions else []
     for field, name, known in needed:
         if name not in known:
-            yield Finding("error", field, f"{known_names(f'body or site of {robot}', name, known)}")
+            yield Finding("error", field, known_names(f"body or site of {robot}", name, known))
 
 
 def motor_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
@@ -121,8 +112,7 @@ def _pose_findings(contract: PolicyContract, description: RobotDescription) -> I
     names, pose = contract.joint_names, contract.default_joint_pos
     lower, upper = (_of_robot(description, names, end) for end in ("lower", "upper"))
     far = (pose < lower - _ANGLE) | (pose > upper + _ANGLE)
-    in_degrees = (np.abs(pose) > np.pi) & (np.deg2rad(pose) >= lower) & (np.deg2rad(pose) <= upper)
-    message = f"is beyond the range, rad, of {{}}{'; is it in degrees?' if in_degrees[far].all() else ''}"
+    message = f"is beyond the range, rad, of {{}}{'; is it in degrees?' if (np.abs(pose[far]) > np.pi).all() else ''}"
     text = "{:g}, range {:.4g} to {:.4g}"
     yield from _on("error", "default_joint_pos", message, names, far, text, pose, lower, upper)
 
@@ -133,23 +123,19 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     robot = _of_robot(description, names, "effort_limit")
     trained = np.full(len(names), np.inf) if contract.effort_limit is None else contract.effort_limit
     unlimited, weaker = (robot == np.inf) & (trained == np.inf), (robot < trained) & (trained < np.inf)
-    where = f"no torque limit, in the contract or in '{description.name}', for {{}}: a simulation applies any torque"
-    yield from _on("warning", field, where, names, unlimited)
-    less = "the robot allows less, N·m, which counts, for {}"
-    yield from _on("warning", field, less, names, weaker, "{:g}, robot {:g}", trained, robot)
+    message = f"no torque limit, in the contract or in '{description.name}', for {{}}: a simulation applies any torque"
+    yield from _on("warning", field, message, names, unlimited)
+    message = "the robot allows less, N·m, which counts, for {}"
+    yield from _on("warning", field, message, names, weaker, "{:g}, robot {:g}", trained, robot)
 
 
 def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
     """Joints that the robot's model damps as well, N·m·s/rad by joint, where nobody decides whether both act."""
     joints, damping = contract.joint_names, contract.joint_damping
     model = np.array([own.get(name, 0.0) for name in joints])
-    if contract.model_joint_damping == "undecided":
-        both, text = (damping > 0.0) & (model > 0.0), "{:g} + {:g}"
-        message = "the contract's K_d and the model's own damping both act: keep or drop in x.contract.yaml: {}"
-        yield from _on("warning", "model_joint_damping", message, joints, both, text, damping, model)
-
-
-# --- values that are hardly meant ---
+    both = (damping > 0.0) & (model > 0.0) & (contract.model_joint_damping == "undecided")
+    message = "the contract's K_d and the model's own damping both act: keep or drop in x.contract.yaml: {}"
+    yield from _on("warning", "model_joint_damping", message, joints, both, "{:g} + {:g}", damping, model)
 
 
 def suspicious_findings(contract: PolicyContract, own_damping: Collection[str] = ()) -> Iterator[Finding]:
@@ -169,23 +155,23 @@ def suspicious_findings(contract: PolicyContract, own_damping: Collection[str] =
 def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
     for term in contract.terms:
         kind, field = contract.kind(term), f"observation term {term.name}"
-        if kind.name == "motion_anchor_ori":
-            if hardware:
-                yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
-        elif kind.estimate:
+        if hardware and kind.name == "motion_anchor_ori":
+            yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
+        elif kind.estimate and kind.name != "motion_anchor_ori":
             message = f"needs {kind.estimate}, which a simulation knows and a robot has to estimate"
             remark = "; there is no estimator" if hardware else ""
             yield Finding("error" if hardware else "info", field, f"{message}{remark}")
 
 
-# --- evidence at hand ---
+def _magnitudes(contract: PolicyContract, field: str) -> dict[str, float]:
+    names = contract.action_joint_names if field == "action_scale" else contract.joint_names
+    values = getattr(contract, field)
+    return {} if values is None else dict(zip(names, np.abs(values).tolist(), strict=True))
 
 
 def _symmetry_findings(contract: PolicyContract) -> Iterator[Finding]:
     for field in ("joint_stiffness", "joint_damping", "effort_limit", "default_joint_pos", "action_scale"):
-        names = contract.action_joint_names if field == "action_scale" else contract.joint_names
-        values = getattr(contract, field)
-        size = {} if values is None else dict(zip(names, np.abs(values).tolist(), strict=True))
+        size = _magnitudes(contract, field)
         far, relative = (_POSE, 0.0) if field == "default_joint_pos" else (0.0, _CLOSE)
         found = {
             left: f"{size[left]:g}, {right} {size[right]:g}"
@@ -251,13 +237,12 @@ def _outliers(
 
 def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:
     for field in ("action_scale", "joint_stiffness", "joint_damping"):
-        names = contract.action_joint_names if field == "action_scale" else contract.joint_names
-        values: FloatArray = np.abs(getattr(contract, field))
-        is_cut = (np.round(values, 3) == values).all() and (np.round(values, 2) != values).any()
+        sizes = {name: size for name, size in _magnitudes(contract, field).items() if size > 0.0}
+        is_cut = all(round(x, 3) == x for x in sizes.values()) and any(round(x, 2) != x for x in sizes.values())
         if is_cut and "metadata" in contract.source.get(field, ""):
-            smallest = int(np.argmin(np.where(values > 0.0, values, np.inf)))
-            share = 0.5e-3 / float(values[smallest])
+            smallest = min(sizes, key=sizes.__getitem__)
+            share = 0.5e-3 / sizes[smallest]
             if share > _LOST[0]:
-                message = f"{field} was cut at 3 decimals: off by up to {100.0 * share:.2g} % ({names[smallest]})"
+                message = f"{field} was cut at 3 decimals: off by up to {100.0 * share:.2g} % ({smallest})"
                 severity: Severity = "error" if share > _LOST[1] else "warning"
                 yield Finding(severity, "rounding", f"{message}; x.contract.yaml can hold all")

@@ -23,10 +23,9 @@ _OPSET = 17  # runtimes from 2022 on read it
 
 
 def export_policy(network: Any, contract: PolicyContract, output: str | os.PathLike[str]) -> Path:
-    """Write a network as ONNX with its contract as metadata, and return the file's path.
+    """Write a `torch.nn.Module` from observations (B, N) to raw actions (B, m) as ONNX, and return the file's path.
 
-    `network`: `torch.nn.Module` from observations (B, N), as the contract lists them, to raw actions (B, m); what
-    normalises observations in training belongs into it. Raises `InputError` if its widths are not the contract's.
+    What normalises observations in training belongs into it.
     """
     with needing("torch", "rl", "humanoid_sim.policy.export"):
         import torch  # noqa: PLC0415 - only training has it
@@ -45,7 +44,6 @@ def export_policy(network: Any, contract: PolicyContract, output: str | os.PathL
             dynamo=False,
         )
     model = onnx.load_from_string(graph.getvalue())
-    model.graph.name, model.producer_name = path.stem, "humanoid_sim"
     contract = replace(contract, tensors=TensorNames())  # not those of the file that the contract was taken from
     onnx.helper.set_model_props(model, {**write_metadata(contract), STAMP_KEY: encode(contract)})
     with whole_file(path) as file:

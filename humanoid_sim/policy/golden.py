@@ -30,10 +30,7 @@ _VERSION = 1
 
 
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> Trace:
-    """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
-
-    Raises `InputError` with the first value that differs. `motion`: what the run followed, beside the model.
-    """
+    """Return samples of a trainer's run, which followed `motion`, after every step has been computed again."""
     loaded = checkpoint.with_motion(motion)
     with blaming(checkpoint.source, (FieldError, ValueError)):
         memories = _verify(loaded, trace)
@@ -49,8 +46,7 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
         arrays["history"] = np.stack([none if memory.history is None else memory.history for memory in kept])
     reference = loaded.reference
     if checkpoint.motion is None:
-        rows = reference.clamp(arrays["frame"])
-        arrays |= {REFERENCE + name: np.asarray(table[rows]) for name, table in reference.terms.items()}
+        arrays |= {REFERENCE + name: reference.term(name, arrays["frame"]) for name in reference.terms}
     return replace(trace, arrays=arrays, frame_count=reference.frame_count)
 
 
@@ -116,9 +112,6 @@ def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: S
             f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
             f"here than where it was trained"
         )
-
-
-# --- as one line of JSON ---
 
 
 def encode_samples(samples: Trace) -> str:

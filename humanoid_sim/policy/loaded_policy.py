@@ -100,10 +100,7 @@ def _reference(contract: PolicyContract, motion: Motion | None, motion_source: s
 
 
 def contract_layout(contract: PolicyContract) -> ObservationLayout:
-    """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
-
-    Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
-    """
+    """Return the observation in the policy's own joint order, whatever motion there is; `FieldError` for a bad term."""
     joints, bodies = len(contract.joint_names), len(contract.body_names)
     widths = {
         **{"reference_joint_pos": joints, "reference_joint_vel": joints, "anchor_pos": 3, "anchor_quat": 4},

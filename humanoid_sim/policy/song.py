@@ -14,7 +14,6 @@ import numpy as np
 from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
-from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
@@ -36,9 +35,9 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Song:
-    """Notes that a robot can play, in order of their start, and those that are left out."""
+    """What a robot can play of a song."""
 
-    notes: tuple[Note, ...]
+    notes: tuple[Note, ...]  # in order of their start
     left_out: tuple[Note, ...]
 
     @property
@@ -54,10 +53,7 @@ def key_name(key: int) -> str:
 
 
 def load_song(name: str, robot: RobotDescription, folder: Path = Path(), what: str = "--song") -> Song:
-    """Return what a robot can play of a sample song, or of a MIDI file in `folder`.
-
-    Raises `InputError`, which begins with `what` where there is no such song, or no note is within the robot's reach.
-    """
+    """Return what a robot can play of a sample song, or of a MIDI file in `folder`; `what` begins a refusal."""
     is_beside = name not in sample_songs() and os.path.isfile(folder / name)
     song = playable(read_notes(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
@@ -96,7 +92,7 @@ def _notes(messages: Iterable[Any]) -> list[Note]:
 
 
 def playable(notes: Iterable[Note], robot: RobotDescription) -> Song:
-    """Return what a robot can play: keys in its reach, and no more at a time than it has fingers, the highest first.
+    """Return the notes in a robot's reach, and no more at a time than it has fingers, the highest first.
 
     The song begins late enough for the hands to come over the keys. A robot without a piano reaches all keys.
     """
@@ -114,21 +110,12 @@ def playable(notes: Iterable[Note], robot: RobotDescription) -> Song:
 
 
 def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:
-    """Return the goals of a song as a motion, one row per policy step of `policy_dt` (s)."""
-    return Motion(goals(song.notes, policy_dt), (), policy_dt, task_type="piano", robot=robot.name)
-
-
-def goals(notes: Collection[Note], policy_dt: float) -> Float32Array:
-    """Return the keys to be held down, shape (F, 88), 0 or 1, a row every `policy_dt` s; the last row is all released.
-
-    A note lasts for at least one step. Before the same key is struck again it is released: a key that stays down cannot
-    sound again.
-    """
-    seconds = max(note.end for note in notes)
+    """Return the keys to be held down, (F, 88), 0 or 1, a row every `policy_dt` s; in the last row all are released."""
+    seconds = max(note.end for note in song.notes)
     table = np.zeros((round(seconds / policy_dt) + 1, KEY_COUNT), dtype=np.float32)
     gap = max(round(_GAP / policy_dt), 1)
-    for note in notes:
+    for note in song.notes:
         first = round(note.start / policy_dt)
-        table[max(first - gap, 0) : first, note.key] = 0.0
+        table[max(first - gap, 0) : first, note.key] = 0.0  # a key that stays down cannot sound again
         table[first : max(round(note.end / policy_dt), first + 1), note.key] = 1.0
-    return table
+    return Motion(table, (), policy_dt, task_type="piano", robot=robot.name)

@@ -17,11 +17,9 @@ from humanoid_sim.cli import parse
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
 
+_CONTRACT = "A contract.yaml with what the checkpoint does not say. Default: the one beside it."
 _Checkpoint = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="ONNX file, or a shipped policy.")]
-_Contract = Annotated[
-    Path | None,
-    tyro.conf.arg(help="A contract.yaml with what the checkpoint does not say. Default: the one beside it."),
-]
+_Contract = Annotated[Path | None, tyro.conf.arg(help=_CONTRACT)]
 
 
 @dataclass(frozen=True)
@@ -68,29 +66,21 @@ class Stamp:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy` with command-line arguments; returns the exit status."""
-    command: Show | Check | Stamp | DoctorConfig = parse(
-        Show | Check | Stamp | Annotated[DoctorConfig, tyro.conf.subcommand("doctor")], "policy", arguments
-    )
+    commands = Show | Check | Stamp | Annotated[DoctorConfig, tyro.conf.subcommand("doctor")]
+    command: Show | Check | Stamp | DoctorConfig = parse(commands, "policy", arguments)
     command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
-    # Heavy modules: what does not run is not imported.
+    # Heavy modules, which `--help` does without.
+    from humanoid_sim.doctor.report import doctor  # noqa: PLC0415
     from humanoid_sim.policy.onnx_policy import check_file, has_onnxruntime  # noqa: PLC0415
+    from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
+    from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
+    from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
 
     check_file(command.checkpoint)
     if not has_onnxruntime():
         raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
-    match command:
-        case Show():
-            from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
-
-            return show(command)
-        case Check():
-            from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
-
-            return check(command)
-        case Stamp():
-            from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
-
-            return stamp_copy(command)
-    from humanoid_sim.doctor.report import doctor  # noqa: PLC0415
-
-    return doctor(command)
+    if isinstance(command, Show):
+        return show(command)
+    if isinstance(command, Check):
+        return check(command)
+    return stamp_copy(command) if isinstance(command, Stamp) else doctor(command)

@@ -29,9 +29,15 @@ from humanoid_sim.simulation.sensing import Sensors
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and print what its golden vectors are worth."""
-    robot = None if options.robot is None else load_robot(options.robot)
-    files = {"contract_file": options.contract, "trace": options.trace, "motion": options.motion}
-    samples = stamp(options.checkpoint, options.output, description=robot, overwrite=options.overwrite, **files)
+    samples = stamp(
+        options.checkpoint,
+        options.output,
+        contract_file=options.contract,
+        description=None if options.robot is None else load_robot(options.robot),
+        trace=options.trace,
+        motion=options.motion,
+        overwrite=options.overwrite,
+    )
     label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
     make_console().print(escape(f"{options.output}: contract inside; golden vectors: {label}"), soft_wrap=True)
     return 0
@@ -47,11 +53,9 @@ def stamp(
     motion: Path | None = None,
     overwrite: bool = False,
 ) -> Trace | None:
-    """Stamp a copy of a checkpoint, and return its samples, None without any.
+    """Stamp a copy of a checkpoint, and return its samples: of the trainer's run in `trace`, or those that it has.
 
-    The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
-    the trainer's run in `trace`, which followed `motion`, or else those that the checkpoint has already. It is loaded
-    before a file takes the name `output`. `description`: for joints named by place, and what follows from `qpos`.
+    `motion` is what that run followed; `description` is for joints named by place, and what follows from `qpos`.
     """
     output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names
@@ -90,11 +94,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
 
 
 def body_reader(description: RobotDescription, contract: PolicyContract) -> BodyReader:
-    """Return a reader of this robot's traces: IMU, anchor body, velocities and ground as the policy observes them.
-
-    The ground is what the robot's MJCF brings, or a level floor. Raises `InputError` if the robot's model lacks the
-    anchor body, a site, or the middle of the scan.
-    """
+    """Return a reader of this robot's traces: IMU, anchor body, velocities and ground as the policy observes them."""
     scan = contract.height_scan
     config = SimConfig(anchor_body=contract.anchor_body, velocity_at=contract.velocity_points, height_scan=scan)
     model = build_model(description, scene=False if scan is None else "floor", sensors=config)

@@ -24,16 +24,15 @@ def check(motion: SourceMotion, skeleton: Skeleton) -> list[str]:
 
     Its joints are in the robot's order, its bodies in the base frame.
     """
-    lines: list[str] = []
+    about_joints = [] if motion.joints is None else _check_joints(motion, motion.joints, skeleton)
     if motion.bodies is not None:
-        lines.append(_check_bodies(motion, motion.bodies, skeleton))
-    elif motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
+        return [_check_bodies(motion, motion.bodies, skeleton), *about_joints]
+    if motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
         raise InputError(f"{motion.source}: its base is upside down most of the time; are --quaternions right?")
-    if motion.joints is not None:
-        lines += _check_joints(motion, motion.joints, skeleton)
-    if motion.bodies is None:
-        lines.append("note: without body poses nothing confirms the meaning of its columns but the joints' limits")
-    return lines
+    return [
+        *about_joints,
+        "note: without body poses nothing confirms the meaning of its columns but the joints' limits",
+    ]
 
 
 def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton) -> str:
@@ -55,10 +54,8 @@ def _check_bodies(motion: SourceMotion, bodies: FloatArray, skeleton: Skeleton) 
     text = f"body '{names[body]}' is {error} from where {method} puts it in frame {step * i}"
     if excess[i, body] > 1.0:
         off = int((excess.max(axis=0) > 1.0).sum())
-        raise InputError(
-            f"{motion.source}: {text}; {off} of {len(names)} bodies are off; is it this robot's motion, and are "
-            "--joint-order, --body-order, --quaternions and --degrees right?"
-        )
+        right = "is it this robot's motion, and are --joint-order, --body-order, --quaternions and --degrees right?"
+        raise InputError(f"{motion.source}: {text}; {off} of {len(names)} bodies are off; {right}")
     return f"{len(names)} bodies fit: at most, {text}"
 
 

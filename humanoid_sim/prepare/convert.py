@@ -71,10 +71,9 @@ class Skeleton:
 def interpret(
     source: SourceMotion, skeleton: Skeleton, options: PrepareOptions
 ) -> tuple[SourceMotion, tuple[str, ...]]:
-    """Return the motion as the robot has it, and the options that were assumed.
+    """Return the motion in the robot's order, w x y z, bodies in the base frame, and the options that were assumed.
 
-    Joints are in the robot's order; quaternions w x y z; bodies in the base frame. The pose of the base is that of its
-    body where the motion has it. Raises `InputError` where something is not known, or fits no body or joint.
+    Raises `InputError` where something is not known, or fits no body or joint.
     """
     assumed: list[str] = []
 
@@ -91,7 +90,7 @@ def interpret(
     if source.joints is not None:
         own = None if source.joint_names is None else ",".join(source.joint_names)
         order = settle("--joint-order", own, options.joint_order, "contract")
-        names = _named(source, "joint", order, skeleton.joint_orders, source.joints.shape[1], skeleton.joints)
+        names = _named(source.source, "joint", order, skeleton.joint_orders, source.joints.shape[1])
         require_known("joint", skeleton.joints, names, f"{source.source}: ")
         columns = [names.index(joint) for joint in skeleton.joints]
         unit = math.radians(1.0) if options.degrees else 1.0
@@ -102,7 +101,7 @@ def interpret(
         own = None if source.body_names is None else ",".join(source.body_names)
         usual = "contract" if count == len(skeleton.body_orders["contract"]) else "mjcf"
         order = settle("--body-order", own, options.body_order, usual)
-        bodies = _named(source, "body", order, skeleton.body_orders, count, skeleton.bodies)
+        bodies = _named(source.source, "body", order, skeleton.body_orders, count)
     for name in ("base", "bodies"):
         pose = source.arrays().get(name)
         if pose is not None:
@@ -114,19 +113,13 @@ def interpret(
     return _in_base_frame(motion, skeleton, bodies), tuple(dict.fromkeys(assumed))
 
 
-def _named(
-    source: SourceMotion,
-    what: str,
-    order: str,
-    orders: Mapping[str, tuple[str, ...]],
-    count: int,
-    known: tuple[str, ...],
-) -> tuple[str, ...]:
+def _named(source: str, what: str, order: str, orders: Mapping[str, tuple[str, ...]], count: int) -> tuple[str, ...]:
+    """Return the names in an order, which are some of the robot's own in `mjcf` order."""
     names = orders.get(order) or tuple(name.strip() for name in order.split(","))
     if len(names) != count:
-        found = f"--{what}-order: {order} has {len(names)} names, and {source.source} {count} columns"
+        found = f"--{what}-order: {order} has {len(names)} names, and {source} {count} columns"
         raise InputError(f"{found}; expected {', '.join(orders)}, or names with commas")
-    require_known(what, names, known, f"{source.source}: ")
+    require_known(what, names, orders["mjcf"], f"{source}: ")
     return names
 
 
@@ -152,11 +145,7 @@ def _in_base_frame(motion: SourceMotion, skeleton: Skeleton, names: tuple[str, .
 
 
 def at_rate(motion: SourceMotion, policy_dt: float, *, resample: bool) -> SourceMotion:
-    """Return the motion with a frame every `policy_dt` s, from its first frame to at most its last.
-
-    Positions are interpolated linearly, orientations along the shortest arc. Raises `InputError` if the frames do not
-    come at this rate, and `resample` is False.
-    """
+    """Return the motion with a frame every `policy_dt` s; one of another rate is interpolated, or refused."""
     times = motion.times - motion.times[0]
     if np.abs(times - policy_dt * np.arange(len(times))).max() <= _OFF_RATE * policy_dt:
         return motion
@@ -186,8 +175,10 @@ def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) 
     own, bodies, joints = motion.body_names or (), motion.bodies, motion.joints
     if bodies is not None and set(names) <= set(own):
         bodies = bodies[:, [own.index(name) for name in names]]
+    elif joints is not None:
+        bodies = skeleton.poses(joints, names)
     else:
-        bodies = None if joints is None else skeleton.poses(joints, names)
+        bodies = None
     in_base_frame = contract.requires("body_names")
     if bodies is None or (joints is None and not in_base_frame):
         raise InputError(f"{motion.source}: lacks joint positions, or bodies of {', '.join(names)}, which are needed")

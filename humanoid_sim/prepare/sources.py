@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from humanoid_sim.controllers.contract import QuaternionOrder
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.errors import InputError, blaming, needing, reason_of, require_known
+from humanoid_sim.errors import InputError, blaming, needing, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.ros2.cdr import CdrError, decode
+from humanoid_sim.ros2.cdr import decode
 from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
@@ -35,11 +34,7 @@ _ROLES = ("joint_pos", "joint_vel", *_WIDTHS)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SourceMotion:
-    """One episode of F frames. What the source does not hold, or does not say, is None.
-
-    A pose is a position in m, followed by a unit quaternion in `quaternion_order`. Raises `InputError` for values that
-    no motion has.
-    """
+    """One episode of F frames; a pose is a position, m, and a unit quaternion. What the source does not say is None."""
 
     source: str
     times: FloatArray  # shape (F,), s
@@ -61,15 +56,13 @@ class SourceMotion:
                 raise InputError(f"{self.source}: {name} has quaternions of norm {norm.min():.3g} to {norm.max():.3g}")
         steps = np.diff(self.times, append=self.times[-1] + 1e-3)
         if steps.min() <= 0.0 or steps.max() > max(_LONGEST_GAP, 3.0 * float(np.median(steps))):
-            span = f"{steps.min():.3g} to {steps.max():.3g} s"
-            raise InputError(
-                f"{self.source}: from frame to frame are {span}, expected times that increase without gaps"
-            )
+            span = f"from frame to frame are {steps.min():.3g} to {steps.max():.3g} s"
+            raise InputError(f"{self.source}: {span}, expected times that increase without gaps")
 
     def arrays(self) -> dict[str, FloatArray]:
         """Return what the source holds, by field; each of F rows."""
-        fields = ("joints", "joint_velocity", "base", "bodies")
-        return {field: getattr(self, field) for field in fields if getattr(self, field) is not None}
+        held = {field: getattr(self, field) for field in ("joints", "joint_velocity", "base", "bodies")}
+        return {field: array for field, array in held.items() if array is not None}
 
     @property
     def rate(self) -> float:
@@ -80,15 +73,13 @@ class SourceMotion:
 
 def derivative(joints: FloatArray, times: FloatArray) -> FloatArray:
     """Return the central differences of (F, n), one-sided at the ends; zeros of a single frame."""
-    rate: FloatArray = np.gradient(joints, times, axis=0) if len(times) > 1 else np.zeros_like(joints)
-    return rate
+    return np.asarray(np.gradient(joints, times, axis=0) if len(times) > 1 else np.zeros_like(joints))
 
 
 def _even_times(count: int, fps: float, source: str) -> FloatArray:
     if not 0.0 < fps < np.inf:
         raise InputError(f"{source}: fps is {fps:g}, expected a positive number of frames per second")
-    times: FloatArray = np.arange(count) / fps
-    return times
+    return np.asarray(np.arange(count) / fps)
 
 
 def _joint_of(column: str, joints: tuple[str, ...]) -> str | None:
@@ -120,11 +111,7 @@ def read_npz(path: Path) -> SourceMotion:
 
 
 def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMotion:
-    """Read a table with a frame in each line.
-
-    With column names: `time` in s, `base_x … base_qz`, and each joint by its name, in any order. Numbers alone: base
-    position, base quaternion and joint positions, as LAFAN1 for the G1, or joint positions.
-    """
+    """Read a table with a frame a line: with column names in any order, or as LAFAN1's for the G1, base and joints."""
     with blaming(f"{path}: is not a table of numbers", (OSError, ValueError)):
         text = regular_file(path, "a .csv file").read_text(encoding="utf-8-sig")
         lines = [line for line in text.splitlines() if line.strip()]
@@ -154,14 +141,12 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
 
 
 def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
-    """Read `sensor_msgs/msg/JointState` of one topic, from an MCAP file or a folder that rosbag2 wrote.
-
-    Times are the headers', or the recorder's where they have none. Messages without a joint of the robot are left out.
-    """
+    """Read `sensor_msgs/msg/JointState` with joints of the robot, from an MCAP file or a folder that rosbag2 wrote."""
     found: dict[str, list[tuple[float, list[float]]]] = {}
-    with blaming(f"{path}: cannot be read as a recording (.mcap)", (OSError, McapError, CdrError, EOFError)):
-        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            with regular_file(file, "an MCAP file", None).open("rb") as stream:
+    files = [regular_file(file, "an MCAP file", None) for file in (sorted(path.glob("*.mcap")) or [path])]
+    with blaming(f"{path}: cannot be read as a recording (.mcap)", Exception):  # the library raises whatever it meets
+        for file in files:
+            with file.open("rb") as stream:
                 for schema, channel, message in make_reader(stream).iter_messages():
                     if schema is None or schema.name != JOINT_STATE:
                         continue
@@ -171,7 +156,7 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
                     if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
                         continue
                     require_known("joint", joints, position, f"{path}: {channel.topic}: ")
-                    time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time
+                    time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
                     rows.append((time, [position[joint] for joint in joints]))
     filled = [rows for rows in found.values() if rows]
     if len(filled) != 1:
@@ -183,27 +168,21 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
     return SourceMotion(source=str(path), times=times, joints=positions, joint_names=joints)
 
 
-# --- LeRobot ---
-
-
 def dataset_folder(name: str) -> Path:
     """Return the folder of a dataset: a path, LeRobot's own copy of one on the hub, or fetched, without its videos."""
     if Path(name).is_dir():
         return Path(name)
     if name.count("/") != 1:
-        raise InputError(
-            f"--motion: is '{name}', expected an .npz, .csv or .mcap file, a folder, or user/name on the hub"
-        )
+        accepted = "an .npz, .csv or .mcap file, a folder, or user/name on the hub"
+        raise InputError(f"--motion: is '{name}', expected {accepted}")
     cache = os.environ.get("HF_HOME", "~/.cache/huggingface")
     kept = Path(os.environ.get("HF_LEROBOT_HOME", f"{cache}/lerobot")).expanduser() / name
     if (kept / "meta").is_dir():
         return kept
     with needing("huggingface_hub", "lerobot", f"fetching the dataset '{name}'"):
         from huggingface_hub import snapshot_download  # noqa: PLC0415 - optional
-    try:
+    with blaming(f"--motion: '{name}' cannot be fetched from the hub", Exception):  # of the network, or its own
         return Path(snapshot_download(name, repo_type="dataset", allow_patterns=["meta/*", "data/*"]))
-    except Exception as error:  # of the network, of the hub, or of the package's own
-        raise InputError(f"--motion: '{name}' cannot be fetched from the hub: {reason_of(error)[:200]}") from None
 
 
 def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> SourceMotion:

@@ -4,7 +4,7 @@ import mido
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.song import Note, goals, playable, read_notes
+from humanoid_sim.policy.song import Note, Song, playable, read_notes, song_motion
 from humanoid_sim.robots.description import load_robot
 
 Message, MetaMessage = mido.Message, mido.MetaMessage
@@ -62,8 +62,8 @@ def test_a_file_that_is_no_song_is_one_line(write, tmp_path):
 
 
 def test_a_key_is_released_before_it_is_struck_again():
-    notes = [Note(3, 0.0, 0.2), Note(3, 0.2, 0.4), Note(3, 0.4, 0.44)]
-    assert goals(notes, 0.04)[:, 3].tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1, 0]
+    song = Song((Note(3, 0.0, 0.2), Note(3, 0.2, 0.4), Note(3, 0.4, 0.44)), ())
+    assert song_motion(song, 0.04, load_robot("lite")).frames[:, 3].tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1, 0]
 
 
 def test_what_a_robot_can_play_begins_when_its_hands_are_there():
