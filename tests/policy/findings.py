@@ -5,9 +5,9 @@ from typing import Any
 from humanoid_sim.policy.findings import Finding
 
 
-def found(findings: Any, severity: str, field: str, words: str = "") -> Finding:
-    """The one finding of that kind whose message has these words."""
-    findings = tuple(findings)
-    hits = [f for f in findings if (f.severity, f.field) == (severity, field) and words in f.message]
-    assert len(hits) == 1, "\n".join(f"{f.severity} {f}" for f in findings)
+def found(findings: Any, line: str) -> Finding:
+    """The one finding of `severity field: words of its message`."""
+    start, _, words = line.partition(": ")
+    hits = [one for one in findings if f"{one.severity} {one.field}" == start and words in one.message]
+    assert len(hits) == 1, "\n".join(f"{one.severity} {one}" for one in findings)
     return hits[0]

@@ -71,16 +71,20 @@ def stated(made):
 
 
 @pytest.mark.parametrize("made", CONTRACTS)
-def test_a_stamp_keeps_every_bit(made):
+def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
     again = decode(encode(made), "here")
     assert encode(again) == encode(made)
     assert again.joint_stiffness.tobytes() == made.joint_stiffness.tobytes()
-    stamp = {STAMP_KEY: encode(replace(made, source={})), **write_metadata(made)}
+    metadata = write_metadata(made)
+    assert (tuple(metadata), len(metadata)) == (METADATA_KEYS, 13)
+    stamp = {STAMP_KEY: encode(replace(made, source={})), **metadata}
     assert stated(join(read_stamp(stamp, "here"), "here").contract) == stated(made)
 
+    values = join(read_own(metadata, "here"), "here").values
+    for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
+        assert np.broadcast_to(values[name], getattr(made, name).shape).tobytes() == getattr(made, name).tobytes()
+    assert (values["joint_names"], values["lookahead_steps"]) == (made.joint_names, made.lookahead_steps)
 
-@pytest.mark.parametrize("made", CONTRACTS)
-def test_contract_yaml_says_it_all(tmp_path, made):
     document = stated(made)
     if document["command_ranges"] is not None:
         axes = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
@@ -88,17 +92,6 @@ def test_contract_yaml_says_it_all(tmp_path, made):
     path = tmp_path / "contract.yaml"
     path.write_text(yaml.dump(document, sort_keys=False))
     assert stated(join([read_contract_file(path)], "here").contract) == stated(made)
-
-
-@pytest.mark.parametrize("made", CONTRACTS)
-def test_the_thirteen_keys_keep_every_bit_of_what_they_hold(made):
-    metadata = write_metadata(made)
-    assert tuple(metadata) == METADATA_KEYS
-    assert len(metadata) == 13
-    values = join(read_own(metadata, "here"), "here").values
-    for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
-        assert np.broadcast_to(values[name], getattr(made, name).shape).tobytes() == getattr(made, name).tobytes()
-    assert (values["joint_names"], values["lookahead_steps"]) == (made.joint_names, made.lookahead_steps)
 
 
 @pytest.mark.parametrize(

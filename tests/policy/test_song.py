@@ -48,11 +48,8 @@ def test_a_note_that_is_struck_again_ends_and_drums_are_left_out(write):
 
 
 def test_a_file_that_is_no_song_is_one_line(write, tmp_path):
-    frames = bytearray(write(struck(60, 1)).read_bytes())
-    frames[12:14] = b"\xe7\x28"
     for data, reason in {
         b"MThd\x00\x00": "is not a MIDI file that can be read: ",
-        bytes(frames): "expected type 0 or 1 with time in ticks",
         write([MetaMessage("track_name", name="a")]).read_bytes(): "has no notes",
         write(struck(60, 1), type=2).read_bytes(): "is of type 2",
     }.items():

@@ -6,6 +6,7 @@ Nothing here is shared with the package's observation code, so that agreement wi
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from models import finished, saved
 from onnx import TensorProto, helper, numpy_helper
@@ -147,11 +148,6 @@ def save_trace(path: Path, run: Run, **changes: np.ndarray | None) -> Path:
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
