@@ -17,9 +17,7 @@ from humanoid_sim.ros2.dds import domain
     [
         ({}, False),
         ({"gamepad": ()}, True),
-        ({"hardware": "virtual:a"}, False),
         ({"hardware": "udp_multicast:239.74.163.2"}, False),
-        ({"hardware": "virtual:a", "gamepad": ()}, True),
         ({"hardware": "can0"}, True),
         ({"hardware": "can0,can1", "no_gamepad": True}, False),
         ({"hardware": "can0", "dry_run": True}, False),

@@ -23,7 +23,6 @@ from unittest.mock import patch
 import viser
 import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
@@ -31,8 +30,13 @@ from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import blaming
 
 _VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"  # one file
-_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'none'"
-"""viser's page unpacks its own scripts. It reaches no other server."""
+_HEADERS = {
+    "Content-Type": "text/html; charset=utf-8",
+    # viser's page unpacks its own scripts. It reaches no other server.
+    "Content-Security-Policy": "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'none'",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+}
 _PERIOD = 0.1  # s between two messages to a page's overlay
 _BEAT_WITHIN = 0.5  # s without a heartbeat of the page after which what it commands ends
 _SEEN_WITHIN = 1.0  # s, largest age of what a page shows while it commands: two frames of a slow browser
@@ -54,12 +58,11 @@ class Gate:
         """Facts that overlays show, such as the newest tick's `stamp`; replaced as a whole."""
         self.damp: Callable[[], None] = lambda: None
         """Called on viser's thread."""
-        script = resources.files("humanoid_sim.frontends.console").joinpath("overlay.js").read_bytes()
-        self._page = _VISER_PAGE.read_bytes().replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
+        script = resources.files("humanoid_sim.frontends.console").joinpath("overlay.js").read_text("utf-8")
+        self._page = _VISER_PAGE.read_text("utf-8").replace("<head>", f"<head><script>{script}</script>", 1)
+        # By overlay: its latest heartbeat, and the newest tick that it showed then, ns.
         self._beats: dict[ServerConnection, tuple[int, int]] = {}
-        """By overlay: its latest heartbeat, and the newest tick that it showed then, ns."""
-        self._hand: ServerConnection | None = None
-        """Overlay of the page at which something was pressed last."""
+        self._hand: ServerConnection | None = None  # overlay of the page at which something was pressed last
 
     def serve(self) -> viser.ViserServer:
         """Start viser, which would open a port that any page of a local browser could reach, behind the gate."""
@@ -93,27 +96,19 @@ class Gate:
             return f"its page shows what is older than {_SEEN_WITHIN:g} s"
         return ""
 
-    def _answer(self, _: ServerConnection, request: Request) -> Response | None:
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request; None where a socket may open."""
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
-        kinds = ("console", "viser") if is_socket else ("",)
-        is_admitted = self._is_admitted(request, kinds, is_socket=is_socket)
-        if is_admitted and is_socket:
+        if not self._is_admitted(request, is_socket=is_socket):
+            return connection.respond(HTTPStatus.NOT_FOUND, "not found")
+        if is_socket:
             return None
-        status, body = (HTTPStatus.OK, self._page) if is_admitted else (HTTPStatus.NOT_FOUND, b"not found")
-        headers = Headers(
-            {
-                "Content-Type": "text/html; charset=utf-8",
-                "Content-Length": str(len(body)),
-                "Content-Security-Policy": _POLICY,
-                "Cache-Control": "no-store",
-                "Connection": "close",
-                "Referrer-Policy": "no-referrer",
-            }
-        )
-        return Response(status, status.phrase, headers, body)
+        response = connection.respond(HTTPStatus.OK, self._page)
+        del response.headers["Content-Type"]
+        response.headers.update(_HEADERS)
+        return response
 
-    def _is_admitted(self, request: Request, kinds: tuple[str, ...], *, is_socket: bool) -> bool:
+    def _is_admitted(self, request: Request, *, is_socket: bool) -> bool:
         origins = request.headers.get_all("Origin")
         if request.headers.get_all("Host") != [self.authority]:
             return False
@@ -121,7 +116,7 @@ class Gate:
             return False
         token, slash, kind = request.path.partition("?")[0].removeprefix("/").partition("/")
         is_known = secrets.compare_digest(token.encode(errors="replace"), self._token.encode())
-        return is_known and bool(slash) and kind in kinds
+        return is_known and bool(slash) and kind in (("console", "viser") if is_socket else ("",))
 
     async def _overlay(self, connection: ServerConnection) -> None:
         """Show facts at a page, and receive its presses, DAMP, and its heartbeats: the stamp of what it shows."""

@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import closing
 from http.client import HTTPConnection
 
 import pytest
@@ -28,14 +29,10 @@ def socket(gate, name="console", origin=None):
 
 
 def status(gate, path):
-    connection = HTTPConnection("127.0.0.1", int(gate.authority.rpartition(":")[2]))
-    connection.putrequest("GET", path, skip_host=True)
-    connection.putheader("Host", gate.authority)
-    connection.endheaders()
-    answer = connection.getresponse()
-    body = answer.read()
-    connection.close()
-    return answer.status, body
+    with closing(HTTPConnection(gate.authority)) as connection:
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
 
 
 def test_the_page_is_viser_s_with_the_overlay(gate):
