@@ -128,7 +128,7 @@ class Run:
         sources += [intents] if self.keyboard is None else [intents, self.keyboard]
         self.script = None
         if plan.steps is not None:
-            frames = {one.name: 0 if one.motion is None else len(one.motion.frames) for one in policies.choices}
+            frames = {choice.name: choice.motion_frames for choice in policies.choices}
             self.script = Script(plan.steps, frames, selection=selection, operators=sources)
         self.session = Session(
             setup.robot,
@@ -159,15 +159,16 @@ class Run:
         tracking = keys = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
             tracking = MotionErrors(plan.description, first.loaded)
-            if first.motion is not None and first.motion.task_type == "piano":
-                keys = PlayedKeys(first.motion.frames)
+            motion = first.loaded.motion
+            if motion is not None and motion.task_type == "piano":
+                keys = PlayedKeys(motion.frames)
             if is_drawn:
                 ghost = ReferenceGhost(plan.description, first.loaded.contract, first.loaded.reference)
         self.console = ConsoleSink(
             console,
             has_keys=plan.config.has_keys,
             walks=plan.policies.walks,
-            motion_frames=0 if first is None or first.motion is None else len(first.motion.frames),
+            motion_frames=0 if first is None else first.motion_frames,
             available=plan.supervisor.controllers,
         )
         self.recorder = None

@@ -61,7 +61,13 @@ class Plan:
         self.policies, self.description = choose_policies(config, load_robot(config.robot))
         description, contracts = self.description, self.policies.contracts
         self.control_period, moved = control_rate(config, description, contracts[0].policy_dt if contracts else None)
-        self.setup = self._robot(left)
+        self.setup: RobotSetup
+        if config.hardware is None:
+            self.setup = SimulatedSetup(description, self.control_period, contracts)
+        else:
+            from humanoid_sim.play.hardware_robot import HardwareSetup  # noqa: PLC0415 - python-can only where it is used
+
+            self.setup = HardwareSetup(config, description, self.control_period, left, contracts)
         self.external = self.policies.external_inputs(self.setup.live)
         """Name and width of the live inputs that come from other programs."""
         ranges = next((one.command_ranges for one in contracts if one.takes_velocity_command), None)
@@ -91,14 +97,6 @@ class Plan:
         """For an operator, one line each."""
         self.outputs = Outputs() if config.dry_run else choose_outputs(config)
         self.front_ends = () if config.dry_run else front_ends
-
-    def _robot(self, left: ExitStack) -> RobotSetup:
-        if self.config.hardware is None:
-            return SimulatedSetup(self.description, self.control_period, self.policies.contracts)
-        # python-can and pyserial only where they are used
-        from humanoid_sim.play.hardware_robot import HardwareSetup  # noqa: PLC0415
-
-        return HardwareSetup(self.config, self.description, self.control_period, left, self.policies.contracts)
 
 
 def refuse(config: PlayConfig) -> None:

@@ -34,15 +34,19 @@ class PolicyChoice:
 
     loaded: LoadedPolicy
     checkpoint: Checkpoint
-    motion: Motion | None
     motion_file: Path | None
-    warning: str = ""
-    notices: tuple[str, ...] = ()
+    warning: str
+    notices: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """Name by which it is selected: its file's, without .onnx."""
         return Path(self.checkpoint.source).stem
+
+    @property
+    def motion_frames(self) -> int:
+        """Frames of the motion; 0 without one."""
+        return 0 if self.loaded.motion is None else len(self.loaded.motion.frames)
 
     @property
     def label(self) -> str:
@@ -140,7 +144,7 @@ def _choose(config: PlayConfig, description: RobotDescription, name: str | None)
             warning = f"PLACEHOLDER POLICY: {path.name} does NOT run; the action is zero. Run: pip install onnxruntime"
     motion, motion_file, notices = _motion(config, checkpoint, description, is_shipped=is_shipped)
     loaded = checkpoint.with_motion(motion, str(motion_file))
-    return PolicyChoice(loaded, checkpoint, motion, motion_file, warning, (*_notices(checkpoint, warning), *notices))
+    return PolicyChoice(loaded, checkpoint, motion_file, warning, (*_notices(checkpoint, warning), *notices))
 
 
 def _notices(checkpoint: Checkpoint, warning: str) -> list[str]:

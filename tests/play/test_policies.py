@@ -46,7 +46,7 @@ def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch):
     monkeypatch.setattr(policies, "has_onnxruntime", lambda: False)
     choice = choose_policy(PlayConfig(), LITE)
     assert "lite_tracking.onnx does NOT run" in choice.warning
-    assert choice.motion is not None
+    assert choice.loaded.motion is not None
     width = choice.loaded.layout.width
     assert np.asarray(choice.loaded.policy(np.ones(width, dtype=np.float32), 3)).tolist() == [0.0] * 14
 
