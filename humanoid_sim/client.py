@@ -431,19 +431,18 @@ def ask_sessions(
     answers: queue.SimpleQueue[tuple[SessionInfo, Answer | SessionError]] = queue.SimpleQueue()
 
     def ask(session: SessionInfo) -> None:
+        answer: Answer | SessionError
         try:
             with Intake(session, producer) as intake:
-                answers.put((session, intake.ask(word, timeout, seen=seen)))
+                answer = intake.ask(word, timeout, seen=seen)
         except SessionError as error:
-            answers.put((session, error))
+            answer = error
+        answers.put((session, answer))
 
-    threads = [threading.Thread(target=ask, args=(session,)) for session in sessions]
-    for thread in threads:
-        thread.start()
-    for _ in threads:
+    for session in sessions:
+        threading.Thread(target=ask, args=(session,)).start()
+    for _ in sessions:
         yield answers.get()
-    for thread in threads:
-        thread.join()
 
 
 _SO_ATTACH_FILTER = 26

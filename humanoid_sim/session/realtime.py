@@ -72,7 +72,5 @@ def _locked_memory(undo: contextlib.ExitStack) -> str:
 
 
 def _may_lock_memory() -> bool:
-    for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
-        if line.startswith("CapEff:"):
-            return bool(int(line.split()[1], 16) >> _CAP_IPC_LOCK & 1)
-    return False
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines())
+    return bool(int(status["CapEff"], 16) >> _CAP_IPC_LOCK & 1)

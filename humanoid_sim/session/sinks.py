@@ -56,30 +56,26 @@ class SinkGroup:
             stack.callback(sink.close)
 
     def tick(self, record: TickRecord) -> None:
-        for sink in self._sinks:
-            try:
-                sink.tick(record)
-            except Exception as error:
-                self._drop(sink, error)
+        self._hand(lambda sink: sink.tick(record))
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
         event = Event(self._clock(), text, kind)
-        for sink in self._sinks:
-            try:
-                sink.event(event)
-            except Exception as error:
-                self._drop(sink, error)
+        self._hand(lambda sink: sink.event(event))
 
     def lags(self) -> bool:
         return any(sink.backlog > sink.backlog_limit for sink in self._sinks)
 
-    def _drop(self, sink: Sink, error: Exception) -> None:
-        if all(other is not sink for other in self._sinks):  # it failed once more at the news of another's failure
-            return
-        failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
-        self._sinks = tuple(other for other in self._sinks if other is not sink)
-        self.failures.append(failure)
-        self.event(f"left out from here on: {failure}", EventKind.FAILURE)
+    def _hand(self, call: Callable[[Sink], None]) -> None:
+        for sink in self._sinks:
+            try:
+                call(sink)
+            except Exception as error:
+                others = tuple(other for other in self._sinks if other is not sink)
+                if len(others) < len(self._sinks):  # else it failed once more, at the news of another's failure
+                    failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
+                    self._sinks = others
+                    self.failures.append(failure)
+                    self.event(f"left out from here on: {failure}", EventKind.FAILURE)
 
 
 class WorkerSink(Sink):

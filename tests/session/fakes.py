@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import rig
 
 from humanoid_sim.messages import Event, EventKind, Intent, SafetyStatus, SessionHeader, TickOutput, TickRecord
@@ -22,17 +21,18 @@ class FakeRobot:
     joints = rig.JOINTS
     log: list[str] = field(default_factory=list)
     on_activate: Callable[[], object] = lambda: None
-    writes: int = 0
+    time: float = 0.0
+    safety: tuple[SafetyStatus, ...] = ()
 
     def activate(self) -> None:
         self.log.append("activate")
         self.on_activate()
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        return rig.state(self.writes * rig.PERIOD, joint_velocity=np.zeros(3)), ()
+        return rig.state(self.time), self.safety
 
     def write(self, command: MITCommand) -> None:
-        self.writes += 1
+        self.time += rig.PERIOD
 
     def close(self) -> None:
         self.log.append("close robot")

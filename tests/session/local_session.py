@@ -1,5 +1,6 @@
 """A session of this process, registered in a folder of the test's own and driven tick by tick."""
 
+import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
@@ -7,10 +8,10 @@ from contextlib import ExitStack, closing, contextmanager
 
 import numpy as np
 import rig
+from fakes import FakeRobot, FakeSink, FakeSource
 
 from humanoid_sim.client import Intake, SessionInfo, find_session, monotonic_ns
-from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickRecord
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -19,42 +20,19 @@ from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource, PolicySelection, VelocityCommand
+from humanoid_sim.session.sources import PolicySelection, VelocityCommand
 
 HEADER = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": "{}"}, {"motion.mcap": b"motion"}, (("joint", 3),))
-
-
-class _Robot(IntentSource, Sink):
-    """Stands still; also a source of intents, and the sink that keeps the latest tick."""
-
-    joints = rig.JOINTS
-    intents: tuple[Intent, ...] = ()
-    safety: tuple[SafetyStatus, ...] = ()
-    time = 10.0
-    record: TickRecord
-    sent = 0
-
-    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        return rig.state(self.time), self.safety
-
-    def write(self, command: MITCommand) -> None:
-        return
-
-    def poll(self, time: float, output: TickOutput | None) -> tuple[Intent, ...]:
-        return self.intents
-
-    def tick(self, record: TickRecord) -> None:
-        self.record, self.sent = record, monotonic_ns()
 
 
 class LocalSession:
     """All but what `play` puts around a session."""
 
-    def __init__(self, takes: Mapping[str, int] | None = None, timeouts: Mapping[str, float] | None = None) -> None:
-        """Take live inputs from outside, by default `keys`; `timeouts`, s, of those that state one."""
-        self.takes = {"keys": 2} if takes is None else takes
-        self.robot, self.told, self.stack = _Robot(), list[str](), ExitStack()
+    def __init__(self, takes: Mapping[str, int] | None = None) -> None:
+        """Take live inputs from outside, by default `keys`, and `pose`, which does not grow old."""
+        takes = {"keys": 2, "pose": 1} if takes is None else takes
+        self.robot, self.told, self.stack = FakeRobot(time=10.0), list[str](), ExitStack()
+        self._source, self._sink, self.sent = FakeSource(), FakeSink(on_tick=self._note), 0
         self.registration = self.stack.enter_context(closing(Registration()))
         folder, tell = self.registration.path, self.told.append
         outside, selection, self.velocity = OutsideSafety({}), PolicySelection(), VelocityCommand(np.zeros(3))
@@ -66,22 +44,22 @@ class LocalSession:
             0.1,
             clock=lambda: self.robot.time,
             velocity=self.velocity,
-            live=self.takes,
-            timeouts=timeouts,
+            live=takes,
+            timeouts={"pose": math.inf},
             tell=tell,
         )
         self.stack.callback(self.data.close)
-        self.feed = self.stack.enter_context(closing(FeedWriter(folder, HEADER, {"model.mjb": b"model"}, self.takes)))
+        self.feed = self.stack.enter_context(closing(FeedWriter(folder, HEADER, {"model.mjb": b"model"}, takes)))
         self.registration.register(robot="three", policy="p.onnx", hardware="")
         self.session = Session(
             self.robot,
             rig.two_policies(),
             LoopSettings(rig.PERIOD, realtime=False),
             header=HEADER,
-            intents=(self.robot, self.intents),
+            intents=(self._source, self.intents),
             remote=lambda: self.data.remote,
             externs=(self.data, self.velocity),
-            sinks=(self.robot, self.feed, self.intents, self.data),
+            sinks=(self._sink, self.feed, self.intents, self.data),
             safety_filter=outside,
             selection=selection,
         )
@@ -95,12 +73,14 @@ class LocalSession:
 
     def tick(self, *intents: Intent) -> TickRecord:
         """One turn of the loop."""
-        self.robot.time += rig.PERIOD
-        self.robot.intents = intents
+        self._source.intents = {self._source.polls: intents}
         self.session.tick()
-        if self.robot.record.index % 25 == 24:
+        if len(self._sink.records) % 25 == 0:
             self.feed.status({"owners": self.data.owners})
-        return self.robot.record
+        return self._sink.records[-1]
+
+    def _note(self, record: TickRecord) -> None:
+        self.sent = monotonic_ns()
 
     def enter_remote(self) -> None:
         """To REMOTE, as an operator would."""

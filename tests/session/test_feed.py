@@ -27,7 +27,7 @@ def test_a_subscriber_gets_ticks_files_and_what_interprets_them(local):
     with Feed(local.info) as feed:
         assert feed.latest() is None, "nothing before it subscribed"
         assert (feed.joint_names, feed.control_period) == (("shoulder", "elbow", "wrist"), 0.02)
-        assert (feed.live_inputs, feed.document("robot"), feed.document("none")) == ({"keys": 2}, "{}", "")
+        assert (feed.live_inputs, feed.document("robot"), feed.document("none")) == ({"keys": 2, "pose": 1}, "{}", "")
         assert (feed.blob("model.mjb"), feed.blob("motion.mcap")) == (b"model", b"motion")
         with pytest.raises(KeyError):
             feed.blob("none")
@@ -35,7 +35,7 @@ def test_a_subscriber_gets_ticks_files_and_what_interprets_them(local):
         sample = feed.wait(0, 10.0)
         assert (sample.number, feed.latest(), feed.since(1), feed.since(2)) == (2, sample, [sample], [])
         assert feed.wait(2, 0.001) is None
-        assert local.robot.sent <= sample.stamp
+        assert local.sent <= sample.stamp
         assert feed.decode(sample)["mode"] == 1
         np.testing.assert_array_equal(decode_tick(sample.data).input.state.joint_position, [0.4, 0.5, 0.6])
         assert local.feed.encoded(record) == sample.data

@@ -22,7 +22,7 @@ def test_what_was_meant_for_the_mode_before_is_refused_however_young(local, pass
     """A safety status made the robot passive, or a fresh start."""
     local.tick(Intent.DAMP)
     local.tick(Intent.LOAD_A)
-    standing = local.robot.sent
+    standing = local.sent
     if passive is Mode.DAMPING:
         local.robot.safety = (SafetyStatus(SafetyLevel.FAULT, source="imu"),)
     else:
@@ -34,17 +34,10 @@ def test_what_was_meant_for_the_mode_before_is_refused_however_young(local, pass
     assert local.tick().input.intents == ()
     answer = operator.answer(token, 1.0)
     assert answer.text.startswith(f"LOAD_B refused: the robot went to {passive.name} meanwhile")
-    token = operator.post("damp" if passive is Mode.ZERO_TORQUE else "load_b", seen=local.robot.sent)
-    local.tick()
-    assert operator.answer(token, 1.0).granted
-
-
-def test_an_operator_who_saw_the_tick_that_damped_may_ask_at_once(local):
-    local.tick(Intent.DAMP)
-    operator = local.intake("operator")
-    token = operator.post("load_a", seen=local.robot.sent)
-    local.tick()
-    assert operator.answer(token, 1.0) == Answer(True, "STANDBY (standby_controller_a): LOAD_A requested")
+    token = operator.post("damp" if passive is Mode.ZERO_TORQUE else "load_b", seen=local.sent)
+    mode = local.tick().output.control_mode
+    text = f"{mode.mode.name} ({mode.controller_name}): {mode.status_message}"
+    assert operator.answer(token, 1.0) == Answer(True, text), "one who saw it may ask at once"
 
 
 def test_broken_messages_do_nothing(local):

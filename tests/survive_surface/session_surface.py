@@ -14,11 +14,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, closing, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -128,7 +129,6 @@ class FakeRun:
             on_step(tick_input)
             return step(self, memory, tick_input)
 
-        self._clock = clock
         self._patches = [patch.object(kind, "step", stepped)]
         sources: list[IntentSource] = [_Source(intents)]
         interruption = None
@@ -398,9 +398,7 @@ def playing(*arguments: str, **popen: Any) -> Iterator[subprocess.Popen]:
             process.kill()
 
 
-def reach(
-    process: subprocess.Popen, mode: Mode, act: Callable[[], object] = lambda: None, seconds: float = 60.0
-) -> None:
+def reach(process: subprocess.Popen, mode: Mode, act: Callable[[], object] = lambda: None) -> None:
     """Wait until a process is in a mode, and act ten times a second until then."""
     deadline = time.monotonic() + 60.0
     while _mode_of(process) is not mode:
@@ -422,14 +420,6 @@ def _mode_of(process: subprocess.Popen) -> Mode | None:
 # Devices.
 
 
-class _Kept(Sink):
-    def __init__(self) -> None:
-        self.records: list[TickRecord] = []
-
-    def tick(self, record: TickRecord) -> None:
-        self.records.append(record)
-
-
 PAGE_SOCKET = "console"
 """Where the page's socket opens, below the page's own address."""
 
@@ -446,18 +436,17 @@ class PadDesk:
     def __init__(self, stack: ExitStack, robot: Any, *, is_hardware: bool) -> None:
         self._pads = FakePads(Path(stack.enter_context(TemporaryDirectory())))
         stack.callback(self._pads.close)
-        registration = Registration()
-        stack.callback(registration.close)
+        registration = stack.enter_context(closing(Registration()))
         intents = IntentSocket(registration.path / "intents")
         stack.callback(intents.close)
         clock = lambda: self._session.time  # noqa: E731
         data = DataSocket(registration.path / "data", JOINTS, 0.1, clock=clock)
         stack.callback(data.close)
         registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "")
-        self._other = stack.enter_context(OtherProgram("operator"))
         intake = stack.enter_context(Intake(find_session(os.getpid()), "gamepad"))
         self._driver = Driver(intake, JoyBindings(), speeds=None, is_hardware=is_hardware)
-        self._kept = _Kept()
+        self._ticks: list[TickRecord] = []
+        kept = _Sink(SimpleNamespace(tick=self._ticks.append, event=lambda _: None, close=lambda: None))
         watch = [DeviceWatch("gamepad", lambda: data.heartbeats, lambda _: None)] if is_hardware else []
         self._session = Session(
             robot,
@@ -466,16 +455,16 @@ class PadDesk:
             header=SessionHeader("lite", JOINTS, PERIOD, 0),
             intents=[*watch, intents],
             externs=[data],
-            sinks=[intents, data, self._kept],
+            sinks=[intents, data, kept],
         )
-        self.ask = self._other.ask
+        self.ask = stack.enter_context(OtherProgram("operator")).ask
         """Ask for an intent as another program."""
-        self._stack, self._pad, self._is_in = stack, None, False
+        self._stack, self._pad = stack, None
 
     @property
     def has_quit(self) -> bool:
         """True if QUIT was granted."""
-        return any(record.output.quit for record in self._kept.records)
+        return any(record.output.quit for record in self._ticks)
 
     def plug(self, *, held: Sequence[str] = (), is_known: bool = True) -> None:
         """Plug a gamepad in, with these buttons down; an unknown one has six buttons that nobody knows."""
