@@ -164,19 +164,6 @@ def lock_channel(address: BusAddress) -> socket.socket:
     return lock
 
 
-def lock_channels(addresses: Iterable[BusAddress], checks: CheckList) -> tuple[socket.socket, ...]:
-    """Hold every channel, or none; one that another session has becomes a problem."""
-    locks = []
-    for address in addresses:
-        with checks.collecting(address):
-            locks.append(lock_channel(address))
-    if checks.problems:
-        for lock in locks:
-            lock.close()
-        return ()
-    return tuple(locks)
-
-
 # --- one channel
 
 
@@ -375,7 +362,7 @@ the frame, which is then nobody else's."""
 
 
 class OpenChannels:
-    """Channels that are open; a frame goes to the first listener that knows it."""
+    """Channels that are open, for this process alone; a frame goes to the first listener that knows it."""
 
     def __init__(
         self,
@@ -384,22 +371,25 @@ class OpenChannels:
         *,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
-        locks: Sequence[socket.socket] = (),
     ) -> None:
-        """Open every channel, or none, with a `RobotError` of everything that is wrong."""
-        checks.refuse()
-        self.locks = tuple(lock.fileno() for lock in locks)  # for a child that sends too
+        """Lock and open every channel, or none, with a `RobotError` of everything that is wrong, also in `checks`."""
+        self.locks: list[socket.socket] = []  # a child that sends too holds copies
         self.clock = clock
         self.listeners: list[Listener] = []  # in the order in which a frame is offered to them
         self.sources = tuple(map(str, addresses))
         self.channels: tuple[Channel, ...] = ()
-        for index, address in enumerate(addresses):
-            receive = functools.partial(self._receive, index)
-            with checks.collecting(address):
-                self.channels = (*self.channels, Channel(address, receive, open_bus=open_bus, clock=clock))
-        if checks.problems:
-            self.close()
+        with contextlib.ExitStack() as opened:
+            opened.callback(self.close)
+            for address in addresses:
+                with checks.collecting(address):
+                    self.locks.append(lock_channel(address))
             checks.refuse()
+            for index, address in enumerate(addresses):
+                receive = functools.partial(self._receive, index)
+                with checks.collecting(address):
+                    self.channels = (*self.channels, Channel(address, receive, open_bus=open_bus, clock=clock))
+            checks.refuse()
+            opened.pop_all()
 
     def _receive(self, channel: int, frame: Frame, when: float) -> None:
         any(listener(channel, frame, when) for listener in self.listeners)
@@ -421,3 +411,5 @@ class OpenChannels:
         """Close all channels. May be called twice."""
         for channel in self.channels:
             channel.close()
+        for lock in self.locks:
+            lock.close()

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motor_link import MotorGroup, Readings
+from humanoid_sim.hardware.motor_link import Motor, Readings
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, bounded_position
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
 from humanoid_sim.robots.schema import RobotDescription
@@ -27,9 +27,11 @@ _TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wiring(MotorGroup):
+class Wiring:
     """A robot's motors in its joint order, with what maps their frame to the joints'. Arrays of shape (n,)."""
 
+    names: tuple[str, ...]  # of the joints
+    motors: tuple[Motor, ...]
     direction: FloatArray  # ±1
     offset: FloatArray  # rad, motor frame, homing offset
     lower: FloatArray  # rad, joint frame
@@ -44,12 +46,12 @@ class Wiring(MotorGroup):
     @property
     def endless(self) -> tuple[int, ...]:
         """Joints whose motors execute their last command for ever when their host falls silent."""
-        return tuple(i for i, model in enumerate(self.model) if not FAMILIES[model.family].has_timeout)
+        return tuple(i for i, motor in enumerate(self.motors) if not FAMILIES[motor.model.family].has_timeout)
 
     @property
     def unasked(self) -> tuple[int, ...]:
         """Joints whose motors cannot be asked who and where they are."""
-        return tuple(i for i, model in enumerate(self.model) if not FAMILIES[model.family].has_questions)
+        return tuple(i for i, motor in enumerate(self.motors) if not FAMILIES[motor.model.family].has_questions)
 
 
 def make_wiring(
@@ -71,14 +73,22 @@ def make_wiring(
     wrong = set(offsets) ^ set(joints) | {joint for joint, offset in offsets.items() if not math.isfinite(offset)}
     if wrong:
         raise InputError(f"{name}: calibration: expected a finite offset of every joint; wrong: {', '.join(wrong)}")
-    models = tuple(MOTORS[motor.model] for motor in motors)
+    models = [MOTORS[motor.model] for motor in motors]
+    families = [FAMILIES[model.family] for model in models]
     return Wiring(
         names=joints,
-        channel=tuple(motor.bus if channel_count > 1 else 0 for motor in motors),
-        motor_id=tuple(motor.can_id for motor in motors),
-        model=models,
-        torque_limit=tuple(motor.torque_limit or 0.0 for motor in motors),
-        current_limit=tuple(motor.current_limit or 0.0 for motor in motors),
+        motors=tuple(
+            Motor(
+                joint,
+                motor.bus if channel_count > 1 else 0,
+                motor.can_id,
+                model,
+                motor.torque_limit or 0.0,
+                motor.current_limit or 0.0,
+                float(damping),
+            )
+            for joint, motor, model, damping in zip(joints, motors, models, description.mode_damping, strict=True)
+        ),
         direction=np.array([float(motor.direction) for motor in motors]),
         offset=np.array([offsets[joint] for joint in joints]),
         lower=description.lower,
@@ -87,8 +97,8 @@ def make_wiring(
         fastest=np.array([max(model.velocity, model.no_load_velocity) for model in models]),
         position_range=np.array([model.position for model in models]),
         highest=np.array([[getattr(model, name) for model in models] for name in COMMAND_FIELDS]),
-        stiffness_doubt=np.array([FAMILIES[model.family].stiffness_doubt for model in models]),
-        damping_doubt=np.array([FAMILIES[model.family].damping_doubt for model in models]),
+        stiffness_doubt=np.array([family.stiffness_doubt for family in families]),
+        damping_doubt=np.array([family.damping_doubt for family in families]),
     )
 
 
@@ -109,9 +119,9 @@ class JointTracker:
         self._wiring = wiring
         self._shift = _TURN * turns
         self._last: Readings | None = None
-        self.jumped: npt.NDArray[np.bool_] = np.zeros(wiring.count, dtype=bool)
+        self.jumped: npt.NDArray[np.bool_] = np.zeros(len(turns), dtype=bool)
         """Shape (n,): positions that moved as no motor can. The zero went with it: this stays until re-activation."""
-        self.wrapped: npt.NDArray[np.bool_] = np.zeros(wiring.count, dtype=bool)
+        self.wrapped: npt.NDArray[np.bool_] = np.zeros(len(turns), dtype=bool)
         """Shape (n,): motors beyond the end of their range, where no command can follow."""
 
     def update(self, readings: Readings) -> JointReadings:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
-
-import numpy as np
 
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.checks import CheckList
@@ -17,30 +15,16 @@ from humanoid_sim.robots.motors import MotorModel
 CAN_TIMEOUT = 0.1  # s without a command after which a motor stops by itself, unless another time is wanted
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MotorGroup:
-    """Motors on some channels, each known by its index: a robot's, those of one family, or those of a tool."""
+class Motor(NamedTuple):
+    """A motor of a robot, or of a tool."""
 
-    names: tuple[str, ...]  # the joint that each drives, or a tool's name for it
-    channel: tuple[int, ...]  # index into the open channels
-    motor_id: tuple[int, ...]
-    model: tuple[MotorModel, ...]
-    torque_limit: tuple[float, ...]  # N·m, written to the firmware; 0: leave the firmware's own
-    current_limit: tuple[float, ...]  # A, likewise
-
-    @property
-    def count(self) -> int:
-        """n, the number of motors."""
-        return len(self.names)
-
-    def on_channel(self, channel: int) -> tuple[int, ...]:
-        """Return indices of the motors on a channel."""
-        return tuple(i for i, index in enumerate(self.channel) if index == channel)
-
-    def select(self, indices: Sequence[int]) -> MotorGroup:
-        """Return some of these motors as a group of their own, in this order."""
-        values = (getattr(self, each.name) for each in fields(MotorGroup))
-        return MotorGroup(*(tuple(value[i] for i in indices) for value in values))
+    name: str  # the joint that it drives, or a tool's name for it
+    channel: int  # index into the open channels
+    motor_id: int
+    model: MotorModel
+    torque_limit: float = 0.0  # N·m, written to the firmware; 0: leave the firmware's own
+    current_limit: float = 0.0  # A, likewise
+    damping: float = 0.0  # N·m·s/rad with which a watchdog brakes it
 
 
 class Readings(NamedTuple):
@@ -56,7 +40,7 @@ class Readings(NamedTuple):
 class Finding(NamedTuple):
     """Something that is wrong with a motor."""
 
-    motor: int
+    motor: Motor
     flag: SafetyFlag
     text: str
 
@@ -67,8 +51,7 @@ class LinkTerms:
 
     can_timeout: float  # s without a command after which a motor stops by itself, where it can
     control_period: float  # s between two commands
-    damping: FloatArray = field(default_factory=lambda: np.zeros(0))  # shape (motors,), N·m·s/rad, for a watchdog
-    known_uids: Mapping[str, bytes] = field(default_factory=dict)  # of an earlier activation, by joint
+    uids: dict[str, bytes] = field(default_factory=dict)  # motors' unique ids by joint, as they were found first
     accepted_firmware: Collection[str] = ()  # versions that no document mentions and an operator accepts
 
 
@@ -79,8 +62,7 @@ class MotorLink(Protocol):
     robot refuses to go on where there are problems. Nothing else waits or raises.
     """
 
-    motors: MotorGroup
-    uids: Mapping[str, bytes]  # unique ids by joint, as far as they were found
+    motors: Sequence[Motor]
     knows_positions: bool  # a motor reports its position before it is enabled
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
@@ -111,7 +93,7 @@ class MotorLink(Protocol):
         Shape (5, motors), within the models' ranges: position rad, velocity rad/s, effort N·m, stiffness, damping.
         """
 
-    def stop(self, motors: Iterable[int]) -> dict[int, str]:
+    def stop(self, motors: Sequence[int]) -> dict[int, str]:
         """Disable motors; returns those that did not confirm it, with the mode that they last reported."""
 
     def close(self) -> None:

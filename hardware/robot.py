@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-import socket
 import time as system_time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.can_bus import (
-    NEVER,
-    STRANGERS,
-    BusAddress,
-    OpenBus,
-    OpenChannels,
-    lock_channels,
-    parse_address,
-)
+from humanoid_sim.hardware.can_bus import NEVER, STRANGERS, BusAddress, OpenBus, OpenChannels, parse_address
 from humanoid_sim.hardware.can_bus import open_bus as open_python_can
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.imu import Imu, upright_at_rest
@@ -32,7 +23,7 @@ from humanoid_sim.hardware.joints import (
     make_wiring,
     motor_values,
 )
-from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, Finding, LinkTerms, MotorGroup, MotorLink, Readings
+from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, Finding, LinkTerms, Motor, MotorLink, Readings
 from humanoid_sim.hardware.robstride.motors import RobstrideMotors
 from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, LONGEST_CAN_TIMEOUT
 from humanoid_sim.hardware.safety import channel_status, joint_findings
@@ -44,7 +35,7 @@ from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
 from humanoid_sim.session.rest import RestDetector
 from humanoid_sim.simulation.kinematics import AnchorOrientation
 
-LINKS: Mapping[str, Callable[[OpenChannels, MotorGroup, LinkTerms], MotorLink]] = {
+LINKS: Mapping[str, Callable[[OpenChannels, Sequence[Motor], LinkTerms], MotorLink]] = {
     "sito": SitoMotors,
     "robstride": RobstrideMotors,
 }
@@ -100,20 +91,20 @@ class HardwareRobot:
             raise InputError(f"{self._name}: {text}; --allow-no-timeout accepts that")
         self._sources = []
         for index, address in enumerate(self._addresses):
-            families = dict.fromkeys(wiring.model[i].family for i in wiring.on_channel(index))
+            families = dict.fromkeys(motor.model.family for motor in wiring.motors if motor.channel == index)
             self._sources.append(f"humanoid_devices_{'_'.join(families)}/{address}")
-        self._can_timeout, self._rx_timeout = can_timeout, description.hardware.rx_timeout_ms / 1000.0
+        self._rx_timeout = description.hardware.rx_timeout_ms / 1000.0
         self._undirected = ", ".join(unconfirmed)
         self._imu, self._anchor, self._live = imu, anchor, live
-        self._accepted_firmware, self._open_bus = accepted_firmware, open_bus
+        self._terms = LinkTerms(can_timeout, self.control_period, accepted_firmware=accepted_firmware)
+        self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
-        zeros = np.zeros(wiring.count)
+        zeros = np.zeros(len(wiring.motors))
         self._damped = MITCommand(zeros, zeros, zeros, zeros, description.mode_damping)
 
-        self._locks: tuple[socket.socket, ...] = ()
         self._line: OpenChannels | None = None
         self._links: list[tuple[MotorLink, list[int]]] = []  # with the joints of their motors
-        self._tracker = JointTracker(wiring, np.full(wiring.count, np.nan))
+        self._tracker = JointTracker(wiring, zeros + np.nan)
         self._joints = self._tracker.update(self._readings())
         self._enabled_since: float | None = None  # s, robot's clock; None: the motors are not enabled
         self._why_not = "not activated"
@@ -122,7 +113,6 @@ class HardwareRobot:
         self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
         self._findings: list[Finding] = []  # of the latest reading, by joint
         self._commands = 0
-        self._uids: dict[str, bytes] = {}
         self._slipped: set[str] = set()
         self.checks = CheckList(self._name)  # findings of the latest `prepare` or `activate`
         self._is_closing = False
@@ -194,39 +184,33 @@ class HardwareRobot:
         line.check(checks)
         checks.refuse(questions=False)
         self._may_run = frozenset()
-        self._uids = {name: uid for link, _ in self._links for name, uid in link.uids.items()}
         for source, channel in zip(line.sources, line.channels, strict=True):
             for kind, count in channel.strangers.items():
                 checks.warn(source, f"{count} × {kind}: {STRANGERS}")
         self._track()
 
     def _open(self, checks: CheckList) -> OpenChannels:
-        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
-        wiring = self._wiring
-        self._locks = self._locks or lock_channels(self._addresses, checks)
+        """Open every channel afresh, and the IMU; whatever cannot be is reported together."""
         if self._imu is not None:
             self._imu.close()
             with checks.collecting("imu"):
                 self._imu.open()
-        self._line = OpenChannels(
-            self._addresses, checks, clock=lambda: self.time, open_bus=self._open_bus, locks=self._locks
-        )
+        self._line = line = OpenChannels(self._addresses, checks, clock=lambda: self.time, open_bus=self._open_bus)
+        motors = self._wiring.motors
         for family, make_link in LINKS.items():
-            joints = [i for i, model in enumerate(wiring.model) if model.family == family]
-            damping = self._damped.damping[joints]
-            terms = LinkTerms(self._can_timeout, self.control_period, damping, self._uids, self._accepted_firmware)
+            joints = [i for i, motor in enumerate(motors) if motor.model.family == family]
             # A family without motors here has a link as well, which takes that family's frames off the others.
-            link = make_link(self._line, wiring.select(joints), terms)
-            self._line.listeners.append(link.receive)
+            link = make_link(line, [motors[i] for i in joints], self._terms)
+            line.listeners.append(link.receive)
             if joints:
                 self._links.append((link, joints))
-        return self._line
+        return line
 
     def _enable(self, checks: CheckList) -> None:
         """Enable first the motors that nothing stops; they report where they are once they are enabled."""
         assert self._line is not None
         checks.refuse()
-        self._may_run = frozenset(range(self._wiring.count))
+        self._may_run = frozenset(range(len(self.joints)))
         for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
             link.enable(checks)
             self._line.check(checks)
@@ -250,7 +234,7 @@ class HardwareRobot:
         if self._line is not None:
             self._line.close()
         self._line, self._links, self._findings = None, [], []
-        self._tracker = JointTracker(self._wiring, np.full(self._wiring.count, np.nan))
+        self._tracker = JointTracker(self._wiring, np.full(len(self.joints), np.nan))
         self._enabled_since = self._last_command = None
         self._read_joints()
         self._why_not = "not enabled"
@@ -261,7 +245,7 @@ class HardwareRobot:
         is_ours = line is not None and (self._may_run or all(each.intruder is NEVER for each in line.channels))
         if line is not None and is_ours:
             line.forget_queues()
-            self._may_run &= self._stop(range(self._wiring.count)).keys()
+            self._may_run &= self._stop(range(len(self.joints))).keys()
         for link, _ in self._links:
             link.close()
         reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
@@ -303,7 +287,7 @@ class HardwareRobot:
 
     def _readings(self) -> Readings:
         """Return the latest state of every motor, shape (n,)."""
-        arrays = np.full((len(Readings._fields), self._wiring.count), np.nan)
+        arrays = np.full((len(Readings._fields), len(self.joints)), np.nan)
         for link, joints in self._links:
             arrays[:, joints] = link.readings()
         return Readings(*arrays)
@@ -321,14 +305,14 @@ class HardwareRobot:
         if any(status.level is SafetyLevel.FAULT for status in watchdogs):
             return watchdogs  # whatever the motors do is its doing
         since = max(now - self._rx_timeout, self._enabled_since)
-        findings = joint_findings(age, self._rx_timeout, self._tracker)
-        for link, joints in self._links:
-            findings += [finding._replace(motor=joints[finding.motor]) for finding in link.findings(since)]
+        findings = joint_findings(self._wiring.motors, age, self._rx_timeout, self._tracker)
+        for link, _ in self._links:
+            findings += link.findings(since)
         self._findings = findings
         statuses = []
         for index, (source, channel) in enumerate(zip(self._sources, line.channels, strict=True)):
-            own = [finding for finding in findings if self._wiring.channel[finding.motor] == index]
-            statuses.append(channel_status(source, channel, self.joints, own, since))
+            own = [finding for finding in findings if finding.motor.channel == index]
+            statuses.append(channel_status(source, channel, own, since))
         bad = (_BAD_COMMAND,) if now - self._bad_command <= self._rx_timeout else ()
         return (*statuses, *bad, *watchdogs)
 
@@ -338,7 +322,7 @@ class HardwareRobot:
         A command that is not finite is replaced by damping, and reported. Raises `RobotError` if the command is for
         another number of joints, or the robot is closed.
         """
-        n, shape = self._wiring.count, command.position.shape
+        n, shape = len(self.joints), command.position.shape
         if shape != (n,) or self._is_closing:
             what = f"command has shape {shape}, expected ({n},)" if shape != (n,) else "the robot is closed"
             raise RobotError(f"{self._name}: {what}")
@@ -370,7 +354,7 @@ class HardwareRobot:
         left: dict[int, str] = {}
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
-            for each in (*self._locks, self._imu, self._line, *(link for link, _ in self._links)):
+            for each in (self._imu, self._line, *(link for link, _ in self._links)):
                 if each is not None:
                     stack.callback(each.close)
             if self._line is not None and self._may_run:
@@ -379,7 +363,7 @@ class HardwareRobot:
                 finally:
                     self._enabled_since = None
                     self._line.forget_queues()
-                    left = self._stop(self._stop(range(self._wiring.count)))  # once more, for a lost frame
+                    left = self._stop(self._stop(range(len(self.joints))))  # once more, for a lost frame
                     self._may_run &= left.keys()
         if self._may_run:
             names = ", ".join(f"{self.joints[i]} ({left.get(i, 'no status')})" for i in sorted(self._may_run))
@@ -389,12 +373,11 @@ class HardwareRobot:
         self.is_closed = True
         self._why_not = "closed"
 
-    def _stop(self, joints: Iterable[int]) -> dict[int, str]:
+    def _stop(self, joints: Collection[int]) -> dict[int, str]:
         """Disable motors; those that did not confirm it, with the mode that they last reported."""
-        wanted = set(joints)
         left: dict[int, str] = {}
         for link, own in self._links:
-            motors = [motor for motor, joint in enumerate(own) if joint in wanted]
+            motors = [motor for motor, joint in enumerate(own) if joint in joints]
             if motors:
                 left.update((own[motor], text) for motor, text in link.stop(motors).items())
         return left
@@ -418,13 +401,13 @@ class HardwareRobot:
         for each in () if self._line is None else self._line.channels:
             counts = {"sent": each.sent, "received": each.received, "errors": each.errors}
             channels.append({"source": str(each.address), **counts})
-        lines = [f"{self._commands} commands to each of {self._wiring.count} motors"]
+        lines = [f"{self._commands} commands to each of {len(self.joints)} motors"]
         lines += [
             "{source}: {sent} frames sent, {received} received, {errors} errors".format(**each) for each in channels
         ]
         faults: dict[str, list[str]] = {}
         for finding in self._findings:
-            faults.setdefault(self.joints[finding.motor], []).append(finding.text)
+            faults.setdefault(finding.motor.name, []).append(finding.text)
         temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
         return {
             "channels": channels,

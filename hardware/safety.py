@@ -14,7 +14,7 @@ import numpy as np
 
 from humanoid_sim.hardware.can_bus import Channel
 from humanoid_sim.hardware.joints import JointTracker
-from humanoid_sim.hardware.motor_link import Finding
+from humanoid_sim.hardware.motor_link import Finding, Motor
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
@@ -22,7 +22,7 @@ from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME  # by themselves; the others are a FAULT
 
 
-def joint_findings(age: FloatArray, rx_timeout: float, tracker: JointTracker) -> list[Finding]:
+def joint_findings(motors: Sequence[Motor], age: FloatArray, rx_timeout: float, tracker: JointTracker) -> list[Finding]:
     """Return what is wrong with joints that every family has; `age`: shape (n,), s since each was received."""
     found = []
     for flag, text, where in (
@@ -30,13 +30,11 @@ def joint_findings(age: FloatArray, rx_timeout: float, tracker: JointTracker) ->
         (SafetyFlag.MOTOR_FAULT, "position jumped", tracker.jumped),
         (SafetyFlag.MOTOR_FAULT, "turned beyond ±4π", tracker.wrapped),
     ):
-        found += [Finding(i, flag, text) for i in np.flatnonzero(where).tolist()]
+        found += [Finding(motors[i], flag, text) for i in np.flatnonzero(where).tolist()]
     return found
 
 
-def channel_status(
-    source: str, channel: Channel, names: Sequence[str], findings: Iterable[Finding], since: float
-) -> SafetyStatus:
+def channel_status(source: str, channel: Channel, findings: Iterable[Finding], since: float) -> SafetyStatus:
     """Return a channel's status: what happened to it at or after `since`, s, robot's clock, and its joints' findings.
 
     A status is published when it changes, so its message holds no figure that changes from tick to tick.
@@ -53,7 +51,7 @@ def channel_status(
             words[text] = []
     for motor, flag, text in findings:
         flags |= flag
-        words.setdefault(text, []).append(names[motor])
+        words.setdefault(text, []).append(motor.name)
     if not flags:
         return SafetyStatus(source=source)
     level = SafetyLevel.FAULT if flags & ~_WARNINGS else SafetyLevel.WARNING

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from humanoid_sim.hardware.can_bus import NEVER, Frame, Note, OpenChannels
-from humanoid_sim.hardware.motor_link import MotorGroup, Readings
+from humanoid_sim.hardware.motor_link import Motor, Readings
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.hardware.robstride.protocol import (
@@ -40,6 +40,7 @@ from humanoid_sim.hardware.robstride.protocol import (
     split_identifier,
     type_name,
 )
+from humanoid_sim.robots.motors import MotorModel
 
 _COMMANDS = frozenset(FrameType) - {FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER}  # others may only scan and read
 
@@ -90,15 +91,14 @@ class RobstrideLink:
     What asks waits for the answers, while nothing is moving, and never raises; motors that do not answer are left out.
     """
 
-    def __init__(self, line: OpenChannels, motors: MotorGroup) -> None:
+    def __init__(self, line: OpenChannels, motors: Sequence[Motor]) -> None:
         self.line, self.sources, self.motors = line, line.sources, motors
-        self.slots = tuple(MotorSlot() for _ in range(motors.count))
+        self.slots = tuple(MotorSlot() for _ in motors)
         self._device_ids: deque[tuple[int, DeviceId]] = deque(maxlen=_MOST_IDS)  # with their channel
-        self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
-        self._models = [
-            {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)}
-            for channel in range(len(line.channels))
-        ]
+        self._index = {(motor.channel, motor.motor_id): i for i, motor in enumerate(motors)}
+        self._models: list[dict[int, MotorModel]] = [{} for _ in line.channels]
+        for motor in motors:
+            self._models[motor.channel][motor.motor_id] = motor.model
 
     # --- receiver threads
 
@@ -145,7 +145,7 @@ class RobstrideLink:
 
     def readings(self) -> Readings:
         """Return the latest status of every motor."""
-        rows = np.full((self.motors.count, len(Readings._fields)), np.nan)
+        rows = np.full((len(self.slots), len(Readings._fields)), np.nan)
         for row, slot in zip(rows, self.slots, strict=True):
             if slot.sample is not None:
                 time, status = slot.sample
@@ -156,12 +156,12 @@ class RobstrideLink:
 
     def frame(self, motor: int, kind: FrameType, data: bytes = b"") -> Frame:
         """Return the frame of a command to a motor."""
-        return encode_command(kind, self.motors.motor_id[motor], data)
+        return encode_command(kind, self.motors[motor].motor_id, data)
 
     def send(self, frames: Mapping[int, Sequence[Frame]]) -> None:
         """Send frames to motors, one motor after the other, in the place of an earlier round that still waits."""
         for motor, group in frames.items():
-            channel = self.line.channels[self.motors.channel[motor]]
+            channel = self.line.channels[self.motors[motor].channel]
             for step, frame in enumerate(group):
                 moves = frame.arbitration_id >> 24 in (FrameType.ENABLE, FrameType.OPERATION_CONTROL)
                 key = (frame.arbitration_id if moves else frame, step)

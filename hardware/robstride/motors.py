@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink
+from humanoid_sim.hardware.motor_link import Finding, LinkTerms, Motor, MotorLink
 from humanoid_sim.hardware.robstride.firmware import (
     FirmwareVersion,
     firmware_problem,
@@ -61,15 +61,14 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     knows_positions = True
 
-    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
+    def __init__(self, line: OpenChannels, motors: Sequence[Motor], terms: LinkTerms) -> None:
         super().__init__(line, motors)
         self._terms = terms
-        self._all = range(motors.count)
+        self._all = range(len(motors))
         self._timeout_ticks = float(round(terms.can_timeout / CAN_TIMEOUT_TICK))
         self._hidden: list[int] = []  # motors whose CAN timeout cannot be read, and is tried out
         self._versions: Mapping[int, FirmwareVersion] = {}
         self._reporting: list[int] = []
-        self.uids: Mapping[str, bytes] = {}
 
     # --- identify
 
@@ -80,7 +79,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         uids = self._identify(checks)
         self._versions = self.read_versions(uids)
         for i in sorted(uids):
-            name, model = self.motors.names[i], self.motors.model[i]
+            name, channel, motor_id, model, *_ = self.motors[i]
             version = self._versions.get(i)
             if version is None:
                 checks.problem(name, "does not report its firmware's version, by which its scales are known")
@@ -88,36 +87,30 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             if problem := firmware_problem(model, version):
                 checks.problem(name, problem)
                 continue
-            where, text = (
-                f"motor {self.motors.motor_id[i]} on {self.sources[self.motors.channel[i]]}",
-                version_text(version),
-            )
+            where, text = f"motor {motor_id} on {self.sources[channel]}", version_text(version)
             checks.passed(name, f"{where}, {model.name}, firmware {text}, uid {uids[i].hex()}")
             if not is_documented(model, version) and text not in self._terms.accepted_firmware:
                 known = f"--accept-firmware {text} if you know its ranges and gains"
                 checks.question(name, f"firmware {text}: no document mentions it: {known}")
-        self.uids = {self.motors.names[i]: uid for i, uid in uids.items()}
 
     def _identify(self, checks: CheckList) -> dict[int, bytes]:
         """Return the unique ids of the motors of which there is one with their id, on their channel."""
-        motors = self.motors
         answers: defaultdict[int, set[tuple[int, bytes]]] = defaultdict(set)  # channel and unique id, by motor id
-        for channel, reply in self.scan(sorted(set(motors.motor_id)), _QUIET):
+        for channel, reply in self.scan(sorted({motor.motor_id for motor in self.motors}), _QUIET):
             answers[reply.motor_id].add((channel, reply.uid))
-        places = list(zip(motors.channel, motors.motor_id, strict=True))
-        missing = [i for i, (channel, number) in enumerate(places) if channel not in {c for c, _ in answers[number]}]
+        missing = [i for i, one in enumerate(self.motors) if one.channel not in dict(answers[one.motor_id])]
         for i, uid in self.read_uids(missing).items():  # an answer may have been lost
-            answers[motors.motor_id[i]].add((motors.channel[i], uid))
+            answers[self.motors[i].motor_id].add((self.motors[i].channel, uid))
         uids = {}
-        for i, (channel, number) in enumerate(places):
-            name, source = motors.names[i], self.sources[channel]
+        for i, (name, channel, number, *_) in enumerate(self.motors):
+            source = self.sources[channel]
             found = [f"{uid.hex()} on {self.sources[other]}" for other, uid in sorted(answers[number])]
             if [other for other, _ in answers[number]] != [channel]:
                 reasons = "; ".join([*found, *self.line.channels[channel].troubles()])
                 checks.problem(name, f"expected one motor {number} on {source}; {reasons or 'none answers'}")
                 continue
             ((_, uids[i]),) = answers[number]
-            if self._terms.known_uids.get(name, uids[i]) != uids[i]:
+            if self._terms.uids.setdefault(name, uids[i]) != uids[i]:
                 checks.problem(name, f"its motor was exchanged (id {number} on {source}): calibrate it")
         return uids
 
@@ -135,19 +128,20 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         # Some manuals have it as one that is written only.
         self._hidden = [i for i in self._all if math.isnan(found.get(i, math.nan))]
         # Never a limit above the peak of the motor's data sheet; 0 leaves the firmware's own.
-        motors = self.motors
-        torque = {i: min(top, motors.model[i].peak_torque) for i, top in enumerate(motors.torque_limit) if top > 0.0}
+        limits = [(i, each, each.model) for i, each in enumerate(self.motors)]
+        torque = {i: min(each.torque_limit, model.peak_torque) for i, each, model in limits if each.torque_limit}
         self._configure("limit_torque", torque, checks)
         # Documented for the velocity and position modes only, so that it need not be readable.
-        current = {i: min(top, motors.model[i].peak_current) for i, top in enumerate(motors.current_limit) if top > 0.0}
+        current = {i: min(each.current_limit, model.peak_current) for i, each, model in limits if each.current_limit}
         self._configure("limit_cur", current, checks, may_hide=True)
         counted = self.read(PARAMETERS["mechPos"], self._all)
-        for i, slot in enumerate(self.slots):  # the reported position wraps; `mechPos` counts turns since power-on
-            name, own, sample = motors.names[i], counted.get(i, math.nan), slot.sample
+        for i, (motor, slot) in enumerate(zip(self.motors, self.slots, strict=True)):
+            own, sample = counted.get(i, math.nan), slot.sample  # the reported position wraps, `mechPos` does not
             if math.isnan(own):
-                checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
-            elif sample is not None and not abs(own - sample.status.position) < motors.model[i].position:
-                checks.problem(name, "turned beyond ±4π since power-on: switch it off and on")
+                text = "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known"
+                checks.warn(motor.name, text)
+            elif sample is not None and not abs(own - sample.status.position) < motor.model.position:
+                checks.problem(motor.name, "turned beyond ±4π since power-on: switch it off and on")
 
     def _stop_and_clear(self, checks: CheckList) -> None:
         """Stop the motors and clear their faults; what is left of them is a problem."""
@@ -155,19 +149,19 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         before = self._faults()
         self.stop_motors([i for i in self._all if before[i] and i not in silent], clear_faults=True)
         left = self._faults()
-        for i, name in enumerate(self.motors.names):
+        for i, motor in enumerate(self.motors):
             if i in silent:
-                checks.problem(name, f"does not confirm that it is stopped ({self.slots[i].mode_text})")
+                checks.problem(motor.name, f"does not confirm that it is stopped ({self.slots[i].mode_text})")
             elif left[i]:
-                checks.problem(name, f"faults do not clear: {left[i]}")
+                checks.problem(motor.name, f"faults do not clear: {left[i]}")
             elif before[i]:
-                checks.warn(name, f"had faults, cleared: {before[i]}")
+                checks.warn(motor.name, f"had faults, cleared: {before[i]}")
 
     def _faults(self) -> list[str]:
         """Return each motor's faults: of its status, and of its fault word, which alone shows overvoltage."""
         words: dict[int, float] = {}
-        for name in {model.name for model in self.motors.model}:
-            words |= self.read(fault_word(name), [i for i in self._all if self.motors.model[i].name == name])
+        for name in {motor.model.name for motor in self.motors}:
+            words |= self.read(fault_word(name), [i for i in self._all if self.motors[i].model.name == name])
         faults = []
         for i, slot in enumerate(self.slots):
             word = words.get(i, math.nan)
@@ -186,9 +180,9 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         for i, wanted in values.items():
             value = found.get(i, math.nan)
             if math.isnan(value) and may_hide:
-                checks.warn(self.motors.names[i], f"{name} cannot be read")
+                checks.warn(self.motors[i].name, f"{name} cannot be read")
             elif not (parameter.is_same(value, wanted) or (parameter.is_float and value < wanted)):
-                checks.problem(self.motors.names[i], f"{name} reads {value:g} after {wanted:g} was written")
+                checks.problem(self.motors[i].name, f"{name} reads {value:g} after {wanted:g} was written")
         return found
 
     # --- enable
@@ -221,11 +215,13 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             while time.monotonic() < end and len(confirmed) < len(self._all):
                 confirmed |= self.take_values(_TIMEOUT)
                 time.sleep(_POLL)
-        for i, name in enumerate(self.motors.names):
+        for i, motor in enumerate(self.motors):
             if i not in running:
-                checks.problem(name, f"was not enabled ({self.slots[i].mode_text})")
+                checks.problem(motor.name, f"was not enabled ({self.slots[i].mode_text})")
             elif confirmed.get(i) != self._timeout_ticks:
-                checks.problem(name, f"its canTimeout reads {confirmed.get(i)} after it was enabled: has it booted?")
+                checks.problem(
+                    motor.name, f"its canTimeout reads {confirmed.get(i)} after it was enabled: has it booted?"
+                )
 
     def _enabling_frames(self, motor: int, runs: bool, is_confirmed: bool) -> list[Frame]:
         limp, index = self._limp(motor), parameter_data(_TIMEOUT.index)
@@ -240,7 +236,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         sample = self.slots[motor].sample
         position = 0.0 if sample is None else sample.status.position
         command = OperationControl(position, 0.0, 0.0, 0.0, 0.0)
-        return encode_operation(self.motors.motor_id[motor], command, self.motors.model[motor])
+        return encode_operation(self.motors[motor].motor_id, command, self.motors[motor].model)
 
     def _try_timeouts(self, checks: CheckList) -> None:
         """Run motors that hide their timeout without torque, be silent for longer, and reject those that run on.
@@ -256,46 +252,44 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         for i in self._hidden:
             if not (in_time and i in found and found[i].mode is MotorMode.RESET and not found[i].faults):
                 text = f"it was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the last command"
-                checks.problem(self.motors.names[i], f"its canTimeout cannot be read, and {text}")
+                checks.problem(self.motors[i].name, f"its canTimeout cannot be read, and {text}")
 
     def _start_reports(self) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
         if report_interval(_SCAN_TIME) < self._terms.control_period:
-            models = self.motors.model
-            self._reporting = [i for i, version in self._versions.items() if has_active_reports(models[i], version)]
+            versions = self._versions.items()
+            self._reporting = [i for i, version in versions if has_active_reports(self.motors[i].model, version)]
         self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, _SCAN_TIME))
         self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_ON)] for i in self._reporting})
 
     # --- control
 
     def findings(self, since: float) -> Iterator[Finding]:
-        for i, slot in enumerate(self.slots):
+        for motor, slot in zip(self.motors, self.slots, strict=True):
             names: list[str] = []
             if slot.sample is not None:
                 status = slot.sample.status
                 names += flag_names(status.faults)
                 if status.mode is not MotorMode.RUN:
-                    yield Finding(i, SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})")
+                    yield Finding(motor, SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})")
             if slot.report is not None:
                 names += [*flag_names(slot.report.faults), *flag_names(slot.report.warnings)]
             for name in names:
-                yield Finding(i, _FLAGS.get(name, SafetyFlag.MOTOR_FAULT), name)
+                yield Finding(motor, _FLAGS.get(name, SafetyFlag.MOTOR_FAULT), name)
             if slot.invalid.time >= since:
-                yield Finding(i, SafetyFlag.INVALID_FRAME, slot.invalid.text)
+                yield Finding(motor, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
     def command(self, values: FloatArray) -> None:
-        motors = self.motors
         batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self.sources]
-        for i, row in enumerate(values.T.tolist()):
-            frame = encode_operation(motors.motor_id[i], OperationControl(*row), motors.model[i])
-            batches[motors.channel[i]].append((motors.names[i], frame))
+        for motor, row in zip(self.motors, values.T.tolist(), strict=True):
+            frame = encode_operation(motor.motor_id, OperationControl(*row), motor.model)
+            batches[motor.channel].append((motor.name, frame))
         for channel, batch in zip(self.line.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._terms.control_period)
 
     # --- the end
 
-    def stop(self, motors: Iterable[int]) -> dict[int, str]:
-        motors = list(motors)
+    def stop(self, motors: Sequence[int]) -> dict[int, str]:
         reporting = [i for i in self._reporting if i in motors]
         self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_OFF)] for i in reporting})
         return {i: self.slots[i].mode_text for i in self.stop_motors(motors)}

@@ -7,16 +7,24 @@ clock; whether it accepted a command shows in its feedback only. A watchdog brak
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.hardware.can_bus import NEVER, Channel, Frame, Note, OpenChannels
+from humanoid_sim.hardware.can_bus import NEVER, Frame, Note, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motor_link import Finding, LinkTerms, MotorGroup, MotorLink, Readings
+from humanoid_sim.hardware.motor_link import Finding, LinkTerms, Motor, MotorLink, Readings
 from humanoid_sim.hardware.sito import protocol
-from humanoid_sim.hardware.sito.protocol import Command, Enable, Gains, MessageType, damping_frames, encode
+from humanoid_sim.hardware.sito.protocol import (
+    Command,
+    Enable,
+    Gains,
+    MessageType,
+    damping_frames,
+    encode,
+    reset_frames,
+)
 from humanoid_sim.hardware.sito.watchdog import SOURCE, Watchdog, WatchedMotor
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray
@@ -49,18 +57,16 @@ class SitoMotors(MotorLink):
 
     knows_positions = False
 
-    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: LinkTerms) -> None:
+    def __init__(self, line: OpenChannels, motors: Sequence[Motor], terms: LinkTerms) -> None:
         self._line, self.motors, self._terms = line, motors, terms
-        self.uids: Mapping[str, bytes] = {}
-        self.slots = tuple(_Slot() for _ in range(motors.count))
-        self._targets = tuple(zip(motors.motor_id, motors.model, strict=True))
-        self._index = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
+        self.slots = tuple(_Slot() for _ in motors)
+        self._index = {(motor.channel, motor.motor_id): i for i, motor in enumerate(motors)}
         period = round(1000.0 * terms.control_period)
         self._interval = min(max(period, 1), protocol.LARGEST_INTERVAL)  # ms between two frames of one kind of feedback
         self._enabled: set[int] = set()
         self._watchdog: Watchdog | None = None
         self._sent: dict[int, int] = {}  # frames by channel, as of the latest beat
-        self._stiffness = np.zeros(motors.count)  # as sent last
+        self._stiffness = np.zeros(len(motors))  # as sent last
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         parts = protocol.split_identifier(frame)
@@ -71,7 +77,7 @@ class SitoMotors(MotorLink):
             bus.strangers["frame of no motor of this robot"] += 1
             return True
         slot = self.slots[index]
-        match protocol.decode(frame, self.motors.model[index]):
+        match protocol.decode(frame, self.motors[index].model):
             case protocol.Feedback() as feedback:
                 slot.velocity_time, slot.velocity, slot.effort = time, feedback.velocity, feedback.effort
                 slot.reports += 1
@@ -91,35 +97,35 @@ class SitoMotors(MotorLink):
 
     def examine(self, checks: CheckList) -> None:
         """See `MotorLink`: listens only."""
-        if self.motors.count:
+        if self.motors:
             self._wait(_LISTENING)
         self._line.check(checks)
         checks.refuse()
-        for i, slot in enumerate(self.slots):
-            (device_id, model), source = self._targets[i], self._line.sources[self.motors.channel[i]]
-            checks.passed(self.motors.names[i], f"motor {device_id} on {source}, {model.name}: it has no questions")
+        for motor, slot in zip(self.motors, self.slots, strict=True):
+            source = self._line.sources[motor.channel]
+            checks.passed(motor.name, f"motor {motor.motor_id} on {source}, {motor.model.name}: it has no questions")
             if slot.reports:
-                checks.warn(self.motors.names[i], "sends feedback: another program left it enabled; it is stopped")
+                checks.warn(motor.name, "sends feedback: another program left it enabled; it is stopped")
 
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`: starts the watchdog, makes the motors limp and disables them."""
-        if self.motors.count and self._watchdog is None:
+        if self.motors and self._watchdog is None:
             self._start_watchdog(checks)
             checks.refuse()
-        for i in self._reset(range(self.motors.count)):
-            checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
+        for i in self._reset(range(len(self.motors))):
+            checks.warn(self.motors[i].name, "goes on sending feedback after a reset: whether it obeyed is not known")
 
     def _start_watchdog(self, checks: CheckList) -> None:
-        plan, names = [], ", ".join(self.motors.names)
-        for i, target in enumerate(self._targets):
-            damping = damping_frames(*target, float(self._terms.damping[i]))
-            address, reset = self._channel(i).address, protocol.reset_frames(*target)
-            plan.append(WatchedMotor(self.motors.names[i], address, damping, reset))
+        plan, names = [], ", ".join(motor.name for motor in self.motors)
+        for motor in self.motors:
+            target, address = (motor.motor_id, motor.model), self._line.channels[motor.channel].address
+            frames = damping_frames(*target, motor.damping), reset_frames(*target)
+            plan.append(WatchedMotor(motor.name, address, *frames))
         if any(motor.channel.interface == "virtual" for motor in plan):
             checks.warn(SOURCE, f"{names}: mock motors of this process, with which they end; no watchdog")
             return
         with checks.collecting(SOURCE):
-            self._watchdog = Watchdog(plan, self._line.locks)
+            self._watchdog = Watchdog(plan, [lock.fileno() for lock in self._line.locks])
             checks.passed(SOURCE, f"process {self._watchdog.pid} damps and resets {names} when this program is silent")
             checks.warn(SOURCE, f"without it, or without the bus, only the switch of their supply stops {names}")
 
@@ -134,17 +140,16 @@ class SitoMotors(MotorLink):
         for i, slot in enumerate(self.slots):
             slot.velocity_time = slot.velocity = slot.position_time = slot.position = np.nan
             slot.reports = 0
-            (device_id, model), limp = self._targets[i], damping_frames(*self._targets[i], 0.0)
+            motor, limp = self.motors[i], self._limp(i)
             self._enabled.add(i)
-            self._send(i, [*limp, encode(Enable(device_id, self._interval), model), *limp])
+            self._send(i, [*limp, encode(Enable(motor.motor_id, self._interval), motor.model), *limp])
         self._stiffness[:] = 0.0
         end = self._line.clock() + max(_FIRST_FEEDBACK, 0.005 * self._interval)
         while self._line.clock() < end and any(slot.reports < _ENOUGH for slot in self.slots):
             self._wait(_ROUND)
             for i, slot in enumerate(self.slots):  # again and again: none is acknowledged
-                self._send(i, damping_frames(*self._targets[i], 0.0, _here(slot, 0.0)))
-        for i, slot in enumerate(self.slots):
-            name = self.motors.names[i]
+                self._send(i, self._limp(i, _here(slot, 0.0)))
+        for (name, *_), slot in zip(self.motors, self.slots, strict=True):
             if np.isnan(slot.velocity + slot.position):
                 missing = "velocity" if np.isnan(slot.velocity) else "position"
                 checks.problem(name, f"sends no {missing} after it was enabled: is it there, with supply and this id?")
@@ -160,15 +165,15 @@ class SitoMotors(MotorLink):
             time.sleep(0.001)
 
     def _send(self, motor: int, frames: Iterable[Frame]) -> None:
-        self._channel(motor).send([(None, frame) for frame in frames])
+        self._line.channels[self.motors[motor].channel].send([(None, frame) for frame in frames])
 
-    def _channel(self, motor: int) -> Channel:
-        return self._line.channels[self.motors.channel[motor]]
+    def _limp(self, motor: int, position: float = 0.0) -> tuple[Frame, ...]:
+        return damping_frames(self.motors[motor].motor_id, self.motors[motor].model, 0.0, position)
 
     # --- control
 
     def readings(self) -> Readings:
-        rows = np.full((5, self.motors.count), np.nan)
+        rows = np.full((5, len(self.motors)), np.nan)
         for i, slot in enumerate(self.slots):
             older = np.minimum(slot.position_time, slot.velocity_time)  # NaN: not both have come
             rows[:, i] = older, slot.position, slot.velocity, slot.effort, np.nan
@@ -176,9 +181,9 @@ class SitoMotors(MotorLink):
 
     def findings(self, since: float) -> Iterator[Finding]:
         """See `MotorLink`: no frame that reports a fault is known."""
-        for i, slot in enumerate(self.slots):
+        for motor, slot in zip(self.motors, self.slots, strict=True):
             if slot.invalid.time >= since:
-                yield Finding(i, SafetyFlag.INVALID_FRAME, slot.invalid.text)
+                yield Finding(motor, SafetyFlag.INVALID_FRAME, slot.invalid.text)
 
     def status(self) -> SafetyStatus | None:
         return None if self._watchdog is None else self._watchdog.status()
@@ -194,13 +199,13 @@ class SitoMotors(MotorLink):
             return
         batches: dict[int, list[tuple[Hashable, Frame]]] = {}
         for i, (position, velocity, effort, stiffness, damping) in enumerate(values.T.tolist()):
-            device_id, model = self._targets[i]
+            motor = self.motors[i]
             goal = _here(self.slots[i], position) if stiffness == 0.0 else position
-            command = ((i, "command"), encode(Command(device_id, goal, velocity, effort), model))
-            gains = ((i, "gains"), encode(Gains(device_id, stiffness, damping), model))
+            command = ((i, "command"), encode(Command(motor.motor_id, goal, velocity, effort), motor.model))
+            gains = ((i, "gains"), encode(Gains(motor.motor_id, stiffness, damping), motor.model))
             pair = [command, gains] if stiffness > self._stiffness[i] else [gains, command]
             self._stiffness[i] = stiffness
-            batches.setdefault(self.motors.channel[i], []).extend(pair)
+            batches.setdefault(motor.channel, []).extend(pair)
         for channel, batch in batches.items():
             self._line.channels[channel].send(batch, _LIFETIME * self._terms.control_period)
         sent = {channel: self._line.channels[channel].sent for channel in batches}
@@ -210,9 +215,8 @@ class SitoMotors(MotorLink):
 
     # --- the end
 
-    def stop(self, motors: Iterable[int]) -> dict[int, str]:
+    def stop(self, motors: Sequence[int]) -> dict[int, str]:
         """See `MotorLink`. Only feedback that came before and ends confirms a reset."""
-        motors = list(motors)
         if self._watchdog is not None and motors:
             if self._watchdog.poll():
                 self._watchdog.enabled()  # nothing is commanded from here on
@@ -240,7 +244,7 @@ class SitoMotors(MotorLink):
         while left and self._line.clock() < end:
             before = {i: self.slots[i].reports for i in left}
             for i in left:
-                self._send(i, protocol.reset_frames(*self._targets[i]))
+                self._send(i, reset_frames(self.motors[i].motor_id, self.motors[i].model))
             self._wait(0.003 * self._interval)
             left = [i for i in left if self.slots[i].reports > before[i]]
         return left

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.can_bus import BusAddress, OpenChannels, lock_channels
+from humanoid_sim.hardware.can_bus import BusAddress, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup, MotorLink
+from humanoid_sim.hardware.motor_link import LinkTerms, Motor, MotorLink
 from humanoid_sim.hardware.robot import LINKS
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID
@@ -31,29 +31,19 @@ class SilentMotorError(HumanoidSimError):
 
 
 @contextlib.contextmanager
-def open_bench(addresses: Sequence[BusAddress], motors: MotorGroup | None = None) -> Iterator[RobstrideLink]:
+def open_bench(addresses: Sequence[BusAddress], motors: Sequence[Motor] = ()) -> Iterator[RobstrideLink]:
     """Open channels for this tool alone, for some motors, or for every id that a motor may have, in order.
 
     Raises `RobotError` if a channel is in use, or cannot be opened.
     """
-    if motors is None:
-        places = [(channel, motor_id) for channel in range(len(addresses)) for motor_id in EVERY_ID]
-        motors = MotorGroup(
-            names=tuple(f"motor {motor_id} on {addresses[channel]}" for channel, motor_id in places),
-            channel=tuple(channel for channel, _ in places),
-            motor_id=tuple(motor_id for _, motor_id in places),
-            model=(MOTORS["rs-00"],) * len(places),  # scales the values of statuses, which are not shown
-            torque_limit=(0.0,) * len(places),
-            current_limit=(0.0,) * len(places),
-        )
-    checks = CheckList()
-    with contextlib.ExitStack() as opened:
-        locks = lock_channels(addresses, checks)
-        for lock in locks:
-            opened.callback(lock.close)
-        line = OpenChannels(addresses, checks, locks=locks)
-        opened.callback(line.close)
-        link = RobstrideLink(line, motors)
+    scale = MOTORS["rs-00"]  # of the values of statuses, which are not shown
+    every = [
+        Motor(f"motor {motor_id} on {address}", channel, motor_id, scale)
+        for channel, address in enumerate(addresses)
+        for motor_id in EVERY_ID
+    ]
+    with contextlib.closing(OpenChannels(addresses, CheckList())) as line:
+        link = RobstrideLink(line, motors or every)
         line.listeners.append(link.receive)
         yield link
 
@@ -83,14 +73,14 @@ def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
 def answer_of(link: RobstrideLink, motor: int, answers: Mapping[int, Answer]) -> Answer:
     """Return a motor's answer; raises `SilentMotorError` where there is none."""
     if motor not in answers:
-        raise silence(link, link.motors.channel[motor], f"motor {link.motors.motor_id[motor]} does not answer")
+        raise silence(link, link.motors[motor].channel, f"motor {link.motors[motor].motor_id} does not answer")
     return answers[motor]
 
 
 @contextlib.contextmanager
-def limp_motors(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> Iterator[MotorLink]:
+def limp_motors(bench: RobstrideLink, motors: Sequence[Motor], terms: LinkTerms) -> Iterator[MotorLink]:
     """Enable some motors of one family, limp, after all checks of a session; disable them at the end, and verify it."""
-    link = LINKS[motors.model[0].family](bench.line, motors, terms)
+    link = LINKS[motors[0].model.family](bench.line, motors, terms)
     bench.line.listeners[:] = [lambda *frame: any([link.receive(*frame), bench.receive(*frame)])]
     checks = CheckList()
     link.examine(checks)
@@ -106,10 +96,10 @@ def limp_motors(bench: RobstrideLink, motors: MotorGroup, terms: LinkTerms) -> I
         checks.refuse()
         yield link
     finally:
-        left = link.stop(range(motors.count))
+        left = link.stop(range(len(motors)))
         link.close()
         if left:
-            names = ", ".join(f"{motors.names[i]} ({state})" for i, state in left.items())
+            names = ", ".join(f"{motors[i].name} ({state})" for i, state in left.items())
             raise RobotError(f"{names}: not confirmed to be disabled: switch the power off")
 
 

@@ -58,7 +58,7 @@ def calibrate(config: Calibrate) -> int:
         return evaluate(joint, direction, sweep, tolerance=config.tolerance, any_offset=config.any_offset)
 
     print("move each joint by hand from stop to stop; Enter writes the file, Ctrl-C leaves it alone")
-    with bench.open_bench(addresses, wiring) as link:
+    with bench.open_bench(addresses, wiring.motors) as link:
         sweeps = _sweep(wiring, link, chosen, judge)
     failed, swept = False, 0
     for i, sweep in sweeps.items():
@@ -84,8 +84,8 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
     sweeps = {i: Sweep() for i in chosen}
     unasked = [i for i in chosen if i in wiring.unasked]
     asked = [i for i in chosen if i not in unasked]
-    terms = LinkTerms(0.0, _PERIOD, np.zeros(len(unasked)))
-    limp_motors = bench.limp_motors(link, wiring.select(unasked), terms) if unasked else contextlib.nullcontext()
+    motors = [wiring.motors[i]._replace(damping=0.0) for i in unasked]
+    limp_motors = bench.limp_motors(link, motors, LinkTerms(0.0, _PERIOD)) if motors else contextlib.nullcontext()
     with limp_motors as limp, Live(console=bench.make_console(), auto_refresh=False) as live:
         received = dict.fromkeys(chosen, time.monotonic())
         while not _is_over():
@@ -102,8 +102,8 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
                     received[i] = now
                     sweeps[i] = sweeps[i].with_angle(float(wiring.direction[i]) * position)
                 elif now - received[i] > _SILENT:
-                    text = f"{wiring.names[i]} ({wiring.motor_id[i]}) does not answer"
-                    raise bench.silence(link, wiring.channel[i], text)
+                    motor = wiring.motors[i]
+                    raise bench.silence(link, motor.channel, f"{motor.name} ({motor.motor_id}) does not answer")
             live.update(_table(wiring, sweeps, judge), refresh=True)
             time.sleep(_PERIOD)
     return sweeps
@@ -123,5 +123,5 @@ def _table(wiring: Wiring, sweeps: Mapping[int, Sweep], judge: _Judge) -> Table:
         numbers = (sweep.lowest, sweep.highest, sweep.width, wiring.upper[i] - wiring.lower[i])
         figures = [f"{number:.2f}" for number in numbers]
         written = "" if offset is None else f"{offset:.3f}"
-        rows.append([wiring.names[i], str(wiring.motor_id[i]), *figures, written, verdict.value])
+        rows.append([wiring.names[i], str(wiring.motors[i].motor_id), *figures, written, verdict.value])
     return bench.make_table(("joint", "id", "low", "high", "swept", "range", "offset", ""), rows)

@@ -6,7 +6,6 @@ import math
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -53,19 +52,19 @@ def identify(config: Identify) -> int:
             f"{config.joint}: nothing stops its motor when this program dies: --allow-no-timeout accepts that"
         )
     entries = dict(read_entries(config.output, description))
-    alone = replace(wiring.select([joint]), torque_limit=(config.torque,), current_limit=(0.0,))
-    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, np.array([_WATCHDOG_DAMPING]), accepted_firmware=config.accept_firmware)
-    with real_time(), bench.open_bench(addresses, wiring) as link:
+    alone = wiring.motors[joint]._replace(torque_limit=config.torque, current_limit=0.0, damping=_WATCHDOG_DAMPING)
+    terms = LinkTerms(CAN_TIMEOUT, _PERIOD, accepted_firmware=config.accept_firmware)
+    with real_time(), bench.open_bench(addresses, wiring.motors) as link:
         if joint not in wiring.unasked:
             bench.answer_of(link, joint, link.read_uids([joint]))
         print(
-            f"{config.joint}: motor {wired.can_id} on {addresses[wiring.channel[joint]]} will move it by "
+            f"{config.joint}: motor {wired.can_id} on {addresses[alone.channel]} will move it by "
             f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
         )
         bench.confirm("Is the arm supported and clear?", config.yes, "not moved")
-        found = link.read(_POSITION, range(wiring.count))
+        found = link.read(_POSITION, range(len(wiring.motors)))
         before = {i: position for i, position in found.items() if i != joint and math.isfinite(position)}
-        with bench.limp_motors(link, alone, terms) as motor:
+        with bench.limp_motors(link, [alone], terms) as motor:
             moved, shifts = _move(config, wiring, joint, link, motor, before)
     print(
         f"motor {wired.can_id} moved by {moved:+.3f} rad; with direction {wired.direction:+d} "
@@ -73,7 +72,7 @@ def identify(config: Identify) -> int:
     )
     others = [i for i, shift in shifts.items() if abs(shift) >= _MOVED * config.angle]
     for i in others:  # a limp one may swing along
-        complain(f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved too, by {shifts[i]:+.3f} rad")
+        complain(f"warning: {wiring.names[i]} (motor {wiring.motors[i].motor_id}) moved too, by {shifts[i]:+.3f} rad")
     if wired.direction * moved < _MOVED * config.angle:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
         return ExitStatus.FAILED
@@ -89,7 +88,7 @@ def _move(
     A commanded position that would ask for more torque than allowed is moved towards the joint. Raises `RobotError` if
     the motor reports a fault, is silent or is moved by something else, or another host commands motors.
     """
-    model, start = wiring.model[joint], float(motor.readings().position[0])
+    wired, model, start = wiring.motors[joint], wiring.motors[joint].model, float(motor.readings().position[0])
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, model.stiffness)
     damping = min(_DAMPING_TIME * stiffness, model.damping)
@@ -108,7 +107,7 @@ def _move(
         for finding in motor.findings(began):
             raise RobotError(f"{config.joint}: {finding.text}")
         if link.line.clock() - reading.time[0] > _PATIENCE:
-            raise bench.silence(link, wiring.channel[joint], f"motor {wiring.motor_id[joint]} does not answer")
+            raise bench.silence(link, wired.channel, f"motor {wired.motor_id} does not answer")
         distance = float(motor.readings().position[0]) - start
         if abs(distance) > _FARTHEST * config.angle:
             raise RobotError(f"{config.joint}: has moved by {distance:+.2f} rad: let go")

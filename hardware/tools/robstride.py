@@ -46,7 +46,7 @@ def discover(config: Discover) -> int:
     there = {(channel, motor_id) for channel, motor_id, _ in found}
     joints, missing = {}, []
     if wiring is not None:
-        joints = dict(zip(zip(wiring.channel, wiring.motor_id, strict=True), wiring.names, strict=True))
+        joints = {(motor.channel, motor.motor_id): motor.name for motor in wiring.motors}
         for i, ((channel, motor_id), name) in enumerate(joints.items()):
             if (channel, motor_id) not in there and i not in wiring.unasked:
                 missing.append(f"{name} (motor {motor_id} on {addresses[channel]})")
@@ -93,7 +93,7 @@ def _shown(parameter: Parameter, value: float) -> str:
 def ping(config: Ping) -> int:
     """Ask, print, and return the exit status."""
     with _one_motor(config) as (link, motor):
-        print(f"{link.motors.names[motor]}, unique id {answer_of(link, motor, link.read_uids([motor])).hex()}")
+        print(f"{link.motors[motor].name}, unique id {answer_of(link, motor, link.read_uids([motor])).hex()}")
         rows = {name: _shown(PARAMETERS[name], _value(link, motor, PARAMETERS[name])) for name in _PINGED}
         version = link.read_versions([motor]).get(motor)
         model = None if version is None else model_name(version)

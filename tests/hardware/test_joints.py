@@ -82,7 +82,7 @@ def test_a_command_is_in_the_motor_frame_and_within_its_limits():
     values = motor_values(wired, command, here, tracker, 0.04)
     assert (np.abs(values[2]) == wired.effort_limit).all()
     for row, name in zip(values[[1, 3, 4]], ("velocity", "stiffness", "damping"), strict=True):
-        assert np.abs(row).tolist() == [getattr(model, name) for model in wired.model]
+        assert np.abs(row).tolist() == [getattr(motor.model, name) for motor in wired.motors]
     soft = MITCommand(np.full(n, 0.1), np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n))
     values = motor_values(wired, soft, here, tracker, 0.04)
     assert values[0] == pytest.approx(wired.direction * 0.1 + 0.3 - TURN)

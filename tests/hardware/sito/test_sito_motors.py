@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.hardware.can_bus import NEVER
-from humanoid_sim.hardware.motor_link import LinkTerms, MotorGroup
+from humanoid_sim.hardware.motor_link import LinkTerms, Motor
 from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.hardware.sito.protocol import Command, Feedback, Gains, PositionFeedback, decode, encode
 from humanoid_sim.robots.motors import MOTORS
@@ -23,10 +23,8 @@ class Rig:
             send=lambda frames, _: self.sent.append(frames), sent=0, intruder=NEVER
         )
         line = SimpleNamespace(channels=(channel,), sources=("can0",), clock=lambda: 0.0)
-        ids = tuple(range(22, 22 + count))
-        zeros = (0.0,) * count
-        group = MotorGroup(tuple(map(str, ids)), (0,) * count, ids, (MODEL,) * count, zeros, zeros)
-        self.motors = SitoMotors(line, group, LinkTerms(0xFD, 0.1, 0.02))
+        group = [Motor(str(motor_id), 0, motor_id, MODEL) for motor_id in range(22, 22 + count)]
+        self.motors = SitoMotors(line, group, LinkTerms(0.1, 0.02))
         self.count = count
 
     def command(self, stiffness, damping=1.0, position=0.0):
