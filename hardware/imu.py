@@ -38,9 +38,8 @@ class Imu(Protocol):
         """Release the device. May be called twice."""
 
 
-def upright_at_rest(status: SafetyStatus) -> ImuReading:
-    """Return a substitute for a reading that does not exist."""
-    return ImuReading(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]), status)
+UPRIGHT_AT_REST = ImuReading(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]))
+"""Stands for a reading that does not exist."""
 
 
 class SimulatedImu(Imu):

@@ -20,7 +20,7 @@ import serial
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.imu import OK, SOURCE, Imu, ImuReading, upright_at_rest
+from humanoid_sim.hardware.imu import SOURCE, UPRIGHT_AT_REST, Imu, ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
@@ -98,7 +98,7 @@ class MicrostrainImu(Imu):
         self._mounting = np.array(mounting, dtype=np.float64)
         self._serial: serial.Serial | None = None
         self._buffer = bytearray()
-        self._received, self._latest = -math.inf, upright_at_rest(OK)
+        self._received, self._latest = -math.inf, UPRIGHT_AT_REST
 
     def open(self) -> None:
         self.close()

@@ -63,7 +63,6 @@ class MotorLink(Protocol):
     """
 
     motors: Sequence[Motor]
-    knows_positions: bool  # a motor reports its position before it is enabled
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, on its receiver's thread; True if it is one of this family's."""

@@ -14,7 +14,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.can_bus import NEVER, STRANGERS, BusAddress, OpenBus, OpenChannels, parse_address
 from humanoid_sim.hardware.can_bus import open_bus as open_python_can
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.imu import Imu, upright_at_rest
+from humanoid_sim.hardware.imu import UPRIGHT_AT_REST, Imu
 from humanoid_sim.hardware.joints import (
     JointReadings,
     JointTracker,
@@ -28,7 +28,7 @@ from humanoid_sim.hardware.robstride.motors import RobstrideMotors
 from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, LONGEST_CAN_TIMEOUT
 from humanoid_sim.hardware.safety import channel_status, joint_findings
 from humanoid_sim.hardware.sito.motors import SitoMotors
-from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
@@ -104,8 +104,7 @@ class HardwareRobot:
 
         self._line: OpenChannels | None = None
         self._links: list[tuple[MotorLink, list[int]]] = []  # with the joints of their motors
-        self._tracker = JointTracker(wiring, zeros + np.nan)
-        self._joints = self._tracker.update(self._readings())
+        self._track()
         self._enabled_since: float | None = None  # s, robot's clock; None: the motors are not enabled
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
@@ -127,11 +126,6 @@ class HardwareRobot:
     def time(self) -> float:
         """The robot's clock, s, from construction."""
         return self._clock() - self._origin
-
-    @property
-    def is_enabled(self) -> bool:
-        """Return whether the motors were enabled, and not disabled since by this program."""
-        return self._enabled_since is not None
 
     # --- activation
 
@@ -179,7 +173,7 @@ class HardwareRobot:
         checks.refuse(questions=False)
         for link, _ in self._links:
             link.make_ready(checks)
-        known = [i for link, joints in self._links if link.knows_positions for i in joints]
+        known = set(range(len(self.joints))) - set(self._wiring.unasked)
         check_positions(self._wiring, known, self._readings().position, checks)
         line.check(checks)
         checks.refuse(questions=False)
@@ -207,45 +201,42 @@ class HardwareRobot:
         return line
 
     def _enable(self, checks: CheckList) -> None:
-        """Enable first the motors that nothing stops; they report where they are once they are enabled."""
+        """Enable every motor, family by family; those that cannot be asked now report where they are."""
         assert self._line is not None
         checks.refuse()
         self._may_run = frozenset(range(len(self.joints)))
-        for link, _ in sorted(self._links, key=lambda each: each[0].knows_positions):
+        for link, _ in self._links:
             link.enable(checks)
             self._line.check(checks)
             checks.refuse()
-        late = [i for link, joints in self._links if not link.knows_positions for i in joints]
-        check_positions(self._wiring, late, self._readings().position, checks)
+        check_positions(self._wiring, self._wiring.unasked, self._readings().position, checks)
         checks.refuse()
         self._track()
 
     def _track(self) -> None:
+        """Forget where the joints were; which turn each is on follows from where its motor says that it is."""
         self._tracker = JointTracker(self._wiring, find_turns(self._wiring, self._readings().position))
         self._read_joints()
 
     def _retire(self) -> None:
         """Stop what may run, and close the channels of an earlier activation."""
-        if self._line is not None and self._may_run:
-            self._line.forget_queues()
-            self._may_run &= self._stop(self._may_run).keys()
+        if self._may_run:
+            self._stop(self._may_run)
         for link, _ in self._links:
             link.close()
         if self._line is not None:
             self._line.close()
         self._line, self._links, self._findings = None, [], []
-        self._tracker = JointTracker(self._wiring, np.full(len(self.joints), np.nan))
         self._enabled_since = self._last_command = None
-        self._read_joints()
+        self._track()
         self._why_not = "not enabled"
 
     def _give_up(self, error: BaseException) -> None:
         """After a refusal, stop the motors, unless another master drives them, whose arms would fall."""
         line = self._line
         is_ours = line is not None and (self._may_run or all(each.intruder is NEVER for each in line.channels))
-        if line is not None and is_ours:
-            line.forget_queues()
-            self._may_run &= self._stop(range(len(self.joints))).keys()
+        if is_ours:
+            self._stop(range(len(self.joints)))
         for link, _ in self._links:
             link.close()
         reason = flattened(str(error)).removeprefix(f"{self._name}: ") or type(error).__name__
@@ -265,7 +256,7 @@ class HardwareRobot:
         joints = self._read_joints()
         age = np.maximum(now - joints.time, 0.0)
         statuses = self._statuses(now, age)
-        imu = upright_at_rest(OK)
+        imu = UPRIGHT_AT_REST
         if self._imu is not None:
             imu = self._imu.read(now)
             statuses = (*statuses, imu.status)
@@ -357,14 +348,12 @@ class HardwareRobot:
             for each in (self._imu, self._line, *(link for link, _ in self._links)):
                 if each is not None:
                     stack.callback(each.close)
-            if self._line is not None and self._may_run:
+            if self._may_run:
                 try:
                     self._damp()
                 finally:
                     self._enabled_since = None
-                    self._line.forget_queues()
                     left = self._stop(self._stop(range(len(self.joints))))  # once more, for a lost frame
-                    self._may_run &= left.keys()
         if self._may_run:
             names = ", ".join(f"{self.joints[i]} ({left.get(i, 'no status')})" for i in sorted(self._may_run))
             raise RobotError(f"{self._name}: not confirmed to be disabled: {names}; switch the power off")
@@ -376,16 +365,20 @@ class HardwareRobot:
     def _stop(self, joints: Collection[int]) -> dict[int, str]:
         """Disable motors; those that did not confirm it, with the mode that they last reported."""
         left: dict[int, str] = {}
+        if self._line is None:
+            return left
+        self._line.forget_queues()
         for link, own in self._links:
             motors = [motor for motor, joint in enumerate(own) if joint in joints]
             if motors:
                 left.update((own[motor], text) for motor, text in link.stop(motors).items())
+        self._may_run &= left.keys()
         return left
 
     def _damp(self) -> None:
         """Damp the joints until they are known to rest, for 3 s at most; unless there was no torque."""
         last = self._last_command
-        if not self.is_enabled or last is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
+        if last is None or not (last.stiffness.any() or last.damping.any() or last.effort.any()):
             return
         rest = RestDetector(_PERIOD)
         deadline = system_time.monotonic() + _LONGEST

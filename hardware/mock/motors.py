@@ -18,15 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.errors import require_known
 from humanoid_sim.hardware.can_bus import Frame
+from humanoid_sim.hardware.joints import make_wiring
 from humanoid_sim.hardware.mock.faults import Fault
-from humanoid_sim.hardware.mock.motor import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, Drive
-from humanoid_sim.hardware.mock.plant import MotorPlant
+from humanoid_sim.hardware.mock.plant import ROOM_TEMPERATURE, SUPPLY_VOLTAGE, Drive, MotorPlant
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.mock.sito_motor import SitoMotor
 from humanoid_sim.mit import MITCommand, mit_torque
-from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 FACTORY_ID = 127  # id with which Robstride motors are delivered
@@ -53,27 +52,23 @@ class MockMotors:
         description: RobotDescription,
         bus_count: int = 1,  # all motors on one bus, or the number of the robot's buses
         *,
-        homing_offset: Mapping[str, float] = MappingProxyType({}),  # see `MotorPlant`
+        homing_offset: Mapping[str, float] = MappingProxyType({}),  # by joint, rad, motor frame; else 0
         alone: str = "",  # joint whose motor alone has power, as delivered; empty: all have, with their ids
         log: Log = lambda *_: None,  # receives changes of modes and faults
     ) -> None:
         """Power everything on."""
-        self.plant = plant = MotorPlant(description, homing_offset)
         self.names = description.joint_names
         require_known("joint", [alone] if alone else [], self.names)
-        buses = 1 + max(motor.bus for motor in plant.motors)
-        if bus_count not in (1, buses):
-            raise InputError(f"{description.name}: {bus_count} channels, expected 1 or {buses}")
-        self.bus_count = bus_count
-        self.bus_of = [motor.bus if bus_count > 1 else 0 for motor in plant.motors]
+        wiring = make_wiring(description, bus_count, dict.fromkeys(self.names, 0.0) | dict(homing_offset))
+        self.plant = plant = MotorPlant(description, wiring)
+        self.bus_of = [motor.channel for motor in wiring.motors]
         self.motors: list[RobstrideMotor | SitoMotor] = []
-        for joint, motor in zip(self.names, plant.motors, strict=True):
-            model = MOTORS[motor.model]
+        for joint, _, motor_id, model, *_ in wiring.motors:
             if model.family == "sito":
-                self.motors.append(SitoMotor(model, motor.can_id))
+                self.motors.append(SitoMotor(model, motor_id))
             else:
                 uid = hashlib.sha256(f"{description.name}/{joint}".encode()).digest()[:8]
-                self.motors.append(RobstrideMotor(model, FACTORY_ID if alone else motor.can_id, uid))
+                self.motors.append(RobstrideMotor(model, FACTORY_ID if alone else motor_id, uid))
         self.has_power = [alone in ("", name) for name in self.names]
         self.time = 0.0  # s, the time up to which everything has happened
         self._log = log
@@ -86,7 +81,7 @@ class MockMotors:
         self._reported = [(False, "")] * len(self.motors)
         self._jump = np.zeros(len(self.motors))
         self._drives = np.zeros((len(Drive._fields), len(self.motors)))  # rows as `Drive`
-        self._range = np.array([motor.model.position for motor in self.motors])
+        self._range = wiring.position_range
         self._steps = 0
         self._check_steps = max(round(_CHECK_PERIOD / plant.timestep), 1)
         for i, powered in enumerate(self.motors):
@@ -155,20 +150,17 @@ class MockMotors:
         else:
             return
         self._log(self.time, f"fault{'' if begins else ' over'}: {fault.kind} of {', '.join(fault.joints) or 'all'}")
-        for i, name in enumerate(self.names):
-            if fault.affects(name):
-                self._switch_motor(fault, i, begins)
-
-    def _switch_motor(self, fault: Fault, i: int, begins: bool) -> None:
-        self._measure(i)
-        match fault.kind:
-            case "stuck":
+        for i, motor in enumerate(self.motors):
+            if not fault.affects(self.names[i]):
+                continue
+            self._measure(i)
+            if fault.kind == "stuck":
                 self.plant.jam(i, begins)
-            case "wrong_id":
-                self.motors[i].can_id = int(fault.amount) if begins else self._true_ids[i]
-            case "brown_out" if fault.amount < _OFF_VOLTAGE:
+            elif fault.kind == "wrong_id":
+                motor.can_id = int(fault.amount) if begins else self._true_ids[i]
+            elif fault.kind == "brown_out" and fault.amount < _OFF_VOLTAGE:
                 self.set_power(i, not begins)
-        self._changed(i)
+            self._changed(i)
 
     def _interfere(self, fault: Fault, bus: int) -> None:
         """Send another computer's commands to every motor of a bus, again and again."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from humanoid_sim.hardware.can_bus import Frame
-from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
+from humanoid_sim.hardware.mock.plant import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.robstride import parameters, protocol
 from humanoid_sim.hardware.robstride.firmware import emulated_version
 from humanoid_sim.hardware.robstride.protocol import FaultBit, FrameType, MotorMode, OperationControl, StatusFault

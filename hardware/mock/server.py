@@ -80,13 +80,13 @@ class MockServer:
         self.call(lambda motors: motors.clear_faults())
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Support a floating base or let it go, see `MotorPlant.set_support`."""
-        self.call(lambda motors: motors.plant.set_support(held, lifts=lifts))
+        """Support a floating base or let it go, see `Support.move`."""
+        self.call(lambda motors: motors.plant.support.move(held, lifts=lifts))
 
     @property
     def supported(self) -> bool:
         """True while the support holds a floating base."""
-        return self._motors.plant.supported
+        return self._motors.plant.support.holds
 
     def close(self) -> None:
         """Stop the thread and close the motors' ends of the channels. Raises what ended the thread."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from humanoid_sim.hardware.can_bus import Frame
-from humanoid_sim.hardware.mock.motor import LOWEST_VOLTAGE, Drive, Sensed
+from humanoid_sim.hardware.mock.plant import LOWEST_VOLTAGE, Drive, Sensed
 from humanoid_sim.hardware.sito import protocol
 from humanoid_sim.robots.motors import MotorModel
 

@@ -59,8 +59,6 @@ _FLAGS = {  # of faults that are more, or less, than a motor fault
 class RobstrideMotors(RobstrideLink, MotorLink):
     """See `MotorLink`. A motor is stopped by its own CAN timeout, which is set and read back before it is enabled."""
 
-    knows_positions = True
-
     def __init__(self, line: OpenChannels, motors: Sequence[Motor], terms: LinkTerms) -> None:
         super().__init__(line, motors)
         self._terms = terms

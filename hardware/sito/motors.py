@@ -55,8 +55,6 @@ class _Slot:
 class SitoMotors(MotorLink):
     """See `MotorLink`."""
 
-    knows_positions = False
-
     def __init__(self, line: OpenChannels, motors: Sequence[Motor], terms: LinkTerms) -> None:
         self._line, self.motors, self._terms = line, motors, terms
         self.slots = tuple(_Slot() for _ in motors)

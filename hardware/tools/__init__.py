@@ -7,7 +7,8 @@ it must be.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from humanoid_sim.cli import ExitStatus, complain, parse
 from humanoid_sim.hardware.tools import options
@@ -18,23 +19,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parse(options.TOOLS, "hardware", arguments)
     from humanoid_sim.hardware.tools import bench, calibrate, emulate, identify, robstride  # `--help` must be quick
 
+    tools: dict[type, Callable[[Any], int]] = {
+        options.Discover: robstride.discover,
+        options.Ping: robstride.ping,
+        options.Param: robstride.param,
+        options.SetId: robstride.set_id,
+        options.SetZero: robstride.set_zero,
+        options.Identify: identify.identify,
+        options.Calibrate: calibrate.calibrate,
+        options.Emulate: emulate.emulate,
+    }
     try:
-        match chosen:
-            case options.Discover():
-                return robstride.discover(chosen)
-            case options.Ping():
-                return robstride.ping(chosen)
-            case options.Param():
-                return robstride.param(chosen)
-            case options.SetId():
-                return robstride.set_id(chosen)
-            case options.SetZero():
-                return robstride.set_zero(chosen)
-            case options.Identify():
-                return identify.identify(chosen)
-            case options.Calibrate():
-                return calibrate.calibrate(chosen)
-        return emulate.emulate(chosen)
+        return tools[type(chosen)](chosen)
     except bench.SilentMotorError as error:
         complain(f"error: {error}")
         return ExitStatus.NO_ANSWER

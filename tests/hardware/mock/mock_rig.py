@@ -96,7 +96,7 @@ class Bench:
         self.log: list[Arrival] = []
 
     def submit(self, frame: Frame) -> None:
-        bus = _MOTORS[IDS.index(frame.arbitration_id & 0xFF)].bus if self.mock.bus_count > 1 else 0
+        bus = _MOTORS[IDS.index(frame.arbitration_id & 0xFF)].bus if len(set(self.mock.bus_of)) > 1 else 0
         self.mock.submit(bus, frame, self.mock.time)
 
     def advance(self, duration: float) -> list[Reply]:

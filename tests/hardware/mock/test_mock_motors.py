@@ -67,8 +67,8 @@ def test_a_floating_base_is_held_and_let_go():
     motors = MockMotors(load_robot("lite_biped"))
     motors.advance(0.1)
     height = motors.plant.data.qpos[2]
-    assert motors.plant.supported
-    motors.plant.set_support(False)
+    assert motors.plant.support.holds
+    motors.plant.support.move(False)
     motors.advance(0.4)
     assert motors.plant.data.qpos[2] < height - 0.02, "without torque its knees give way"
 
