@@ -1,8 +1,7 @@
 """Hold a robot's arms against gravity, from outside, over DDS: `python examples/gravity_compensation.py`.
 
-Walk the robot to REMOTE, by the gamepad, the console or `python -m humanoid_sim.mode start_remote`; the arms are then
-held. In the effort form they can be led by hand and stay where they are let go. In the PD form they keep their pose.
-The page docs/dds-client.md explains it line by line.
+In REMOTE (the gamepad's button, or `python -m humanoid_sim.mode start_remote`) the arms are held: in the effort form
+they can be led by hand and stay where they are let go, in the PD form they keep their pose. See docs/dds-client.md.
 """
 
 from __future__ import annotations
@@ -29,10 +28,9 @@ class Options:
     """Compensate gravity in REMOTE, over DDS."""
 
     form: Literal["effort", "pd"] = "effort"
-    """effort: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
-    the robot's own gains carry the weight."""
+    """effort: gravity's torque, no stiffness, a little damping; pd: a position with which the gains carry it."""
     robot: str = "lite"
-    """Robot of the model to use: a shipped robot, the path of a robot's YAML file, or of an MJCF."""
+    """Robot of the model to use: a shipped robot, or the path of a robot's YAML file or MJCF."""
     damping: float = 1.0
     """N·m·s/rad, of the effort form."""
 
@@ -75,12 +73,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 position = hold if options.form == "pd" else state.position
                 client.command(command(robot, position, gravity(position), options.form, options.damping))
             state = client.state()
-        # Passive at the end: damped, as the robot does by itself 100 ms after the last command.
-        if state is not None:
-            zeros = np.zeros(len(robot.joints))
-            settings = robot.remote_policy_controller
-            passive = np.array(settings.damping or [settings.damping_scalar] * len(zeros))
-            client.command(MITCommand(np.nan_to_num(state.position), zeros, zeros, zeros, passive))
     print("the robot fell silent" if state is None else "stopped", flush=True)
     return 0
 

@@ -116,11 +116,6 @@ def main(arguments=None):
     cfg = configuration(options.task, options.motion, options.seed)
     if any(hasattr(command, "motion_file") for command in cfg.commands.values()) and options.motion is None:
         parser.error(f"{options.task} follows a motion: --motion FILE is missing")
-    for file in filter(None, (options.checkpoint, options.motion)):
-        if not file.is_file():
-            parser.error(f"{file}: no such file")
-    if options.steps < 1:
-        parser.error(f"--steps is {options.steps}, expected at least 1")
     env, runner = load(options.task, options.checkpoint, cfg)
     trace = record(env, runner.get_inference_policy(device="cpu"), options.steps)
     write_scene(cfg.scene, options.output)

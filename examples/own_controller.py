@@ -23,18 +23,15 @@ from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import build_supervisor
 
-PERIOD = 0.005
-"""s, from one tick to the next."""
+PERIOD = 0.005  # s, from one tick to the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwayMemory(Memory):
-    """Position at the start."""
+    """Where and when it began."""
 
-    time: float = 0.0
-    """s"""
-    position: FloatArray | None = None
-    """Shape (n,), rad."""
+    time: float = 0.0  # s
+    position: FloatArray | None = None  # shape (n,), rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +40,8 @@ class Sway:
 
     joints: tuple[str, ...]
     swaying: tuple[str, ...]
-    amplitude: float = 0.2
-    """rad"""
-    seconds: float = 2.0
-    """s, of one period."""
+    amplitude: float = 0.2  # rad
+    seconds: float = 2.0  # s, of one period
 
     def activate(self, tick_input: TickInput) -> SwayMemory | Fault:
         """Remember the pose; refuse one that is not known."""
@@ -62,20 +57,13 @@ class Sway:
             return Fault(f"the clock is {elapsed:g} s after the beginning")
         assert memory.position is not None
         moves = np.array([joint in self.swaying for joint in self.joints])
-        phase = 2.0 * math.pi * elapsed / self.seconds
+        sway = np.where(moves, self.amplitude * math.sin(2.0 * math.pi * elapsed / self.seconds), 0.0)
         zeros = np.zeros(len(self.joints))
-        command = MITCommand(
-            position=memory.position + np.where(moves, self.amplitude * math.sin(phase), 0.0),
-            velocity=zeros,
-            effort=zeros,
-            stiffness=np.full(len(self.joints), 50.0),
-            damping=np.full(len(self.joints), 2.0),
-        )
-        return memory, command
+        return memory, MITCommand(memory.position + sway, zeros, zeros, stiffness=zeros + 50.0, damping=zeros + 2.0)
 
 
 def main() -> None:
-    """Take the robot through the modes, as an operator would, and say what happens."""
+    """Take the robot through the modes, as an operator would, and print what happens."""
     lite = load_robot("lite")
     sound = build_supervisor(lite, PERIOD, None)
     sway = Sway(lite.joint_names, ("left_wrist_yaw", "right_wrist_yaw"))
@@ -84,8 +72,8 @@ def main() -> None:
     robot.activate()
     memory, mode = stack.initial(), ""
     wrist, angles = lite.joint_names.index("left_wrist_yaw"), []
-    script = {0: Intent.DAMP, 10: Intent.LOAD_A, 1000: Intent.START_LOCOMOTION, 1800: Intent.DAMP, 1900: Intent.QUIT}
-    for tick in range(2000):
+    script = {0: Intent.DAMP, 10: Intent.LOAD_A, 1000: Intent.START_LOCOMOTION, 1800: Intent.DAMP}
+    for tick in range(1900):
         state, safety = robot.read()
         memory, output = stack.step(memory, TickInput(state, safety, (script[tick],) if tick in script else ()))
         robot.write(output.command)
@@ -95,8 +83,6 @@ def main() -> None:
             mode = now
         if output.control_mode.controller_name == RL_POLICY:
             angles.append(float(state.joint_position[wrist]))
-        if output.quit:
-            break
     robot.close()
     print(f"left_wrist_yaw swayed from {min(angles):.2f} to {max(angles):.2f} rad")
 

@@ -40,13 +40,9 @@ class Options:
     """Train the Lite's arms to follow a motion."""
 
     output: Path = Path("arms.onnx")
-    """The policy."""
     minutes: float = 20.0
-    """Time of this run."""
-    iterations: int = 1_000_000
-    """End after so many updates, if they come first."""
-    envs: int = 64
-    """Robots simulated at once."""
+    iterations: int = 1_000_000  # the end too, if they come first
+    envs: int = 64  # robots simulated at once
     seed: int = 0
 
 
@@ -78,38 +74,24 @@ def main(options: Options) -> None:
     )
     scenario = envs.unwrapped.scenario
     normalise = VecNormalize(VecMonitor(Sb3VecEnv(envs)), norm_reward=False)
-    model = PPO(
-        "MlpPolicy",
-        normalise,
-        n_steps=STEPS,
-        batch_size=STEPS * options.envs // 4,
-        n_epochs=5,
-        learning_rate=5e-4,
-        ent_coef=0.001,
-        target_kl=0.04,
-        seed=options.seed,
-        device="cpu",
-        policy_kwargs={
-            "net_arch": [256, 128],
-            "activation_fn": nn.ELU,
-            "log_std_init": float(np.log(0.2 / np.median(scenario.contract.action_scale))),  # 0.2 rad
-        },
-    )
+    deviation = np.log(0.2 / np.median(scenario.contract.action_scale))  # 0.2 rad at the start
+    network = {"net_arch": [256, 128], "activation_fn": nn.ELU, "log_std_init": float(deviation)}
+    size = {"n_steps": STEPS, "batch_size": STEPS * options.envs // 4, "n_epochs": 5, "learning_rate": 5e-4}
+    kinds = {"ent_coef": 0.001, "target_kl": 0.04, "seed": options.seed, "device": "cpu"}
+    model = PPO("MlpPolicy", normalise, **size, **kinds, policy_kwargs=network)
 
-    asked_to_end: list[bool] = []
+    ended: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: asked_to_end.append(True))
+        signal.signal(number, lambda *_: ended.append(True))
     begin = shown = time.monotonic()
     iteration, per_iteration = 0, STEPS * options.envs
-    while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not asked_to_end:
+    while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not ended:
         model.learn(per_iteration, reset_num_timesteps=False)
         iteration, now = iteration + 1, time.monotonic()
-        if now - shown < 60.0 or not model.ep_info_buffer:
-            continue
-        shown = now
-        returned = np.mean([episode["r"] for episode in model.ep_info_buffer])
-        rate = iteration * per_iteration / (now - begin)
-        print(f"{iteration} iterations, {rate:.0f} steps/s: return {returned:.2f}", flush=True)
+        if now - shown >= 60.0 and model.ep_info_buffer:
+            shown, rate = now, iteration * per_iteration / (now - begin)
+            returned = np.mean([episode["r"] for episode in model.ep_info_buffer])
+            print(f"{iteration} iterations, {rate:.0f} steps/s: return {returned:.2f}", flush=True)
 
     def answer(observation: np.ndarray) -> np.ndarray:
         return model.predict(normalise.normalize_obs(observation), deterministic=True)[0]

@@ -5,10 +5,9 @@
     python -m humanoid_sim.policy check walk.onnx --robot lite_biped
     python -m humanoid_sim.play --robot lite_biped --policy walk.onnx --command 0.3,0,0
 
-Ctrl-C and SIGTERM end it after the iteration, with an export. Commands and falls are those of the task `velocity`; its
-rewards are weighted anew, and torques near the motors' limits cost. Two things make it learn within hours on a few
-cores: the network corrects a simple gait on the contract's clock, and sees the mirror image while the right leg swings,
-so each step trains both legs.
+Ctrl-C and SIGTERM end it after the iteration, with an export. Two things make it learn within hours on a few cores: the
+network corrects a simple gait on the contract's clock, and sees the mirror image while the right leg swings, so each
+step trains both legs.
 """
 
 from __future__ import annotations
@@ -135,13 +134,9 @@ class Options:
     """Train the Lite's legs to walk."""
 
     output: Path = Path("walk.onnx")
-    """The policy."""
     minutes: float = 180.0
-    """Time of this run."""
-    iterations: int = 1_000_000
-    """End after so many, if they come first."""
-    envs: int = 256
-    """Robots simulated at once."""
+    iterations: int = 1_000_000  # the end too, if they come first
+    envs: int = 256  # robots simulated at once
     seed: int = 0
 
 
@@ -174,24 +169,19 @@ def main(options: Options) -> None:
     for model in (actor, runner.alg.critic):
         model.obs_normalizer.eps = 0.2  # added to standard deviations: what rarely changes is not blown up
 
-    asked_to_end: list[bool] = []
+    ended: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: asked_to_end.append(True))
+        signal.signal(number, lambda *_: ended.append(True))
     begin = shown = time.monotonic()
     iteration, per_iteration = 0, STEPS * options.envs
     envs.episode_length_buf = torch.randint(0, envs.max_episode_length, (options.envs,))  # they end one by one
-    while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not asked_to_end:
+    while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not ended:
         runner.learn(1)
         iteration, now = iteration + 1, time.monotonic()
-        if now - shown < 60.0 or not meter.return_queue:
-            continue
-        shown = now
-        returned, seconds = np.mean(meter.return_queue), 0.02 * np.mean(meter.length_queue)
-        rate = iteration * per_iteration / (now - begin)
-        print(
-            f"{iteration} iterations, {rate:.0f} steps/s: return {returned:.2f}, episodes of {seconds:.1f} s",
-            flush=True,
-        )
+        if now - shown >= 60.0 and meter.return_queue:
+            shown, rate = now, iteration * per_iteration / (now - begin)
+            text = f"return {np.mean(meter.return_queue):.2f}, {0.02 * np.mean(meter.length_queue):.1f} s an episode"
+            print(f"{iteration} iterations, {rate:.0f} steps/s: {text}", flush=True)
     export(runner, robots.unwrapped.scenario, options.output)
     envs.close()
     print(f"{options.output}: after {iteration} iterations")

@@ -3,6 +3,6 @@
 import sys
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.hardware import main
+from humanoid_sim.hardware.tools import main
 
 sys.exit(run_program(main))

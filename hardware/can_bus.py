@@ -51,14 +51,8 @@ def frame_of(message: can.Message) -> Frame:
 
 def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
     """Return a frame for python-can; `timestamp` in s, of the system's wall clock."""
-    return can.Message(
-        timestamp=timestamp,
-        arbitration_id=frame.arbitration_id,
-        data=frame.data,
-        is_extended_id=frame.is_extended,
-        is_remote_frame=frame.is_remote,
-        is_error_frame=frame.is_error,
-    )
+    flags = frame.is_extended, frame.is_remote, frame.is_error
+    return can.Message(timestamp, frame.arbitration_id, *flags, data=frame.data)
 
 
 # --- addresses
@@ -201,7 +195,7 @@ _WALL_CLOCK_STAMPS = frozenset({"socketcan", "virtual", "udp_multicast"})  # oth
 
 
 class Channel:
-    """An open channel with its two threads; the control thread never waits for the driver.
+    """A channel that is open for this process alone, with its two threads; the control thread never waits for them.
 
     Frames leave in order of arrival. One with a key (a motor's MIT command) replaces an unsent one with that key and
     takes its place: after a jam the newest command leaves at once. One with a lifetime is dropped once that is over.
@@ -224,11 +218,16 @@ class Channel:
         self.error = ""  # the latest failure that CAN or the driver got over
         self.intruder = NEVER  # the latest sign of another host that commands our motors
         self.strangers = Counter[str]()  # frames that concern none of our motors, by kind
+        self.lock = lock_channel(address)  # a child that sends too holds a copy
         self._receive_frame, self._clock = receive, clock
         self._ready = threading.Condition()
         self._waiting: dict[Hashable, _Waiting] = {}  # a dict keeps the place of a key whose value is replaced
         self._closing = threading.Event()
-        self._bus = open_bus(address)
+        try:
+            self._bus = open_bus(address)
+        except RobotError:
+            self.lock.close()
+            raise
         # Daemons: a driver that never returns must not keep the process, and with it the motors' commands, alive.
         self._threads = [
             threading.Thread(target=target, name=f"{address} {name}", daemon=True)
@@ -253,7 +252,7 @@ class Channel:
             self._ready.notify()
 
     def forget_queue(self) -> None:
-        """Drop frames that wait to be sent; one that the driver has at this moment may still leave."""
+        """Drop frames that wait; one that the driver has at this moment may still leave."""
         with self._ready:
             self._waiting.clear()
 
@@ -279,6 +278,7 @@ class Channel:
             thread.join(_JOIN)
         with contextlib.suppress(Exception):  # a driver that is gone cannot be shut down either
             self._bus.shutdown()
+        self.lock.close()
 
     # --- receiver
 
@@ -362,7 +362,7 @@ the frame, which is then nobody else's."""
 
 
 class OpenChannels:
-    """Channels that are open, for this process alone; a frame goes to the first listener that knows it."""
+    """Channels that are open; a frame goes to the first listener that knows it."""
 
     def __init__(
         self,
@@ -372,24 +372,18 @@ class OpenChannels:
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
     ) -> None:
-        """Lock and open every channel, or none, with a `RobotError` of everything that is wrong, also in `checks`."""
-        self.locks: list[socket.socket] = []  # a child that sends too holds copies
+        """Open every channel, or none, with a `RobotError` of everything that is wrong, also before in `checks`."""
         self.clock = clock
         self.listeners: list[Listener] = []  # in the order in which a frame is offered to them
         self.sources = tuple(map(str, addresses))
         self.channels: tuple[Channel, ...] = ()
-        with contextlib.ExitStack() as opened:
-            opened.callback(self.close)
-            for address in addresses:
-                with checks.collecting(address):
-                    self.locks.append(lock_channel(address))
+        for index, address in enumerate(addresses):
+            receive = functools.partial(self._receive, index)
+            with checks.collecting(address):
+                self.channels = (*self.channels, Channel(address, receive, open_bus=open_bus, clock=clock))
+        if checks.problems:
+            self.close()
             checks.refuse()
-            for index, address in enumerate(addresses):
-                receive = functools.partial(self._receive, index)
-                with checks.collecting(address):
-                    self.channels = (*self.channels, Channel(address, receive, open_bus=open_bus, clock=clock))
-            checks.refuse()
-            opened.pop_all()
 
     def _receive(self, channel: int, frame: Frame, when: float) -> None:
         any(listener(channel, frame, when) for listener in self.listeners)
@@ -408,8 +402,5 @@ class OpenChannels:
             channel.forget_queue()
 
     def close(self) -> None:
-        """Close all channels. May be called twice."""
         for channel in self.channels:
             channel.close()
-        for lock in self.locks:
-            lock.close()

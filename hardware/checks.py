@@ -57,12 +57,10 @@ class CheckList:
             self.problem(str(subject), str(error).removeprefix(f"{subject}: "))
 
     def of(self, verdict: str) -> tuple[str, ...]:
-        """Return the checks with this outcome, one line each."""
         return tuple(f"{check.subject}: {check.text}" for check in self.all if check.verdict == verdict)
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Return what keeps the robot from being enabled, one line each."""
         return self.of("problem")
 
     def refuse(self, *, questions: bool = True) -> None:

@@ -45,7 +45,7 @@ class Wiring:
 
     @property
     def endless(self) -> tuple[int, ...]:
-        """Joints whose motors execute their last command for ever when their host falls silent."""
+        """Joints whose motors execute their last command for ever when their host is silent."""
         return tuple(i for i, motor in enumerate(self.motors) if not FAMILIES[motor.model.family].has_timeout)
 
     @property
@@ -75,20 +75,12 @@ def make_wiring(
         raise InputError(f"{name}: calibration: expected a finite offset of every joint; wrong: {', '.join(wrong)}")
     models = [MOTORS[motor.model] for motor in motors]
     families = [FAMILIES[model.family] for model in models]
+    places = [(motor.bus if channel_count > 1 else 0, motor.can_id) for motor in motors]
+    limits = [(motor.torque_limit or 0.0, motor.current_limit or 0.0) for motor in motors]
+    rows = zip(joints, places, models, limits, description.mode_damping.tolist(), strict=True)
     return Wiring(
         names=joints,
-        motors=tuple(
-            Motor(
-                joint,
-                motor.bus if channel_count > 1 else 0,
-                motor.can_id,
-                model,
-                motor.torque_limit or 0.0,
-                motor.current_limit or 0.0,
-                float(damping),
-            )
-            for joint, motor, model, damping in zip(joints, motors, models, description.mode_damping, strict=True)
-        ),
+        motors=tuple(Motor(joint, *place, model, *limit, damping) for joint, place, model, limit, damping in rows),
         direction=np.array([float(motor.direction) for motor in motors]),
         offset=np.array([offsets[joint] for joint in joints]),
         lower=description.lower,
@@ -115,7 +107,7 @@ class JointTracker:
     """Follows the motors' positions over wraps, and notices when one cannot be believed any more."""
 
     def __init__(self, wiring: Wiring, turns: FloatArray) -> None:
-        """Start with the turns that `find_turns` found, shape (n,), NaN where not known."""
+        """Start with the turns that `find_turns` found, shape (n,)."""
         self._wiring = wiring
         self._shift = _TURN * turns
         self._last: Readings | None = None

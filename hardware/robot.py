@@ -23,7 +23,7 @@ from humanoid_sim.hardware.joints import (
     make_wiring,
     motor_values,
 )
-from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, Finding, LinkTerms, Motor, MotorLink, Readings
+from humanoid_sim.hardware.motor_link import CAN_TIMEOUT, LinkTerms, Motor, MotorLink, Readings
 from humanoid_sim.hardware.robstride.motors import RobstrideMotors
 from humanoid_sim.hardware.robstride.parameters import CAN_TIMEOUT_TICK, LONGEST_CAN_TIMEOUT
 from humanoid_sim.hardware.safety import channel_status, joint_findings
@@ -110,7 +110,6 @@ class HardwareRobot:
         self._may_run: frozenset[int] = frozenset()  # joints whose motors may be enabled, as far as this program knows
         self._last_command: MITCommand | None = None
         self._bad_command = -math.inf  # s, robot's clock, of the latest command that was not finite
-        self._findings: list[Finding] = []  # of the latest reading, by joint
         self._commands = 0
         self._slipped: set[str] = set()
         self.checks = CheckList(self._name)  # findings of the latest `prepare` or `activate`
@@ -119,7 +118,6 @@ class HardwareRobot:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """See `Robot.joints`."""
         return self._wiring.names
 
     @property
@@ -130,11 +128,7 @@ class HardwareRobot:
     # --- activation
 
     def prepare(self) -> None:
-        """Verify and configure everything afresh, and leave the motors stopped.
-
-        Raises `RobotError` with the whole list of what is wrong; what an operator has to accept is in `checks`. The
-        robot can still be read, and reports that it is not enabled.
-        """
+        """Do all that `activate` does before it enables; what an operator has to accept is in `checks`."""
         self._bring_up(enables=False)
 
     def activate(self) -> None:
@@ -226,7 +220,7 @@ class HardwareRobot:
             link.close()
         if self._line is not None:
             self._line.close()
-        self._line, self._links, self._findings = None, [], []
+        self._line, self._links = None, []
         self._enabled_since = self._last_command = None
         self._track()
         self._why_not = "not enabled"
@@ -299,11 +293,10 @@ class HardwareRobot:
         findings = joint_findings(self._wiring.motors, age, self._rx_timeout, self._tracker)
         for link, _ in self._links:
             findings += link.findings(since)
-        self._findings = findings
-        statuses = []
-        for index, (source, channel) in enumerate(zip(self._sources, line.channels, strict=True)):
-            own = [finding for finding in findings if finding.motor.channel == index]
-            statuses.append(channel_status(source, channel, own, since))
+        statuses = [
+            channel_status(source, channel, [one for one in findings if one.motor.channel == index], since)
+            for index, (source, channel) in enumerate(zip(self._sources, line.channels, strict=True))
+        ]
         bad = (_BAD_COMMAND,) if now - self._bad_command <= self._rx_timeout else ()
         return (*statuses, *bad, *watchdogs)
 
@@ -326,8 +319,7 @@ class HardwareRobot:
             self._bad_command = self.time
             command = self._damped
         self._last_command = command
-        lead = _LEAD * self.control_period
-        values = motor_values(self._wiring, command, self._joints, self._tracker, lead)
+        values = motor_values(self._wiring, command, self._joints, self._tracker, _LEAD * self.control_period)
         self._commands += 1
         for link, joints in self._links:
             link.command(values[:, joints])
@@ -390,22 +382,17 @@ class HardwareRobot:
 
     def figures(self) -> dict[str, Any]:
         """Return figures of the buses since the latest activation, as JSON values, and in words as `lines`."""
-        channels: list[dict[str, Any]] = []
-        for each in () if self._line is None else self._line.channels:
-            counts = {"sent": each.sent, "received": each.received, "errors": each.errors}
-            channels.append({"source": str(each.address), **counts})
-        lines = [f"{self._commands} commands to each of {len(self.joints)} motors"]
-        lines += [
-            "{source}: {sent} frames sent, {received} received, {errors} errors".format(**each) for each in channels
+        channels = [
+            {"source": str(each.address), "sent": each.sent, "received": each.received, "errors": each.errors}
+            for each in (() if self._line is None else self._line.channels)
         ]
-        faults: dict[str, list[str]] = {}
-        for finding in self._findings:
-            faults.setdefault(finding.motor.name, []).append(finding.text)
+        text = "{source}: {sent} frames sent, {received} received, {errors} errors"
+        lines = [f"{self._commands} commands to each of {len(self.joints)} motors"]
+        lines += [text.format(**each) for each in channels]
         temperatures = zip(self.joints, self._readings().temperature.tolist(), strict=True)
         return {
             "channels": channels,
             "commands": self._commands,
             "temperature": {joint: value for joint, value in temperatures if math.isfinite(value)},
-            "faults": faults,
             "lines": lines,
         }

@@ -35,7 +35,7 @@ VERBS = {
     "rerun": "watch a running session in rerun's viewer",
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
 }
-_MODULES = {"policy": "policy_tools"}  # verbs whose program lies beside the library that they are named after
+_MODULES = {"policy": "policy_tools", "hardware": "hardware.tools"}  # verbs whose program is another module
 
 
 class ExitStatus(IntEnum):

@@ -75,18 +75,17 @@ class MockMotors:
         self._random = random.Random(0)
         self._faults: list[Fault] = []  # those in force
         self._true_ids = [motor.can_id for motor in self.motors]
-        self._serial = count()
-        self._due: list[tuple[float, int, Callable[[], None]]] = []  # events to come
-        self._arrivals: list[Arrival] = []
+        self._due: list[tuple[float, int, Callable[[], None]]] = []  # events to come, each with a serial number
+        self._serial, self._arrivals = count(), list[Arrival]()
         self._reported = [(False, "")] * len(self.motors)
         self._jump = np.zeros(len(self.motors))
         self._drives = np.zeros((len(Drive._fields), len(self.motors)))  # rows as `Drive`
         self._range = wiring.position_range
         self._steps = 0
         self._check_steps = max(round(_CHECK_PERIOD / plant.timestep), 1)
-        for i, powered in enumerate(self.motors):
+        for i, motor in enumerate(self.motors):
             self._measure(i)
-            powered.power_on()
+            motor.power_on()
             self._changed(i)
 
     def submit(self, bus: int, frame: Frame, time: float) -> None:

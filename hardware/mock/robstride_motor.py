@@ -38,9 +38,8 @@ class RobstrideMotor:
         lowest = -math.pi if self.parameters["zero_sta"] else 0.0
         self.origin = self.sensed.shaft - lowest - (self.sensed.shaft - self.zero - lowest) % (2.0 * math.pi)
         self.host_id = protocol.DEFAULT_HOST_ID
-        self.received = -math.inf
+        self.received, self.next_report = -math.inf, math.inf
         self.status_faults, self.fault_bits = StatusFault(0), FaultBit(0)
-        self.next_report = math.inf
         self._reset()
 
     def _reset(self) -> None:
@@ -48,7 +47,6 @@ class RobstrideMotor:
         self.command = _LIMP
 
     def is_for(self, frame: Frame) -> bool:
-        """Return whether a frame names this motor."""
         return frame.arbitration_id & 0xFF == self.can_id
 
     def receive(self, frame: Frame, time: float) -> tuple[Frame, ...]:
@@ -91,7 +89,6 @@ class RobstrideMotor:
         return ", ".join(protocol.flag_names(self.fault_bits)) if self.fault_bits else ""  # naming flags is slow
 
     def zero_torque(self) -> tuple[Frame, ...]:
-        """Return the frames with which another computer commands no torque."""
         return (protocol.encode_operation(self.can_id, _LIMP, self.model),)
 
     def _status(self, *, is_report: bool = False) -> protocol.Status:

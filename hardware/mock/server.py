@@ -76,16 +76,13 @@ class MockServer:
                 motor.version = versions.get(motor.model.name, motor.version)
 
     def clear_faults(self) -> None:
-        """End the faults in force. What motors have latched stays."""
         self.call(lambda motors: motors.clear_faults())
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Support a floating base or let it go, see `Support.move`."""
         self.call(lambda motors: motors.plant.support.move(held, lifts=lifts))
 
     @property
     def supported(self) -> bool:
-        """True while the support holds a floating base."""
         return self._motors.plant.support.holds
 
     def close(self) -> None:

@@ -39,7 +39,6 @@ class SitoMotor:
         self.next_feedback = math.inf
 
     def is_for(self, frame: Frame) -> bool:
-        """Return whether a frame names this motor."""
         parts = protocol.split_identifier(frame)
         return parts is not None and parts[0] == self.can_id
 
@@ -81,12 +80,10 @@ class SitoMotor:
         return Drive(*goal, self.gains.stiffness, self.gains.damping, limit, self.origin)
 
     def faults(self) -> str:
-        """Return its faults in words; empty without any."""
         sensed = self.sensed
         is_sound = sensed.voltage >= LOWEST_VOLTAGE and sensed.temperature < _HOTTEST and not sensed.overcurrent
         return "" if is_sound else "protects itself"
 
     def zero_torque(self) -> tuple[Frame, ...]:
-        """Return the frames with which another computer commands no torque."""
         messages = protocol.Gains(self.can_id, 0.0, 0.0), protocol.Command(self.can_id, 0.0, 0.0, 0.0)
         return tuple(protocol.encode(message, self.model) for message in messages)

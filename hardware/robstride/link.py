@@ -11,35 +11,17 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from humanoid_sim.hardware.can_bus import NEVER, Frame, Note, OpenChannels
 from humanoid_sim.hardware.motor_link import Motor, Readings
+from humanoid_sim.hardware.robstride import protocol
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.protocol import (
-    BROADCAST_ID,
-    CLEAR_FAULTS,
-    DEFAULT_HOST_ID,
-    READ_VERSION,
-    DeviceId,
-    FaultReport,
-    FrameType,
-    Ignored,
-    Malformed,
-    MotorMode,
-    ParameterReply,
-    Status,
-    Version,
-    decode_reply,
-    encode_command,
-    flag_names,
-    parameter_data,
-    split_identifier,
-    type_name,
-)
+from humanoid_sim.hardware.robstride.protocol import DEFAULT_HOST_ID, DeviceId, FrameType, MotorMode, Status
 from humanoid_sim.robots.motors import MotorModel
 
 _COMMANDS = frozenset(FrameType) - {FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER}  # others may only scan and read
@@ -57,11 +39,11 @@ class MotorSlot:
     """The latest of everything that came from one motor. Written by one receiver thread."""
 
     sample: Sample | None = None
-    report: FaultReport | None = None
+    report: protocol.FaultReport | None = None
     invalid: Note = NEVER  # the latest frame that could not be read
     uid: bytes | None = None
     version: FirmwareVersion | None = None
-    parameters: dict[int, ParameterReply] = field(default_factory=dict)  # by index, until somebody takes them
+    parameters: dict[int, protocol.ParameterReply] = field(default_factory=dict)  # by index, until somebody takes them
 
     @property
     def runs(self) -> bool:
@@ -74,7 +56,7 @@ class MotorSlot:
         if self.sample is None:
             return "no status"
         status = self.sample.status
-        return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])
+        return ", ".join([f"mode {status.mode.name.lower()}", *protocol.flag_names(status.faults)])
 
 
 _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)  # s that a motor has to answer each request: a lost frame, a busy computer
@@ -104,28 +86,28 @@ class RobstrideLink:
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, whatever it is; True."""
-        bus, (kind, _, sender, destination) = self.line.channels[channel], split_identifier(frame.arbitration_id)
+        bus = self.line.channels[channel]
+        kind, _, sender, destination = protocol.split_identifier(frame.arbitration_id)
         # A fault is a fault, whomever the motor reports it to: the manuals do not say where unasked reports go.
         host_id = destination if kind == FrameType.FAULT_REPORT else DEFAULT_HOST_ID
-        reply = decode_reply(frame, self._models[channel], host_id)
+        reply = protocol.decode_reply(frame, self._models[channel], host_id)
         index = self._index.get((channel, sender))
         slot = None if index is None else self.slots[index]
         match reply:
-            case Ignored("host_command") if kind in _COMMANDS and (channel, destination) in self._index:
-                bus.intruder = Note(time, f"another host sends '{type_name(kind)}' to motor {destination}")
-            case Ignored("other_host") if slot is not None and kind == FrameType.STATUS:
+            case protocol.Ignored("host_command") if kind in _COMMANDS and (channel, destination) in self._index:
+                bus.intruder = Note(time, f"another host sends '{protocol.type_name(kind)}' to motor {destination}")
+            case protocol.Ignored("other_host") if slot is not None and kind == FrameType.STATUS:
                 # Another host commands it, or its own id is stored in it: commands do not name their host.
                 bus.intruder = Note(time, f"motor {sender} answers host {destination}, not {DEFAULT_HOST_ID}")
-            case Ignored("unknown_type" | "host_command") if slot is not None and destination in (
+            case protocol.Ignored("unknown_type" | "host_command") if slot is not None and destination in (
                 DEFAULT_HOST_ID,
-                BROADCAST_ID,
+                protocol.BROADCAST_ID,
             ):
                 slot.invalid = Note(time, f"frame of communication type {kind}")
-            case Ignored("standard_id"):
-                bus.strangers["frame with an 11-bit identifier"] += 1
-            case Ignored(reason):
-                bus.strangers[reason.replace("_", " ")] += 1
-            case Malformed() if slot is not None:
+            case protocol.Ignored(reason):
+                text = "frame with an 11-bit identifier" if reason == "standard_id" else reason.replace("_", " ")
+                bus.strangers[text] += 1
+            case protocol.Malformed() if slot is not None:
                 slot.invalid = Note(time, reply.reason)
             case DeviceId():
                 self._device_ids.append((channel, reply))
@@ -133,11 +115,11 @@ class RobstrideLink:
                     slot.uid = reply.uid
             case Status() if slot is not None:
                 slot.sample = Sample(time, reply)
-            case FaultReport() if slot is not None:
+            case protocol.FaultReport() if slot is not None:
                 slot.report = reply
-            case ParameterReply() if slot is not None:
+            case protocol.ParameterReply() if slot is not None:
                 slot.parameters[reply.index] = reply
-            case Version() if slot is not None:
+            case protocol.Version() if slot is not None:
                 slot.version = reply.version
         return True
 
@@ -156,7 +138,7 @@ class RobstrideLink:
 
     def frame(self, motor: int, kind: FrameType, data: bytes = b"") -> Frame:
         """Return the frame of a command to a motor."""
-        return encode_command(kind, self.motors[motor].motor_id, data)
+        return protocol.encode_command(kind, self.motors[motor].motor_id, data)
 
     def send(self, frames: Mapping[int, Sequence[Frame]]) -> None:
         """Send frames to motors, one motor after the other, in the place of an earlier round that still waits."""
@@ -201,7 +183,7 @@ class RobstrideLink:
 
     def stop_motors(self, motors: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
         """Stop motors, and clear their faults on request; returns those that did not confirm it."""
-        frames = {i: [self.frame(i, FrameType.STOP, CLEAR_FAULTS if clear_faults else b"")] for i in motors}
+        frames = {i: [self.frame(i, FrameType.STOP, protocol.CLEAR_FAULTS if clear_faults else b"")] for i in motors}
         confirmed = self.until_status(
             frames, lambda status: status.mode is MotorMode.RESET and not (clear_faults and status.faults)
         )
@@ -209,19 +191,17 @@ class RobstrideLink:
 
     def read_versions(self, motors: Iterable[int]) -> dict[int, FirmwareVersion]:
         """Return motors' firmware; one that does not know the question takes it for a stop, and is left out."""
-        frames = {i: [self.frame(i, FrameType.STOP, READ_VERSION)] for i in motors}
+        frames = {i: [self.frame(i, FrameType.STOP, protocol.READ_VERSION)] for i in motors}
         for slot in self.slots:
             slot.version = None
-        return self._ask(
-            frames, lambda: {i: one.version for i, one in enumerate(self.slots) if one.version is not None}
-        )
+        return self._ask(frames, lambda: {i: one.version for i, one in enumerate(self.slots) if one.version})
 
     def read_uids(self, motors: Iterable[int]) -> dict[int, bytes]:
         """Return motors' unique ids."""
         frames = {i: [self.frame(i, FrameType.GET_DEVICE_ID)] for i in motors}
         for slot in self.slots:
             slot.uid = None
-        return self._ask(frames, lambda: {i: one.uid for i, one in enumerate(self.slots) if one.uid is not None})
+        return self._ask(frames, lambda: {i: one.uid for i, one in enumerate(self.slots) if one.uid})
 
     def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
@@ -231,7 +211,7 @@ class RobstrideLink:
         self._device_ids.clear()
         for motor_id in motor_ids:
             for each in self.line.channels:
-                each.send([(None, encode_command(FrameType.GET_DEVICE_ID, motor_id))])
+                each.send([(None, protocol.encode_command(FrameType.GET_DEVICE_ID, motor_id))])
             time.sleep(pace)
         for each in self.line.channels:
             each.flush(1.0)
@@ -245,26 +225,31 @@ class RobstrideLink:
     # --- parameters; NaN: a motor does not have it
 
     def read(
-        self, parameter: Parameter, motors: Iterable[int], patience: Sequence[float] = (), *, takes_late: bool = False
+        self,
+        parameter: Parameter,
+        motors: Iterable[int],
+        patience: Sequence[float] = (),
+        *,
+        takes_late: bool = False,
+        before: Mapping[int, Sequence[Frame]] = MappingProxyType({}),  # sent to each motor before it is asked
     ) -> dict[int, float]:
         """Return a parameter of each motor.
 
         `takes_late`: late answers to earlier questions count, for what is read again and again: where a bus takes
         longer than `patience`, there is an old answer each time, and not none for ever.
         """
-        frames = {i: [self._read_frame(i, parameter)] for i in motors}
-        return self._values(parameter, frames, patience, takes_late=takes_late)
+        data = protocol.parameter_data(parameter.index)
+        frames = {i: [*before.get(i, ()), self.frame(i, FrameType.READ_PARAMETER, data)] for i in motors}
+        if not takes_late:
+            self.take_values(parameter)
+        return self._ask(frames, lambda: self.take_values(parameter), patience)
 
     def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float]:
         """Write a value to each motor and read it back; what differs is written again: its frame was lost."""
         found: dict[int, float] = {}
         wrong = list(values)
         for _ in range(_WRITES):
-            frames = {}
-            for i in wrong:
-                data = parameter_data(parameter.index, pack_value(parameter.type, values[i]))
-                frames[i] = [self.frame(i, FrameType.WRITE_PARAMETER, data), self._read_frame(i, parameter)]
-            found |= self._values(parameter, frames)
+            found |= self.read(parameter, wrong, before={i: [self.write_frame(i, parameter, values[i])] for i in wrong})
             wrong = [i for i, one in found.items() if math.isfinite(one) and not parameter.is_same(one, values[i])]
         return found
 
@@ -277,17 +262,7 @@ class RobstrideLink:
                 found[i] = unpack_value(parameter.type, reply.payload) if reply.is_success else math.nan
         return found
 
-    def _read_frame(self, motor: int, parameter: Parameter) -> Frame:
-        return self.frame(motor, FrameType.READ_PARAMETER, parameter_data(parameter.index))
-
-    def _values(
-        self,
-        parameter: Parameter,
-        frames: Mapping[int, Sequence[Frame]],
-        patience: Sequence[float] = (),
-        *,
-        takes_late: bool = False,
-    ) -> dict[int, float]:
-        if not takes_late:
-            self.take_values(parameter)
-        return self._ask(frames, lambda: self.take_values(parameter), patience)
+    def write_frame(self, motor: int, parameter: Parameter, value: float) -> Frame:
+        """Return the frame that writes a value to a motor."""
+        data = protocol.parameter_data(parameter.index, pack_value(parameter.type, value))
+        return self.frame(motor, FrameType.WRITE_PARAMETER, data)

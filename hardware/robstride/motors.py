@@ -10,33 +10,10 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from humanoid_sim.hardware.can_bus import Frame, OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motor_link import Finding, LinkTerms, Motor, MotorLink
-from humanoid_sim.hardware.robstride.firmware import (
-    FirmwareVersion,
-    firmware_problem,
-    has_active_reports,
-    is_documented,
-    version_text,
-)
+from humanoid_sim.hardware.robstride import firmware, parameters, protocol
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.parameters import (
-    CAN_TIMEOUT_TICK,
-    OPERATION_MODE,
-    PARAMETERS,
-    fault_word,
-    pack_value,
-    report_interval,
-)
-from humanoid_sim.hardware.robstride.protocol import (
-    REPORTS_OFF,
-    REPORTS_ON,
-    FaultBit,
-    FrameType,
-    MotorMode,
-    OperationControl,
-    encode_operation,
-    flag_names,
-    parameter_data,
-)
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.protocol import FrameType, MotorMode, flag_names
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import FloatArray
 
@@ -63,9 +40,9 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         super().__init__(line, motors)
         self._terms = terms
         self._all = range(len(motors))
-        self._timeout_ticks = float(round(terms.can_timeout / CAN_TIMEOUT_TICK))
+        self._timeout_ticks = float(round(terms.can_timeout / parameters.CAN_TIMEOUT_TICK))
         self._hidden: list[int] = []  # motors whose CAN timeout cannot be read, and is tried out
-        self._versions: Mapping[int, FirmwareVersion] = {}
+        self._versions: Mapping[int, firmware.FirmwareVersion] = {}
         self._reporting: list[int] = []
 
     # --- identify
@@ -82,12 +59,12 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             if version is None:
                 checks.problem(name, "does not report its firmware's version, by which its scales are known")
                 continue
-            if problem := firmware_problem(model, version):
+            if problem := firmware.firmware_problem(model, version):
                 checks.problem(name, problem)
                 continue
-            where, text = f"motor {motor_id} on {self.sources[channel]}", version_text(version)
+            where, text = f"motor {motor_id} on {self.sources[channel]}", firmware.version_text(version)
             checks.passed(name, f"{where}, {model.name}, firmware {text}, uid {uids[i].hex()}")
-            if not is_documented(model, version) and text not in self._terms.accepted_firmware:
+            if not firmware.is_documented(model, version) and text not in self._terms.accepted_firmware:
                 known = f"--accept-firmware {text} if you know its ranges and gains"
                 checks.question(name, f"firmware {text}: no document mentions it: {known}")
 
@@ -115,13 +92,12 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     # --- stop, configure, read back
 
     def make_ready(self, checks: CheckList) -> None:
-        """See `MotorLink`.
+        """Refuse a motor that does not confirm its CAN timeout, mode and limits.
 
-        Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not
-        confirm it is not enabled; nor is one that would take another kind of command, or more torque than it was given.
+        Without the timeout it would execute its last command for ever when the host dies.
         """
         self._stop_and_clear(checks)
-        self._configure("run_mode", dict.fromkeys(self._all, OPERATION_MODE), checks)
+        self._configure("run_mode", dict.fromkeys(self._all, parameters.OPERATION_MODE), checks)
         found = self._configure("canTimeout", dict.fromkeys(self._all, self._timeout_ticks), checks, may_hide=True)
         # Some manuals have it as one that is written only.
         self._hidden = [i for i in self._all if math.isnan(found.get(i, math.nan))]
@@ -159,11 +135,11 @@ class RobstrideMotors(RobstrideLink, MotorLink):
         """Return each motor's faults: of its status, and of its fault word, which alone shows overvoltage."""
         words: dict[int, float] = {}
         for name in {motor.model.name for motor in self.motors}:
-            words |= self.read(fault_word(name), [i for i in self._all if self.motors[i].model.name == name])
+            words |= self.read(parameters.fault_word(name), [i for i in self._all if self.motors[i].model.name == name])
         faults = []
         for i, slot in enumerate(self.slots):
             word = words.get(i, math.nan)
-            names = [] if math.isnan(word) else [*flag_names(FaultBit(int(word)))]
+            names = [] if math.isnan(word) else [*flag_names(protocol.FaultBit(int(word)))]
             if slot.sample is not None:
                 names += flag_names(slot.sample.status.faults)
             faults.append(", ".join(dict.fromkeys(names)))
@@ -186,13 +162,11 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     # --- enable
 
     def enable(self, checks: CheckList) -> None:
-        """See `MotorLink`.
+        """Send a command without gains or effort before and after each enable: some firmware keeps its last command.
 
-        A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
-        nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those
-        that run already, or their CAN timeout would stop them meanwhile. The timeout is read back once more from each
-        motor that runs: one whose supply failed for a moment since it was configured has lost it. A motor whose timeout
-        cannot be read must show it first, and gets it once more right before it is enabled.
+        The same command goes on to those that run already, or their CAN timeout would stop them meanwhile. The timeout
+        is read back once more from each motor that runs: one whose supply failed for a moment has lost it. A motor
+        whose timeout cannot be read must show it first, and gets it once more right before it is enabled.
         """
         self._start_reports()
         self._try_timeouts(checks)
@@ -222,19 +196,19 @@ class RobstrideMotors(RobstrideLink, MotorLink):
                 )
 
     def _enabling_frames(self, motor: int, runs: bool, is_confirmed: bool) -> list[Frame]:
-        limp, index = self._limp(motor), parameter_data(_TIMEOUT.index)
+        limp = self._limp(motor)
         if runs:
-            return [limp] if is_confirmed else [limp, self.frame(motor, FrameType.READ_PARAMETER, index)]
-        data = parameter_data(_TIMEOUT.index, pack_value(_TIMEOUT.type, self._timeout_ticks))
-        again = [self.frame(motor, FrameType.WRITE_PARAMETER, data)] if motor in self._hidden else []
+            question = self.frame(motor, FrameType.READ_PARAMETER, protocol.parameter_data(_TIMEOUT.index))
+            return [limp] if is_confirmed else [limp, question]
+        again = [self.write_frame(motor, _TIMEOUT, self._timeout_ticks)] if motor in self._hidden else []
         return [*again, limp, self.frame(motor, FrameType.ENABLE), limp]
 
     def _limp(self, motor: int) -> Frame:
         """Return a command without gains or effort, at the motor's position if that is known."""
         sample = self.slots[motor].sample
         position = 0.0 if sample is None else sample.status.position
-        command = OperationControl(position, 0.0, 0.0, 0.0, 0.0)
-        return encode_operation(self.motors[motor].motor_id, command, self.motors[motor].model)
+        command = protocol.OperationControl(position, 0.0, 0.0, 0.0, 0.0)
+        return protocol.encode_operation(self.motors[motor].motor_id, command, self.motors[motor].model)
 
     def _try_timeouts(self, checks: CheckList) -> None:
         """Run motors that hide their timeout without torque, be silent for longer, and reject those that run on.
@@ -254,11 +228,13 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def _start_reports(self) -> None:
         """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
-        if report_interval(_SCAN_TIME) < self._terms.control_period:
+        if parameters.report_interval(_SCAN_TIME) < self._terms.control_period:
             versions = self._versions.items()
-            self._reporting = [i for i, version in versions if has_active_reports(self.motors[i].model, version)]
+            self._reporting = [
+                i for i, version in versions if firmware.has_active_reports(self.motors[i].model, version)
+            ]
         self.write(PARAMETERS["EPScan_time"], dict.fromkeys(self._reporting, _SCAN_TIME))
-        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_ON)] for i in self._reporting})
+        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, protocol.REPORTS_ON)] for i in self._reporting})
 
     # --- control
 
@@ -280,7 +256,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
     def command(self, values: FloatArray) -> None:
         batches: list[list[tuple[Hashable, Frame]]] = [[] for _ in self.sources]
         for motor, row in zip(self.motors, values.T.tolist(), strict=True):
-            frame = encode_operation(motor.motor_id, OperationControl(*row), motor.model)
+            frame = protocol.encode_operation(motor.motor_id, protocol.OperationControl(*row), motor.model)
             batches[motor.channel].append((motor.name, frame))
         for channel, batch in zip(self.line.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._terms.control_period)
@@ -289,5 +265,5 @@ class RobstrideMotors(RobstrideLink, MotorLink):
 
     def stop(self, motors: Sequence[int]) -> dict[int, str]:
         reporting = [i for i in self._reporting if i in motors]
-        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, REPORTS_OFF)] for i in reporting})
+        self.send({i: [self.frame(i, FrameType.ACTIVE_REPORT, protocol.REPORTS_OFF)] for i in reporting})
         return {i: self.slots[i].mode_text for i in self.stop_motors(motors)}

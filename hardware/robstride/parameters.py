@@ -41,7 +41,6 @@ class Parameter:
 
     @property
     def is_float(self) -> bool:
-        """True if values are not whole numbers."""
         return self.type is ParameterType.F32
 
     def is_same(self, value: float, other: float) -> bool:

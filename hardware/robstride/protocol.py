@@ -103,18 +103,14 @@ def flag_names(flags: IntFlag) -> tuple[str, ...]:
 # --- commands
 
 
-class Identifier(NamedTuple):
-    """The parts of a 29-bit identifier."""
+def split_identifier(arbitration_id: int) -> tuple[int, int, int, int]:
+    """Return the parts of a 29-bit identifier: type, high and low byte, destination.
 
-    type: int  # bits 28..24: a `FrameType`, or a number without meaning
-    high: int  # bits 23..16: mode and faults of a status, a reply's result, high byte of an effort, a new id
-    low: int  # bits 15..8: the sender's id, or the low byte of an effort
-    destination: int  # bits 7..0
-
-
-def split_identifier(arbitration_id: int) -> Identifier:
-    """Return the parts of an identifier; never raises."""
-    return Identifier(*arbitration_id.to_bytes(4, "big"))
+    The type is a `FrameType`, or a number without meaning; the high byte has mode and faults of a status, a reply's
+    result, the high byte of an effort, or a new id; the low byte the sender's id, or the low byte of an effort.
+    """
+    kind, high, low, destination = arbitration_id.to_bytes(4, "big")
+    return kind, high, low, destination
 
 
 def encode_command(
@@ -243,7 +239,7 @@ class Version(Message, frozen=True):
 class Malformed(Message, frozen=True):
     """A frame of a configured motor that cannot be read."""
 
-    reason: str  # such as `status with 5 bytes, expected 8`
+    reason: str
 
 
 class Ignored(msgspec.Struct, frozen=True):
@@ -278,7 +274,9 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
         host_id: the receiver's own; answers to other hosts are ignored.
     """
     (kind, high, motor_id, destination), data = split_identifier(frame.arbitration_id), frame.data
-    if reason := _foreign(frame) or _addressee(kind, motor_id, destination, models, host_id):
+    if frame.is_error or frame.is_remote or not frame.is_extended:
+        return Ignored("error_frame" if frame.is_error else "remote_frame" if frame.is_remote else "standard_id")
+    if reason := _addressee(kind, motor_id, destination, models, host_id):
         return Ignored(reason)
     is_status = kind in (FrameType.STATUS, FrameType.ACTIVE_REPORT)
     if is_status and data.startswith(_VERSION_MARK) and len(data) >= _VERSION_END:
@@ -311,13 +309,6 @@ def decode_reply(  # noqa: PLR0911 - one for each reply
 def type_name(kind: int) -> str:
     """Return `operation control` for the type of an identifier."""
     return FrameType(kind).name.lower().replace("_", " ")
-
-
-def _foreign(frame: Frame) -> str:
-    """Return why a frame is none of this protocol's; empty: it may be."""
-    if frame.is_error or frame.is_remote:
-        return "error_frame" if frame.is_error else "remote_frame"
-    return "" if frame.is_extended else "standard_id"
 
 
 def _addressee(kind: int, motor_id: int, destination: int, models: Mapping[int, MotorModel], host_id: int) -> str:

@@ -94,7 +94,6 @@ class SitoMotors(MotorLink):
     # --- activation
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`: listens only."""
         if self.motors:
             self._wait(_LISTENING)
         self._line.check(checks)
@@ -106,7 +105,6 @@ class SitoMotors(MotorLink):
                 checks.warn(motor.name, "sends feedback: another program left it enabled; it is stopped")
 
     def make_ready(self, checks: CheckList) -> None:
-        """See `MotorLink`: starts the watchdog, makes the motors limp and disables them."""
         if self.motors and self._watchdog is None:
             self._start_watchdog(checks)
             checks.refuse()
@@ -123,15 +121,14 @@ class SitoMotors(MotorLink):
             checks.warn(SOURCE, f"{names}: mock motors of this process, with which they end; no watchdog")
             return
         with checks.collecting(SOURCE):
-            self._watchdog = Watchdog(plan, [lock.fileno() for lock in self._line.locks])
+            self._watchdog = Watchdog(plan, [channel.lock.fileno() for channel in self._line.channels])
             checks.passed(SOURCE, f"process {self._watchdog.pid} damps and resets {names} when this program is silent")
             checks.warn(SOURCE, f"without it, or without the bus, only the switch of their supply stops {names}")
 
     def enable(self, checks: CheckList) -> None:
-        """See `MotorLink`: zero gains and zero current before selecting MIT mode and directly after it.
+        """Send zero gains and zero current before selecting MIT mode and directly after it.
 
-        Whether a disabled motor takes gains is not known, so the first feedback is checked: a motor that reports torque
-        or stays silent is a problem.
+        Whether a disabled motor takes gains is not known: one that then reports torque, or is silent, is a problem.
         """
         if self._watchdog is not None:
             self._watchdog.enabled()
@@ -178,7 +175,6 @@ class SitoMotors(MotorLink):
         return Readings(*rows)
 
     def findings(self, since: float) -> Iterator[Finding]:
-        """See `MotorLink`: no frame that reports a fault is known."""
         for motor, slot in zip(self.motors, self.slots, strict=True):
             if slot.invalid.time >= since:
                 yield Finding(motor, SafetyFlag.INVALID_FRAME, slot.invalid.text)
@@ -187,11 +183,10 @@ class SitoMotors(MotorLink):
         return None if self._watchdog is None else self._watchdog.status()
 
     def command(self, values: FloatArray) -> None:
-        """See `MotorLink`.
+        """Send gains with every command, softer ones before it and stiffer ones after it.
 
-        Gains have a frame of their own, which nothing acknowledges, and hold until others come. So they go with every
-        command, softer ones before it and stiffer ones after it: a lost frame must not leave a motor stiff. Without
-        stiffness the commanded position is where the motor is, for the same reason.
+        They have a frame of their own, which nothing acknowledges, and hold until others come: a lost one must not
+        leave a motor stiff. Without stiffness the commanded position is where the motor is, for the same reason.
         """
         if self._watchdog is not None and not self._watchdog.poll():
             return
@@ -214,7 +209,7 @@ class SitoMotors(MotorLink):
     # --- the end
 
     def stop(self, motors: Sequence[int]) -> dict[int, str]:
-        """See `MotorLink`. Only feedback that came before and ends confirms a reset."""
+        """Disable motors; only feedback that came before and ends confirms it."""
         if self._watchdog is not None and motors:
             if self._watchdog.poll():
                 self._watchdog.enabled()  # nothing is commanded from here on

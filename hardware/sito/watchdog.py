@@ -72,15 +72,11 @@ class Watchdog:
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as plan:
             plan.write(msgspec.json.encode((motors, DAMPING_TIME)))
-        self._socket.settimeout(_START)
-        try:
-            answer = self._socket.recv(4096)
-        except TimeoutError:
-            answer = b"no answer"
-        self._socket.setblocking(False)
+        is_answered = select.select([self._socket], [], [], _START)[0]
+        answer = _received(self._socket) if is_answered else b"no answer"
         if answer != BEAT:
             self._reap(0.0)
-            raise RobotError(f"the watchdog does not start: {answer.decode() or 'it has ended'}")
+            raise RobotError(f"the watchdog does not start: {(answer or b'it has ended').decode()}")
 
     def enabled(self) -> None:
         """Arm without a deadline: motors may be enabled without torque, and only the end of this process counts."""
@@ -101,13 +97,13 @@ class Watchdog:
 
     def status(self) -> SafetyStatus | None:
         """Return what is wrong: the child has taken over, or has died."""
+        level, text = SafetyLevel.WARNING, f"the watchdog has died: nothing would stop {self._names}; reactivate"
         if not self.poll():
+            level = SafetyLevel.FAULT
             text = "this program was silent: the watchdog damps and resets the motors; no command leaves; reactivate"
-            return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, SOURCE, text)
-        if not self._has_died:
+        elif not self._has_died:
             return None
-        text = f"the watchdog has died: nothing would stop {self._names}; reactivate"
-        return SafetyStatus(SafetyLevel.WARNING, SafetyFlag.NONE, SOURCE, text)
+        return SafetyStatus(level, SafetyFlag.NONE, SOURCE, text)
 
     def release(self, *, confirmed: bool) -> None:
         """End the child: at once if its motors are `confirmed` to be off, else after it has braked them."""

@@ -107,7 +107,7 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
     """Go on only if an operator types yes; an `InputError` says `otherwise`, such as `not moved`."""
     if not yes and not sys.stdin.isatty():
         raise InputError("--yes: is needed where standard input is not a terminal")
-    if not yes and not answers_yes(question):
+    if not (yes or answers_yes(question)):
         raise InputError(f"{otherwise}: not confirmed")
 
 

@@ -10,16 +10,10 @@ from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.can_bus import parse_address, parse_addresses
 from humanoid_sim.hardware.joints import make_wiring
+from humanoid_sim.hardware.robstride import parameters
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.parameters import (
-    CAN_TIMEOUT_TICK,
-    PARAMETERS,
-    Parameter,
-    check_value,
-    fault_word,
-    find_parameter,
-)
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, Parameter, find_parameter
 from humanoid_sim.hardware.robstride.protocol import HERE, SAVE, FaultBit, FrameType, encode_command, flag_names
 from humanoid_sim.hardware.tools import bench
 from humanoid_sim.hardware.tools.bench import EVERY_ID, answer_of
@@ -86,7 +80,7 @@ def _shown(parameter: Parameter, value: float) -> str:
     if math.isnan(value):
         return "not there"
     if parameter.name == "canTimeout":
-        return f"{int(value)} ({1000.0 * CAN_TIMEOUT_TICK * value:g} ms)" if value else "0 (off)"
+        return f"{int(value)} ({1000.0 * parameters.CAN_TIMEOUT_TICK * value:g} ms)" if value else "0 (off)"
     return f"{value:g} {parameter.unit}".rstrip() if parameter.is_float else str(int(value))
 
 
@@ -98,7 +92,7 @@ def ping(config: Ping) -> int:
         version = link.read_versions([motor]).get(motor)
         model = None if version is None else model_name(version)
         if version is not None and model is not None:
-            word = _value(link, motor, fault_word(model))
+            word = _value(link, motor, parameters.fault_word(model))
             rows["firmware"] = f"{version_text(version)} ({model})"
             rows["faults"] = "not there" if math.isnan(word) else ", ".join(flag_names(FaultBit(int(word)))) or "none"
     for name, text in rows.items():
@@ -108,26 +102,26 @@ def ping(config: Ping) -> int:
 
 def param(config: Param) -> int:
     """Read, write or save parameters, print, and return the exit status."""
-    parameters = [find_parameter(name) for name in config.names] or list(PARAMETERS.values())
+    chosen = [find_parameter(name) for name in config.names] or list(PARAMETERS.values())
     if config.value is not None:
         if len(config.names) != 1:
             raise InputError(f"--value: {len(config.names)} parameters are named, expected one")
-        if not parameters[0].is_writable:
-            raise InputError(f"{parameters[0].name}: is read only")
-        check_value(parameters[0], config.value)
+        if not chosen[0].is_writable:
+            raise InputError(f"{chosen[0].name}: is read only")
+        parameters.check_value(chosen[0], config.value)
     with _one_motor(config) as (link, motor):
         if config.value is not None:
-            answer_of(link, motor, link.write(parameters[0], {motor: config.value}))
-        values = [_value(link, motor, parameter) for parameter in parameters]
+            answer_of(link, motor, link.write(chosen[0], {motor: config.value}))
+        values = [_value(link, motor, parameter) for parameter in chosen]
         if config.save:
             _command(link, motor, FrameType.SAVE_PARAMETERS, SAVE)
     rows = [
         (f"0x{known.index:04X}", known.name, _shown(known, value), known.meaning)
-        for known, value in zip(parameters, values, strict=True)
+        for known, value in zip(chosen, values, strict=True)
     ]
     bench.make_console().print(bench.make_table(("index", "name", "value", ""), rows))
-    if config.value is not None and not parameters[0].is_same(values[0], config.value):
-        raise RobotError(f"{parameters[0].name}: reads {values[0]} after {config.value:g} was written")
+    if config.value is not None and not chosen[0].is_same(values[0], config.value):
+        raise RobotError(f"{chosen[0].name}: reads {values[0]} after {config.value:g} was written")
     return ExitStatus.of(not config.names or not any(map(math.isnan, values)))
 
 

@@ -72,18 +72,13 @@ class MockImu:
             self.commands.append(name)
             if self.mute:
                 continue
-            error = self.errors.get(name, 0)
-            fields = {0xF1: bytes((descriptor, error))}
-            if error:
-                pass
-            elif name == (0x01, 0x02):
-                self._streaming = False
+            fields = {0xF1: bytes((descriptor, self.errors.get(name, 0)))}
+            if name in ((0x01, 0x02), (0x01, 0x06)):
+                self._streaming = name == (0x01, 0x06)
             elif name == (0x0C, 0x0E):
                 fields[0x8E] = data + struct.pack(">H", BASE_RATE)
             elif name == (0x0C, 0x0F):
                 entries = [struct.unpack_from(">BH", data, 3 + 3 * i) for i in range(data[2])]
                 self.format = [kind for kind, _ in entries]
                 self.decimation = entries[0][1]
-            elif name == (0x01, 0x06):
-                self._streaming = True
             self.send(encode_packet(descriptor_set, fields))

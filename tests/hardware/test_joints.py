@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.joints import JointTracker, check_positions, find_turns, make_wiring, motor_values
+from humanoid_sim.hardware.joints import JointTracker, check_positions, make_wiring, motor_values
 from humanoid_sim.hardware.motor_link import Readings
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
@@ -24,18 +23,6 @@ def wiring(offset=0.0):
 def readings(time, position, velocity=0.0):
     n = LITE.joint_count
     return Readings(np.full(n, time), np.full(n, position), np.full(n, velocity), np.zeros(n), np.full(n, 30.0))
-
-
-@pytest.mark.parametrize("turns", [-1.0, 0.0, 1.0])
-@pytest.mark.parametrize("offset", [-1.1, 0.0, 2.5])
-def test_a_single_turn_encoder_that_boots_a_turn_off_reads_the_calibrated_angle(turns, offset):
-    wired = wiring(offset)
-    angle = 0.5 * (wired.lower + wired.upper)
-    position = wired.direction * angle + wired.offset + TURN * turns
-    found = find_turns(wired, position)
-    assert found.tolist() == [-turns] * LITE.joint_count
-    read = JointTracker(wired, found).update(readings(0.0, 0.0)._replace(position=position))
-    assert read.position == pytest.approx(angle)
 
 
 @pytest.mark.parametrize(
@@ -86,14 +73,3 @@ def test_a_command_is_in_the_motor_frame_and_within_its_limits():
     soft = MITCommand(np.full(n, 0.1), np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n))
     values = motor_values(wired, soft, here, tracker, 0.04)
     assert values[0] == pytest.approx(wired.direction * 0.1 + 0.3 - TURN)
-
-
-@pytest.mark.parametrize(
-    ("change", "part"),
-    [({"left_elbow_pitch": math.nan}, "left_elbow_pitch"), ({"elbow": 0.0}, "elbow")],
-)
-def test_a_calibration_of_another_robot_is_refused(change, part):
-    with pytest.raises(InputError, match=part):
-        make_wiring(LITE, 1, {**dict.fromkeys(LITE.joint_names, 0.0), **change})
-    with pytest.raises(InputError, match="3 channels"):
-        make_wiring(LITE, 3)

@@ -16,13 +16,13 @@ import numpy as np
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import can_bus
-from humanoid_sim.hardware import main as hardware_main
 from humanoid_sim.hardware import robot as robot_module
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.can_bus import BusAddress, open_bus
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride import link, motors
 from humanoid_sim.hardware.tools import identify as identify_tool
+from humanoid_sim.hardware.tools import main as hardware_main
 from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play import main as play_main

@@ -41,16 +41,11 @@ class HumanoidSimConfig(RobotConfig):
     max_joint_speed: float = 2.0
     """rad/s at which the joints follow an action, at most."""
     wait_s: float = 0.0
-    """s for which `connect` waits for REMOTE, sending the present pose meanwhile: a robot with a free base is given to
-    REMOTE only while a producer sends."""
+    """s for which `connect` waits for REMOTE and sends the present pose, which a robot with a free base needs."""
 
 
 class HumanoidSim(Robot):
-    """A session of humanoid_sim in mode REMOTE, simulated or on motors.
-
-    Modes are the operator's: `connect` names the one that is missing, and asks for none. Limits, guards and what
-    happens when commands stop are the session's.
-    """
+    """A session in mode REMOTE, simulated or on motors: modes are the operator's, limits and guards the session's."""
 
     config_class = HumanoidSimConfig
     name = "humanoid_sim"
@@ -83,18 +78,15 @@ class HumanoidSim(Robot):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """Names and types of an action: the joints' positions, rad."""
         return {f"{joint}.pos": float for joint in self._feed.joint_names}
 
     @property
     def is_connected(self) -> bool:
         return self._intake is not None
 
-    def calibrate(self) -> None:
-        """Do nothing."""
+    def calibrate(self) -> None: ...
 
-    def configure(self) -> None:
-        """Do nothing."""
+    def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Start the cameras, and send actions from now on. Raises `DeviceNotConnectedError` in any mode but REMOTE."""
@@ -126,8 +118,7 @@ class HumanoidSim(Robot):
         goal = np.array([float(action[name]) for name in self.action_features])
         if not np.isfinite(goal).all():
             raise ValueError(f"action: is {action}, expected finite numbers")
-        commanded = _commanded(tick)
-        reach = self.config.max_joint_speed * min(time.monotonic() - self._sent, _LONGEST)
+        commanded, reach = _commanded(tick), self.config.max_joint_speed * min(time.monotonic() - self._sent, _LONGEST)
         position = commanded + np.clip(goal - commanded, -reach, reach)
         self._send(position)
         return dict(zip(self.action_features, position.tolist(), strict=True))
@@ -160,10 +151,9 @@ class HumanoidSim(Robot):
     def _remote_tick(self) -> dict[str, Any]:
         tick = self._tick()
         if tick["mode"] != Mode.REMOTE:
-            raise DeviceNotConnectedError(
-                f"{self._session}: is in {Mode(tick['mode']).name}, expected REMOTE; an operator enters it from "
-                "STANDBY (python -m humanoid_sim.mode load_b, then start_remote)"
-            )
+            how = "an operator enters it from STANDBY (python -m humanoid_sim.mode load_b, then start_remote)"
+            mode = Mode(tick["mode"]).name
+            raise DeviceNotConnectedError(f"{self._session}: is in {mode}, expected REMOTE; {how}")
         return tick
 
 

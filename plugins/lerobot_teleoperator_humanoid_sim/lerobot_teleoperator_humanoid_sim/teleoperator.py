@@ -24,8 +24,7 @@ _MOVES = {
     "d": (0.0, -1.0, 0.0), "r": (0.0, 0.0, 1.0), "f": (0.0, 0.0, -1.0),
 }  # fmt: skip
 """Forward, back, left, right, up and down in the base frame."""
-HELP = """w s forward, back   a d left, right   r f up, down
-1 2 … one hand alone   0 all"""
+HELP = "w s forward, back   a d left, right   r f up, down\n1 2 … one hand alone   0 all"
 _DAMPING = 0.03  # m/rad: the arms stay calm at the end of their reach
 _ITERATIONS = 5
 
@@ -73,17 +72,13 @@ class HumanoidSimTeleoperator(Teleoperator):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Names and types of an action: the joints' positions, rad."""
         return {f"{joint}.pos": float for joint in self._joints}
 
-    def calibrate(self) -> None:
-        """Do nothing."""
+    def calibrate(self) -> None: ...
 
-    def configure(self) -> None:
-        """Do nothing."""
+    def configure(self) -> None: ...
 
-    def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Do nothing."""
+    def send_feedback(self, feedback: dict[str, Any]) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Begin where the robot's hands are commanded to be, and let single keys of standard input through."""
@@ -126,7 +121,6 @@ class HumanoidSimTeleoperator(Teleoperator):
         return dict(zip(self.action_features, self._q.tolist(), strict=True))
 
     def disconnect(self) -> None:
-        """Give the keyboard back."""
         if not self.is_connected:
             raise DeviceNotConnectedError(f"{self} is not connected")
         if self._terminal is not None:
@@ -136,10 +130,6 @@ class HumanoidSimTeleoperator(Teleoperator):
 
 def _pressed() -> str:
     """Return the keys that have come on standard input, a terminal or not."""
-    keys = b""
-    while select.select([sys.stdin], [], [], 0.0)[0]:
-        new = os.read(sys.stdin.fileno(), 1024)
-        if not new:  # it has ended
-            break
-        keys += new
-    return keys.decode(errors="ignore")
+    if not select.select([sys.stdin], [], [], 0.0)[0]:
+        return ""
+    return os.read(sys.stdin.fileno(), 1024).decode(errors="ignore")  # nothing where it has ended

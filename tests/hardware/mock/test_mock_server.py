@@ -4,17 +4,19 @@ import time
 
 import can
 import pytest
-from mock_rig import IDS, LITE
 from waiting import until
 
 from humanoid_sim.hardware.can_bus import open_bus
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.protocol import FrameType, encode_command
+from humanoid_sim.robots.description import load_robot
+
+IDS = [*range(11, 18), *range(21, 28)]
 
 
 @pytest.fixture
 def motors():
-    with MockServer(LITE, ["virtual:mock"]) as motors:
+    with MockServer(load_robot("lite"), ["virtual:mock"]) as motors:
         yield motors
 
 

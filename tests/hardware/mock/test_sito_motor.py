@@ -65,10 +65,3 @@ def test_one_that_protects_itself_falls_silent(sensor, value):
     assert bench.wait(0.1) == []
     bench.send(Enable(22, 20))
     assert not bench.motor.is_running
-
-
-@pytest.mark.parametrize(("shaft", "position"), [(0.25, 0.25), (7.0, 7.0 - 2.0 * math.pi), (-4.0, 2.0 * math.pi - 4.0)])
-def test_the_turn_is_lost_at_power_on(shaft, position):
-    bench = Bench(shaft)
-    bench.send(Enable(22, 20))
-    assert bench.wait(0.02)[1][1].position == pytest.approx(position, abs=1e-4)

@@ -4,11 +4,9 @@ import io
 import sys
 from contextlib import ExitStack
 
-import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.hardware.can_bus import lock_channel, parse_address
 from humanoid_sim.hardware.mock import robstride_motor
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.robstride.firmware import emulated_version
@@ -90,24 +88,3 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
     assert "calibration calibration.yaml" in result.out
     assert "no person has confirmed the direction (hardware identify) of left_shoulder_pitch, " in result.out
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
-
-
-def test_a_channel_that_another_session_drives_is_refused(run, quick):
-    with lock_channel(parse_address("virtual:play")):
-        result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
-        dry = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
-    assert "problem  virtual:play  is in use by another session" in result.out
-    assert (result.status, result.err) == (2, "error: lite: not enabled: the checks on standard output say why\n")
-    assert dry.status == 2
-
-
-@pytest.mark.soak
-def test_emulated_motors_are_assembled_as_the_calibration_says(run, quick, calibrate):
-    draw = np.random.default_rng(5)
-    calibrate(lambda: draw.uniform(-3.0, 3.0), "mine.yaml")
-    options = ("--hardware", "virtual:a,virtual:b", "--allow-script", "--calibration", "mine.yaml")
-    result = run("--robot", quick, *options, "--script", "hold 0.2", *PLACEHOLDER)
-    assert result.status == 0
-    assert "virtual:b: " in result.out  # and no emoji
-    expected = np.array(load_robot("lite").initial_position)
-    assert np.abs(result.ticks[0].input.state.joint_position - expected).max() < 0.01

@@ -65,9 +65,3 @@ def test_the_position_of_a_damping_command_is_where_the_motor_is():
     assert command.position == pytest.approx(0.25, abs=1e-4)
     reading = rig.motors.readings()
     assert (reading.position[0], reading.velocity[0]) == pytest.approx((0.25, 0.1), abs=1e-4)
-
-
-def test_another_host_is_noticed():
-    rig = Rig()
-    rig.receive(Gains(22, 1.0, 0.0))
-    assert "another host sends 'gains' to motor 22" in rig.channel.intruder.text

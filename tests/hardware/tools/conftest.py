@@ -7,11 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.hardware import main
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride import link, motors
 from humanoid_sim.hardware.sito import motors as sito_motors
-from humanoid_sim.hardware.tools import identify, robstride
+from humanoid_sim.hardware.tools import identify, main, robstride
 
 
 @pytest.fixture

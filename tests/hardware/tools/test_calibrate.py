@@ -121,20 +121,6 @@ def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path
     assert load_calibration(path, _LITE).entries["left_elbow_pitch"].homing_offset == pytest.approx(-2.358, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("sweep", "words", "why"),
-    [
-        (Sweep(-1.9, 0.0), (), "less"),
-        (Sweep(-2.4, 6.2), ("--any-offset",), "more"),
-    ],
-)
-def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, path, sweep, words, why):
-    _seen(monkeypatch, sweep)
-    status, _, complained = _calibrate(run, path, *words)
-    assert (status, f"left_elbow_pitch: not used: swept {why}" in complained) == (1, True)
-    assert not path.exists()
-
-
 def test_ctrl_c_writes_nothing(run, motors, path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt

@@ -7,7 +7,6 @@ import pytest
 from waiting import until
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
-from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.robots.description import load_robot
@@ -77,19 +76,6 @@ def test_nothing_moves_without_a_yes(run, types, motors, log):
     types("y")
     assert run(*WRIST)[0] == 2
     assert not any("enabled" in text for text in log)
-
-
-def test_a_motor_that_another_master_drives_is_not_touched(run, motors, log, inject):
-    inject(motors, Fault("second_master"))
-    status, _, complained = run(*WRIST, "--yes")
-    assert (status, "another" in complained) == (2, True)
-    assert not any("abled" in text for text in log)
-
-
-def test_a_stuck_joint_confirms_nothing(run, motors, inject):
-    inject(motors, Fault("stuck", ("left_wrist_yaw",)))
-    status, _, complained = run(*WRIST, "--yes")
-    assert (status, "did not follow" in complained) == (1, True)
 
 
 def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, motors, log, monkeypatch):

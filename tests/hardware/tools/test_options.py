@@ -36,7 +36,7 @@ def test_status_3_where_the_motor_is_silent(run):
 def test_help_lists_every_tool_and_imports_nothing_heavy():
     program = (
         "import sys\n"
-        "from humanoid_sim.hardware import main\n"
+        "from humanoid_sim.hardware.tools import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
         "print('heavy:', sorted({'can', 'mujoco', 'numpy', 'onnxruntime', 'yaml'} & set(sys.modules)))\n"
     )

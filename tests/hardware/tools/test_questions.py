@@ -3,7 +3,6 @@
 import can
 import pytest
 
-from humanoid_sim.hardware.can_bus import lock_channel, parse_address
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.robots.description import load_robot
@@ -64,12 +63,6 @@ def test_status_3_where_nothing_answers_with_what_was_received_instead(run):
     assert (status, printed) == (3, "")
     assert "no motor answers on virtual:nobody" in complained
     assert "11-bit" in complained
-
-
-def test_a_channel_in_use_is_refused(run):
-    with lock_channel(parse_address(CHANNEL)):
-        status, _, complained = run("discover", CHANNEL)
-    assert (status, "is in use by another session" in complained) == (2, True)
 
 
 def test_a_motor_says_who_and_how_it_is_without_being_enabled(run, motors, inject, log):
