@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import msgspec
 import yaml
@@ -47,8 +47,7 @@ class Calibration:
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
         """Return every joint's offset, in the robot's order: rad, motor frame; an `InputError` names missing ones."""
         known = {name: entry.homing_offset for name, entry in self.entries.items() if entry.homing_offset is not None}
-        missing = [name for name in description.joint_names if name not in known]
-        if missing:
+        if missing := [name for name in description.joint_names if name not in known]:
             raise InputError(f"calibration: lacks {', '.join(missing)}; run python -m humanoid_sim.hardware calibrate")
         return {name: known[name] for name in description.joint_names}
 
@@ -76,10 +75,8 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         if entry.direction not in (-1, 1) or math.isnan(entry.homing_offset or 0.0):
             raise InputError(f"{path}: {name}: is {value}, expected a direction of 1 or -1, and a finite homing_offset")
         if motor is not None and entry.id != motor.can_id:
-            raise InputError(
-                f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}: "
-                "another robot's calibration, or calibrate this joint anew"
-            )
+            text = f"is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}"
+            raise InputError(f"{path}: {name}: id: {text}: another robot's calibration, or calibrate this joint anew")
         if motor is not None and entry.direction != motor.direction:
             used = f"the robot description has {motor.direction}, which is used"
             warnings.append(f"{path}: {name}: direction: is {entry.direction}, {used}; calibrate this joint anew")
@@ -117,21 +114,8 @@ class Verdict(Enum):
     FLIPPED = "flipped"  # outside the range: its `direction` is wrong in the description, or its motor sits elsewhere
 
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """Lowest and highest angle of a joint, rad, `direction · motor`; NaN before the first."""
-
-    lowest: float = math.nan
-    highest: float = math.nan
-
-    @property
-    def width(self) -> float:
-        """The angle swept, rad."""
-        return 0.0 if math.isnan(self.lowest) else self.highest - self.lowest
-
-    def with_angle(self, angle: float) -> Sweep:
-        """Return the sweep with another angle in it, rad."""
-        return Sweep(min(angle, self.lowest), max(angle, self.highest))  # NaN is not less than an angle: the angle
+Sweep: TypeAlias = tuple[float, float]
+"""Lowest and highest angle of a joint, rad, `direction · motor`; NaN before the first."""
 
 
 def evaluate(
@@ -144,15 +128,16 @@ def evaluate(
     `tolerance`: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
     `any_offset`: accept any zero. A sweep outside the limits then does not count as a flipped direction.
     """
-    if sweep.width < THRESHOLD:
+    lowest, highest = sweep
+    width = highest - lowest
+    if not width >= THRESHOLD:  # NaN
         return Verdict.UNSWEPT, None
-    offset = 0.5 * ((sweep.lowest - joint.lower) + (sweep.highest - joint.upper))
+    offset = 0.5 * ((lowest - joint.lower) + (highest - joint.upper))
     nearest = math.remainder(offset, 2.0 * math.pi)
-    lowest, highest = sweep.lowest + nearest - offset, sweep.highest + nearest - offset
-    overlap = min(highest, joint.upper) - max(lowest, joint.lower)
-    if not any_offset and overlap <= min(_TOUCH, 0.5 * sweep.width):
+    overlap = min(highest + nearest - offset, joint.upper) - max(lowest + nearest - offset, joint.lower)
+    if not any_offset and overlap <= min(_TOUCH, 0.5 * width):
         return Verdict.FLIPPED, None
-    excess = sweep.width - (joint.upper - joint.lower)
+    excess = width - (joint.upper - joint.lower)
     if abs(excess) > tolerance:
         return (Verdict.BEYOND if excess > 0.0 else Verdict.INCOMPLETE), None
     return Verdict.GOOD, round(nearest * direction, 6)

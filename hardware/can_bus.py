@@ -220,6 +220,7 @@ class Channel:
         self.strangers = Counter[str]()  # frames that concern none of our motors, by kind
         self.lock = lock_channel(address)  # a child that sends too holds a copy
         self._receive_frame, self._clock = receive, clock
+        self._has_stamps = address.interface in _WALL_CLOCK_STAMPS
         self._ready = threading.Condition()
         self._waiting: dict[Hashable, _Waiting] = {}  # a dict keeps the place of a key whose value is replaced
         self._closing = threading.Event()
@@ -297,7 +298,8 @@ class Channel:
                 self._take_error(message.arbitration_id)
             else:
                 self.received += 1
-                self._receive_frame(frame_of(message), self._arrival(message.timestamp))
+                age = max(time.time() - message.timestamp, 0.0) if self._has_stamps else 0.0  # it lay in the kernel
+                self._receive_frame(frame_of(message), self._clock() - age)
 
     def _take_error(self, bits: int) -> None:
         """Take an error frame; the bits are those of linux/can/error.h."""
@@ -306,11 +308,6 @@ class Channel:
             self.down = self.down or "bus-off"
         else:
             self.error = "no acknowledgement on transmission" if bits & 0x020 else "bus error"
-
-    def _arrival(self, stamp: float) -> float:
-        """Return the time of arrival, s, robot's clock: a frame ages while it lies in the kernel."""
-        is_wall_clock = self.address.interface in _WALL_CLOCK_STAMPS
-        return self._clock() - (max(time.time() - stamp, 0.0) if is_wall_clock else 0.0)
 
     def _failed(self, text: str, error: Exception) -> None:
         self.errors += 1

@@ -28,9 +28,9 @@ _COMMANDS = frozenset(FrameType) - {FrameType.GET_DEVICE_ID, FrameType.READ_PARA
 
 
 class Sample(NamedTuple):
-    """A status and when it came, s, robot's clock."""
+    """A status and when it came."""
 
-    time: float
+    time: float  # s, robot's clock
     status: Status
 
 

@@ -81,7 +81,7 @@ def calibrate(config: Calibrate) -> int:
 
 def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge) -> dict[int, Sweep]:
     """Read positions until it is enough; show them meanwhile. A motor that falls silent may lose its count of turns."""
-    sweeps = {i: Sweep() for i in chosen}
+    sweeps: dict[int, Sweep] = dict.fromkeys(chosen, (np.nan, np.nan))
     unasked = [i for i in chosen if i in wiring.unasked]
     asked = [i for i in chosen if i not in unasked]
     motors = [wiring.motors[i]._replace(damping=0.0) for i in unasked]
@@ -100,7 +100,8 @@ def _sweep(wiring: Wiring, link: RobstrideLink, chosen: list[int], judge: _Judge
                 position = found.get(i)
                 if position is not None:
                     received[i] = now
-                    sweeps[i] = sweeps[i].with_angle(float(wiring.direction[i]) * position)
+                    angle, (lowest, highest) = float(wiring.direction[i]) * position, sweeps[i]
+                    sweeps[i] = min(angle, lowest), max(angle, highest)  # NaN is neither
                 elif now - received[i] > _SILENT:
                     motor = wiring.motors[i]
                     raise bench.silence(link, motor.channel, f"{motor.name} ({motor.motor_id}) does not answer")
@@ -120,8 +121,7 @@ def _table(wiring: Wiring, sweeps: Mapping[int, Sweep], judge: _Judge) -> Table:
     rows = []
     for i, sweep in sweeps.items():
         verdict, offset = judge(i, sweep)
-        numbers = (sweep.lowest, sweep.highest, sweep.width, wiring.upper[i] - wiring.lower[i])
-        figures = [f"{number:.2f}" for number in numbers]
+        figures = [f"{number:.2f}" for number in (*sweep, sweep[1] - sweep[0], wiring.upper[i] - wiring.lower[i])]
         written = "" if offset is None else f"{offset:.3f}"
         rows.append([wiring.names[i], str(wiring.motors[i].motor_id), *figures, written, verdict.value])
     return bench.make_table(("joint", "id", "low", "high", "swept", "range", "offset", ""), rows)

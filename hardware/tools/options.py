@@ -26,10 +26,8 @@ class Discover:
     """
 
     channels: _Channels
-    robot: str | None = None
-    """Name the joints of this robot, and its missing motors."""
-    last: int = 127
-    """Highest id to ask."""
+    robot: str | None = None  # Name the joints of this robot, and its missing motors.
+    last: int = 127  # Highest id to ask.
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,7 @@ class Param:
     """Names such as canTimeout, or indices such as 0x7028. Default: all."""
     value: float | None = None
     """Write this to the one parameter that is named, in its own unit; it is lost at power-off unless saved."""
-    save: bool = False
-    """Let the motor keep its parameters beyond power-off."""
+    save: bool = False  # Let the motor keep its parameters beyond power-off.
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,8 @@ class Identify:
     channels: _Channels
     joint: Annotated[str, Positional, arg(help="Its name.")]
     robot: _Robot = "lite"
-    angle: float = 0.15
-    """rad to move, in the joint's positive direction, and back."""
-    torque: float = 1.5
-    """N·m at most."""
+    angle: float = 0.15  # rad to move, in the joint's positive direction, and back.
+    torque: float = 1.5  # N·m at most.
     output: _Calibration = Path("calibration.yaml")
     yes: Annotated[bool, arg(help="Do not ask before it moves. Nothing is stored without a person.")] = False
     allow_no_timeout: bool = False
@@ -89,10 +84,8 @@ class Calibrate:
     channels: _Channels
     robot: _Robot = "lite"
     output: _Calibration = Path("calibration.yaml")
-    joints: tuple[str, ...] = ()
-    """Only these. Default: all."""
-    tolerance: float = 0.2
-    """rad by which a sweep may differ from the joint's range."""
+    joints: tuple[str, ...] = ()  # Only these. Default: all.
+    tolerance: float = 0.2  # rad by which a sweep may differ from the joint's range.
     any_offset: bool = False
     """Accept any zero, for motors whose zeros were never set: a sweep outside the limits is not a flipped direction."""
 
@@ -132,8 +125,7 @@ class Emulate:
     """Version that the motors of a model report, MODEL=VERSION, such as rs-02=0.2.3.32. May be repeated."""
     calibration: Path | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
-    quiet: bool = False
-    """Print no changes of motors and faults."""
+    quiet: bool = False  # Print no changes of motors and faults.
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
 

@@ -1,7 +1,7 @@
 import pytest
 from waiting import until
 
-from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
+from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.link import RobstrideLink
@@ -111,7 +111,7 @@ def _seen(monkeypatch, sweep):
 
 
 def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path):
-    _seen(monkeypatch, Sweep(-0.01, 2.37))
+    _seen(monkeypatch, (-0.01, 2.37))
     status, printed, complained = _calibrate(run, path)
     assert status == 1
     assert all(words in complained for words in ("left_elbow_pitch", "direction", "--any-offset"))

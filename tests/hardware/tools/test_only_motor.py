@@ -69,15 +69,6 @@ def test_several_motors_are_refused(run, tool, whole):
     assert complained.startswith(f"error: {CHANNEL}: {found}")
 
 
-@pytest.mark.parametrize(("lines", "status"), [(("yes",), 0), (("y",), 2)])
-def test_an_operator_confirms(run, types, lines, status):
-    types(*lines)
-    with lone_motors() as motors:
-        ended, _, complained = run("set-id", CHANNEL, "14")
-        assert (ended, *ids(motors, ELBOW)) == (status, 127 if status else 14)
-    assert ("not confirmed" in complained) == bool(status)
-
-
 def test_the_present_position_becomes_zero_and_stays_so(run):
     with lone_motors() as motors:
         assert abs(position(motors)) > 0.5
