@@ -35,11 +35,6 @@ def shipped(kind: str) -> tuple[str, ...]:
     return tuple(_samples(kind, _ENDS[kind]))
 
 
-def sample_songs() -> tuple[str, ...]:
-    """Return the names of the sample songs."""
-    return shipped("songs")
-
-
 def _samples(kind: str, end: str) -> dict[str, Path]:
     return {path.name.removesuffix(end): path for path in sorted((ASSETS / kind).glob(f"*{end}"))}
 

@@ -86,7 +86,7 @@ class PolicyWiring:
         if rule is not None:
             command = live_command(state, self.contract)
             walked, phase = advance_phase(rule, walked, command, self.contract.policy_dt)
-        now = TermInput(state, memory.last_action, self.reference, memory.frame, memory.alignment, phase)
+        now = TermInput(state, memory.last_action, memory.frame, memory.alignment, phase)
         observation, history = stack(self.layout, pack(self.layout, now), memory.history)
         if history is None and rule is None:
             return observation, memory

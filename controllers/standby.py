@@ -9,7 +9,7 @@ import numpy as np
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.parameters import time_problem
 from humanoid_sim.messages import StandbyState, TickInput
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
 
 _LONGEST_STEP = 0.05  # s of trajectory that one tick may cover: after a stall of the host the arms do not jump
 
@@ -35,6 +35,10 @@ class StandbyController:
     target_damping: FloatArray  # shape (n,), N·m·s/rad
     segment_durations: FloatArray  # shape (s,), s, each > 0
     pose_segments: FloatArray  # shape (s, n), rad, the pose at the end of each segment
+
+    def __post_init__(self) -> None:
+        for name in ("target_stiffness", "target_damping", "segment_durations", "pose_segments"):
+            object.__setattr__(self, name, frozen_array("StandbyController", name, getattr(self, name)))
 
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""

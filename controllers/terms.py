@@ -53,7 +53,6 @@ class TermInput:
 
     state: MITState
     last_action: Float32Array  # shape (..., m), raw
-    reference: MotionReference
     frame: Frame  # shape (...)
     alignment: Alignment | None = None  # alignment of the reference with the robot, made at activation
     phase: FloatArray = field(default_factory=lambda: np.empty(0))  # shape (..., k), rad
@@ -169,10 +168,10 @@ def _live_or_nan(state: MITState, name: str, width: int) -> FloatArray:
 
 
 def _motion_command(bound: BoundTerm, now: TermInput) -> FloatArray:
-    position: Any = now.reference.term("reference_joint_pos", now.frame)
+    position: Any = bound.reference.term("reference_joint_pos", now.frame)
     if bound.kind.is_relative(bound.term):
         position = position - bound.contract.default_joint_pos
-    return np.concatenate([position, now.reference.term("reference_joint_vel", now.frame)], axis=-1)
+    return np.concatenate([position, bound.reference.term("reference_joint_vel", now.frame)], axis=-1)
 
 
 def anchor_quaternion(state: MITState) -> FloatArray:
@@ -184,12 +183,12 @@ def anchor_quaternion(state: MITState) -> FloatArray:
 
 def _anchor_position(bound: BoundTerm, now: TermInput) -> FloatArray:
     pose = _live_or_nan(now.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
-    offset = now.reference.anchor(now.frame, now.alignment)[0] - pose[..., :3]
+    offset = bound.reference.anchor(now.frame, now.alignment)[0] - pose[..., :3]
     return offset if bound.term.frame == "world" else rotate_inverse(pose[..., 3:], offset)
 
 
 def _anchor_orientation(bound: BoundTerm, now: TermInput) -> FloatArray:
-    target = now.reference.anchor(now.frame, now.alignment)[1]
+    target = bound.reference.anchor(now.frame, now.alignment)[1]
     relative = multiply(conjugate(anchor_quaternion(now.state)), target)
     rotation = matrix(conjugate(relative) if bound.term.inverse else relative)
     if bound.term.layout == "rows":
@@ -199,7 +198,7 @@ def _anchor_orientation(bound: BoundTerm, now: TermInput) -> FloatArray:
 
 
 def _referenced(bound: BoundTerm, now: TermInput) -> Any:
-    return now.reference.term(bound.kind.name, now.frame)
+    return bound.reference.term(bound.kind.name, now.frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +287,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
     TermKind("target_keys_future", "keys to press in the steps ahead", "table", _referenced,
              tables=("target_keys_future",), requires="lookahead_steps"),
     TermKind("progress", "progress of the motion, 0 to 1", 1,
-             lambda _bound, now: np.asarray(now.reference.progress(now.frame))[..., None]),
+             lambda bound, now: np.asarray(bound.reference.progress(now.frame))[..., None]),
     TermKind("key_pressed", "keys that are down, 0 or 1", "input", _live,
              reads=KEY_PRESSED, topic="/piano/key_state"),
     TermKind("height_scan", "height above the ground at the points of a grid, m", "input", _live,

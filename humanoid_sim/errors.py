@@ -92,11 +92,6 @@ def number_in(text: str) -> float:
     return number if math.isfinite(number) else math.nan
 
 
-def one_line(text: str) -> str:
-    """Return a text without line breaks, which names in somebody's file and other packages' messages may have."""
-    return " ".join(text.split())
-
-
 def reason_of(error: BaseException) -> str:
     """Return what another package's exception says, as part of a line; its type where it says nothing."""
-    return one_line(str(error)) or type(error).__name__
+    return " ".join(str(error).split()) or type(error).__name__

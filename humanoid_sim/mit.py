@@ -115,7 +115,6 @@ class MITState:
 
     @property
     def joint_count(self) -> int:
-        """n, the number of joints."""
         return int(self.joint_position.shape[-1])
 
     @classmethod
@@ -149,7 +148,6 @@ class MITCommand:
 
     @property
     def joint_count(self) -> int:
-        """n, the number of joints."""
         return int(self.position.shape[-1])
 
     @classmethod
@@ -159,7 +157,6 @@ class MITCommand:
         return cls(zeros, zeros, zeros, zeros, zeros)
 
     def is_finite(self) -> bool:
-        """Return whether every value of every field is a finite number."""
         return all(bool(np.isfinite(getattr(self, name)).all()) for name in COMMAND_FIELDS)
 
 

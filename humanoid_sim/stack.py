@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import NoReturn, TypeAlias
 
-import numpy as np
+from msgspec.structs import asdict
 
 from humanoid_sim.controllers.base import (
     DAMPING,
@@ -35,7 +35,6 @@ from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.mjcf import bare_model
-from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import urdf_of
 
 Policies: TypeAlias = LoadedPolicy | Mapping[str, LoadedPolicy] | None
@@ -70,8 +69,8 @@ def build_supervisor(
     controllers: dict[str, Controller] = {
         ZERO_TORQUE: ZeroTorqueController(joints),
         DAMPING: DampingController(joints, description.mode_damping),
-        STANDBY_A: _standby(joints, description.standby_controller_a),
-        STANDBY_B: _standby(joints, description.standby_controller_b),
+        STANDBY_A: StandbyController(joints, **asdict(description.standby_controller_a)),
+        STANDBY_B: StandbyController(joints, **asdict(description.standby_controller_b)),
     }
     learned = {
         name: policy_controller(description, control_period, policy, live=live)
@@ -107,16 +106,6 @@ def policy_controller(
             control_period,
             extern=loaded.extern if live is None else live,
         )
-
-
-def _standby(joints: tuple[str, ...], settings: StandbySettings) -> StandbyController:
-    return StandbyController(
-        joints,
-        np.array(settings.target_stiffness),
-        np.array(settings.target_damping),
-        np.array(settings.segment_durations),
-        np.array(settings.pose_segments),
-    )
 
 
 def run_header(

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
-from humanoid_sim.errors import InputError, one_line, reason_of
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 
 _Kind = TypeVar("_Kind")
@@ -72,7 +72,7 @@ def read_yaml(path: Path, what: str = "a YAML file", loader: type[Loader] = Load
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise InputError(f"{path}: {where}not valid YAML: {one_line(error.problem or str(error))}") from None
+        raise InputError(f"{path}: {where}not valid YAML: {error.problem or reason_of(error)}") from None
     except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: not YAML that can be read: {reason_of(error)}") from None
 

@@ -42,15 +42,6 @@ def test_arrays_are_read_only_float64_copies_of_one_shape(kind):
             make(**{**arrays, name: np.zeros(7)})
 
 
-@pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
-def test_batches(batch):
-    state = mit.MITState(time=0.0, **state_arrays(*batch, n=7))
-    command = mit.MITCommand.zeros(*batch, 7)
-    assert state.joint_count == command.joint_count == 7
-    assert state.imu_quaternion.shape == (*batch, 4)
-    assert torque_of(state, command, 10.0).shape == (*batch, 7)
-
-
 def torque_of(state, command, effort_limit):
     return mit.mit_torque(command, state.joint_position, state.joint_velocity, effort_limit)
 

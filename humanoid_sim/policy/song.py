@@ -11,7 +11,7 @@ from typing import Any
 import mido
 import numpy as np
 
-from humanoid_sim.assets import sample_songs, song_path
+from humanoid_sim.assets import shipped, song_path
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.motion import Motion
@@ -54,7 +54,7 @@ def key_name(key: int) -> str:
 
 def load_song(name: str, robot: RobotDescription, folder: Path = Path(), what: str = "--song") -> Song:
     """Return what a robot can play of a sample song, or of a MIDI file in `folder`; `what` begins a refusal."""
-    is_beside = name not in sample_songs() and os.path.isfile(folder / name)
+    is_beside = name not in shipped("songs") and os.path.isfile(folder / name)
     song = playable(read_notes(folder / name if is_beside else song_path(name, what)), robot)
     if not song.notes:
         raise InputError(f"{what}: '{name}' has no note that '{robot.name}' can reach: {song.names_left_out}")

@@ -57,8 +57,7 @@ def good_answer(observation: np.ndarray, frame: int) -> np.ndarray:
 
 def standby(stiffness: list[float], damping: list[float], pose: list[float]) -> StandbyController:
     """It is finished 4 ticks after activation, however the clock is rounded."""
-    poses, durations = np.array([[0.0, 0.0, 0.0], pose]), np.full(2, 1.5 * PERIOD)
-    return StandbyController(JOINTS, np.array(stiffness), np.array(damping), durations, poses)
+    return StandbyController(JOINTS, stiffness, damping, [1.5 * PERIOD] * 2, [[0.0, 0.0, 0.0], pose])
 
 
 def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:

@@ -17,7 +17,7 @@ def layout(*names):
 
 
 def context(robot_state, frame=2, last_action=(0.5, -0.5)):
-    return TermInput(robot_state, np.array(last_action, dtype=np.float32), reference(), frame)
+    return TermInput(robot_state, np.array(last_action, dtype=np.float32), frame)
 
 
 @pytest.mark.parametrize(

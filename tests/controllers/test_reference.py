@@ -1,21 +1,13 @@
-"""Motion references: tables, their end, and the layouts of motion files."""
+"""Motion references: the layouts of motion files."""
 
 import numpy as np
 import pytest
-from rig import contract, reference
+from rig import contract
 
-from humanoid_sim.controllers.reference import build_reference, no_reference
+from humanoid_sim.controllers.reference import build_reference
 from humanoid_sim.errors import FieldError
 
 PIANO = {"task_type": "piano", "observation": ("target_keys",), "lookahead_steps": (1, 2)}
-
-
-@pytest.mark.parametrize(("frame", "shown", "progress"), [(0, 0, 0.0), (1, 1, 1 / 3), (3, 3, 1.0), (10**9, 3, 1.0)])
-def test_the_last_frame_is_held(frame, shown, progress):
-    for given in (frame, np.array([frame])):
-        assert reference().term("motion_body_pos_b", given).reshape(-1).tolist() == [shown, shown + 0.25, shown + 0.5]
-        assert reference().progress(given) == progress
-    assert no_reference().progress(frame) == 1.0
 
 
 def test_a_tracking_motion_is_cut_into_positions_and_orientations():

@@ -18,8 +18,7 @@ PARAMETERS = {
 
 
 def standby(**changes):
-    values = {name: np.array(value) for name, value in {**PARAMETERS, **changes}.items()}
-    return StandbyController(JOINTS, **values)
+    return StandbyController(JOINTS, **{**PARAMETERS, **changes})
 
 
 def run(controller, times):

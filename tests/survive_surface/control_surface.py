@@ -78,18 +78,19 @@ class StackConfig:
 
 def supervisor(config: StackConfig) -> Any:
     """Make the control stack."""
-    joints = config.joints
-    zeros = [0.0] * len(joints)
+    joints, n, keys = config.joints, len(config.joints), dict(config.contract)
+    observation = [*keys.pop("observation_names"), *(Term(name, width=width) for name, width in config.live.items())]
+    contract, extern = PolicyContract(**keys, observation=observation), {"velocity_command": 3, **config.live}
     stiffness, damping = config.standby_gains
     controllers: dict[str, Any] = {
         "zero_torque_controller": ZeroTorqueController(joints),
         "damping_controller": DampingController(joints, damping=np.array([config.damping[name] for name in joints])),
         "rl_policy_controller": RLPolicyController(
-            joints, _contract(config), no_reference(), config.policy, config.period, extern=_live_inputs(config)
+            joints, contract, no_reference(), config.policy, config.period, extern=extern
         ),
         "remote_policy_controller": RemotePolicyController(
             joints,
-            np.full(len(joints), config.passive_damping),
+            np.full(n, config.passive_damping),
             stale_command_policy=config.stale_command_policy,
             needs_producer=config.is_floating,
         ),
@@ -97,33 +98,21 @@ def supervisor(config: StackConfig) -> Any:
     for name, pose in config.poses.items():
         controllers[f"standby_controller_{name}"] = StandbyController(
             joints,
-            target_stiffness=np.full(len(joints), stiffness),
-            target_damping=np.full(len(joints), damping),
+            target_stiffness=np.full(n, stiffness),
+            target_damping=np.full(n, damping),
             segment_durations=np.full(2, config.segment_duration),
-            pose_segments=np.array([zeros, [pose[joint] for joint in joints]]),
+            pose_segments=[[0.0] * n, [pose[joint] for joint in joints]],
         )
     controllers.update(config.replaced or {})
     return Supervisor(joints, controllers, guards=_guards(config))
-
-
-def _contract(config: StackConfig) -> PolicyContract:
-    keys = dict(config.contract)
-    live = [Term(name, width=width) for name, width in config.live.items()]
-    observation = [*keys.pop("observation_names"), *live]
-    return PolicyContract(**keys, observation=observation)
-
-
-def _live_inputs(config: StackConfig) -> Mapping[str, int]:
-    return {"velocity_command": 3, **config.live}
 
 
 def _guards(config: StackConfig) -> Guards | None:
     if config.guards is None:
         return None
     times = ("following_time", "following_progress", "limit_time", "speed_time")
-    n = len(config.joints)
-    bounds = {name: value if name in times else np.full(n, value) for name, value in config.guards.items()}
-    del bounds["effort_limit"]  # no guard's
+    given = {name: value for name, value in config.guards.items() if name != "effort_limit"}  # no guard's
+    bounds = {name: value if name in times else np.full(len(config.joints), value) for name, value in given.items()}
     return Guards(config.joints, **bounds)
 
 
@@ -134,8 +123,7 @@ def initial(stack: Any) -> Any:
 
 def step(stack: Any, memory: Any, tick_input: TickInput) -> tuple[Any, TickOutput]:
     """One tick of the pure function."""
-    after: tuple[Any, TickOutput] = stack.step(memory, tick_input)
-    return after
+    return stack.step(memory, tick_input)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, eq=False)
