@@ -18,13 +18,16 @@ from typing import Any, Self
 
 from humanoid_sim.client import Answer, Intake, find_session
 from humanoid_sim.errors import FieldError, blaming
-from humanoid_sim.messages import ControlMode, Mode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
+from humanoid_sim.messages import ControlMode, Mode, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
 from humanoid_sim.ros2 import topics as ros
+from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
-from humanoid_sim.ros2.dds.endpoints import Subscription, Writer
-from humanoid_sim.ros2.definitions import JOINT_STATE
-from humanoid_sim.ros2.messages import encode_mit_command
+from humanoid_sim.ros2.dds.endpoints import Reader, Subscription, Writer
+from humanoid_sim.ros2.messages import decode_safety_status, encode_mit_command
+
+_LATEST = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC, ros.DESCRIPTION_TOPIC)
+_STATUSES = 64  # that may come between two calls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,10 +71,9 @@ class RobotClient:
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
         """
         self._participant = Participant(domain, interface)
-        self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
-        names = [ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC]
-        names.append(ros.DESCRIPTION_TOPIC)
-        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
+        self._states = Subscription(self._participant, ros.joint_states_topic(prefix))
+        self._topics = {name: Subscription(self._participant, name) for name in _LATEST}
+        self._statuses = Reader(self._participant, ros.SAFETY_TOPIC, _STATUSES)
         self._safety: dict[str, SafetyStatus] = {}
         self.joint_names: tuple[str, ...] = ()
         """The robot's joints in its order; empty before the first state."""
@@ -88,7 +90,7 @@ class RobotClient:
 
     @cached_property
     def _writer(self) -> Writer:
-        return Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
+        return Writer(self._participant, ros.COMMAND_TOPIC)
 
     def state(self, timeout: float = 1.0) -> JointStates | None:
         """Return the newest joint states that were not given yet; None if none come within `timeout` s."""
@@ -144,9 +146,10 @@ class RobotClient:
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level beyond CRITICAL is CRITICAL."""
-        for message in self._topics[ros.SAFETY_TOPIC].take():
-            level, source = SafetyLevel(min(message["level"], SafetyLevel.CRITICAL)), message["source"]
-            self._safety[source] = SafetyStatus(level, SafetyFlag(message["flags"]), source, message["message"])
+        for sample in self._statuses.take():
+            with blaming(ros.SAFETY_TOPIC, CdrError):
+                _, status = decode_safety_status(sample.data)
+            self._safety[status.source] = status
         return dict(self._safety)
 
     def description(self) -> str | None:
@@ -156,8 +159,8 @@ class RobotClient:
 
     def frame_pose(self, frame: str) -> FloatArray | None:
         """Return the pose of a frame in its parent's, shape (7,), m and w x y z; None if the newest `/tf` lacks it."""
-        message = self._topics[ros.TF_TOPIC].look()
-        for one in () if message is None else message["transforms"]:
+        message = self._topics[ros.TF_TOPIC].look() or {"transforms": ()}
+        for one in message["transforms"]:
             if one["child_frame_id"] == frame:
                 where, turn = one["transform"]["translation"], one["transform"]["rotation"]
                 pose = [*(where[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")]

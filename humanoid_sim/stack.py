@@ -31,7 +31,7 @@ from humanoid_sim.messages import URDF_DOCUMENT, SessionHeader
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.policy.readers.own import decode, encode
-from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
+from humanoid_sim.recording.header import LABELS_DOCUMENT
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.mjcf import bare_model
@@ -141,9 +141,9 @@ def run_header(
         contract = encode(policy.contract)
         if not described:
             widths = tuple((term.name, term.width) for term in policy.layout.terms)
-            labels = policy.observation_labels
+            labels = {"observation": policy.observation_labels, "action": policy.contract.action_joint_names}
             documents["contract"] = contract
-            documents[LABELS_DOCUMENT] = labels_document(labels, policy.contract.action_joint_names)
+            documents[LABELS_DOCUMENT] = json.dumps(labels)
         described[name] = {"contract": contract, "motion": file if file in attachments else None}
     if named and "" not in named:
         documents["policies"] = json.dumps(described)

@@ -19,7 +19,7 @@ from humanoid_sim.messages import ControlMode, Mode, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.ros2.dds.endpoints import Writer
 from humanoid_sim.ros2.messages import encode_control_mode, encode_safety_status
-from humanoid_sim.ros2.topics import CONTROL_MODE_TOPIC, SAFETY_TOPIC, TOPICS
+from humanoid_sim.ros2.topics import CONTROL_MODE_TOPIC, SAFETY_TOPIC
 
 THREE = np.ones(3)
 
@@ -64,8 +64,8 @@ def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(local, monkeypa
 
 def test_what_is_not_known_is_said_and_a_broken_subscription_is_no_silence():
     with RobotClient("three", domain=free_domain()) as robot:
-        mode = Writer(robot._participant, CONTROL_MODE_TOPIC, TOPICS[CONTROL_MODE_TOPIC])
-        safety = Writer(robot._participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC])
+        mode = Writer(robot._participant, CONTROL_MODE_TOPIC)
+        safety = Writer(robot._participant, SAFETY_TOPIC)
         beyond = SimpleNamespace(level=9, source="a", flags=1 << 31, message="")
         safety.write(encode_safety_status(0, beyond))
         assert until(robot.safety, "the status")["a"].level is SafetyLevel.CRITICAL

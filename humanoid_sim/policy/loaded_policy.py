@@ -16,7 +16,7 @@ from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import KEY_COUNT
-from humanoid_sim.ros2.topics import is_used
+from humanoid_sim.ros2.topics import LIVE_INPUT, topic_kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def load_policy(
     """Bring a policy and its motion together, N as the model declares it; raises `InputError` if they do not fit."""
     with blaming(source):
         for name, topic in contract.live_topics.items():
-            if is_used(topic.name):
+            if topic_kind(topic.name) is not LIVE_INPUT:
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
         loaded = LoadedPolicy(contract, _reference(contract, motion, motion_source), policy, motion)
         layout = loaded.layout

@@ -15,6 +15,8 @@ SESSION = "humanoid_sim.session"
 """Metadata record with the header's own fields; the last part, so where it is the header is whole."""
 DOCUMENTS = "humanoid_sim.documents"
 """Metadata record with the header's documents by name."""
+LABELS_DOCUMENT = "labels"
+"""Document with the names of the values of each `observation` term and of the `action`."""
 _FORMAT = "2"
 
 

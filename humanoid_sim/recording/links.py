@@ -66,29 +66,20 @@ class Links:
         hardware, passive joints are at 0 and the base is at its place in the model, rotated as the IMU says.
         """
         model, data = self._model, self._data
-        simulated = self._simulated(record)
-        if simulated is not None:
-            data.qpos[:] = simulated
+        is_simulated = record.qpos is not None and len(record.qpos) >= model.nq
+        if record.qpos is not None and is_simulated:  # what is simulated beside the robot comes behind it
+            data.qpos[:] = record.qpos[: model.nq]
         measured = record.input.state.joint_position[self._measured]
         finite = np.isfinite(measured)
         data.qpos[self._driven[finite]] = measured[finite]
         mujoco.mj_kinematics(model, data)
         poses = self._of(self._moving)
-        if self.base is not None and simulated is None:
+        if self.base is not None and not is_simulated:
             quaternion = record.input.state.imu_quaternion
             for link in self._above_imu:
                 quaternion = multiply(quaternion, conjugate(data.xquat[link]))
             poses[self.base, 3:] = quaternion
         return poses
-
-    def knows_base(self, record: TickRecord) -> bool:
-        """Return True if a tick holds the place of a floating base, and not only its orientation."""
-        return self._simulated(record) is not None
-
-    def _simulated(self, record: TickRecord) -> FloatArray | None:
-        """Shape (nq,); what is simulated beside the robot comes behind it."""
-        qpos, count = record.qpos, self._model.nq
-        return None if qpos is None or len(qpos) < count else qpos[:count]
 
     def _of(self, links: IndexArray) -> FloatArray:
         return np.concatenate([self._data.xpos[links], self._data.xquat[links]], axis=1)

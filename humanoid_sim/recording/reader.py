@@ -18,10 +18,9 @@ from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.header import DOCUMENTS, SESSION, parse_header
-from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
-from humanoid_sim.recording.topics import read_labels
+from humanoid_sim.recording.header import DOCUMENTS, LABELS_DOCUMENT, SESSION, json_document, parse_header
 from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.topics import EVENT_TOPIC, TICK_TOPIC
 
 _DECODERS: dict[str, Callable[[bytes], TickRecord | Event]] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
 _UNSOUND = McapError, RuntimeError, ValueError, OverflowError, MemoryError, struct.error  # mcap's, and what LZ4 raises
@@ -67,7 +66,7 @@ class Recording:
         `imu_angular_velocity` and `imu_linear_acceleration`, (t, 3), rad/s and m/s² in the IMU's frame; `action`,
         (t, m), NaN where no policy ran. Raises `InputError` as `ticks` does.
         """
-        unknown = np.full(len(read_labels(self.header).action), np.nan)
+        unknown = np.full(len(self._action_names()), np.nan)
         rows = []
         for tick in self.ticks():
             state, output, step = tick.input.state, tick.output, tick.output.policy_step
@@ -89,7 +88,7 @@ class Recording:
 
     def columns(self) -> dict[str, Any]:
         """Return `arrays` as columns of a table, (t,) each, with names such as `position/left_elbow_pitch`."""
-        parts: dict[str, Any] = {"action": read_labels(self.header).action, "imu_quaternion": "wxyz"}
+        parts: dict[str, Any] = {"action": self._action_names(), "imu_quaternion": "wxyz"}
         parts |= dict.fromkeys(("imu_angular_velocity", "imu_linear_acceleration"), "xyz")
         columns: dict[str, Any] = {}
         for name, values in self.arrays().items():
@@ -105,6 +104,9 @@ class Recording:
         with needing("pandas", "report", "a frame"):
             import pandas as pd  # noqa: PLC0415 - an optional package
         return pd.DataFrame(self.columns())
+
+    def _action_names(self) -> list[str]:
+        return list(json_document(self.header, LABELS_DOCUMENT).get("action", ()))
 
     def _read_header(self) -> SessionHeader:
         documents: Mapping[str, str] = {}

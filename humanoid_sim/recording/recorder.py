@@ -27,11 +27,8 @@ from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_event, encode_tick
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.topics import ViewerTopics
-from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
-from humanoid_sim.ros2.topics import TOPICS, Topic
-
-TICK_TOPIC = "/humanoid_sim/tick"
-EVENT_TOPIC = "/humanoid_sim/event"
+from humanoid_sim.ros2.definitions import SCHEMA_ENCODING, schema_text
+from humanoid_sim.ros2.topics import EVENT_TOPIC, TICK_TOPIC, Topic, topic_kind
 
 FLUSH_PERIOD = 0.3  # s after which a chunk is written, full or not
 QUEUE_LIMIT = 4096  # ticks that may wait for the writer (20 s at 200 Hz); further ones are left out, which is recorded
@@ -155,7 +152,7 @@ class _RunWriter:
     def write(self, item: tuple[TickRecord, bytes | None] | Event) -> None:
         """Write an event; or a tick, encoding it unless that was done, and the viewers' share of it."""
         if isinstance(item, Event):
-            self._add(EVENT_TOPIC, EVENT, encode_event(item), self._log_time(item.time))
+            self._add(EVENT_TOPIC, encode_event(item), self._log_time(item.time))
             return
         record, message = item
         if record.index != self._index:
@@ -164,9 +161,9 @@ class _RunWriter:
         self._index = record.index
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
-        self._add(TICK_TOPIC, TICK, encode_tick(record) if message is None else message, time_ns)
-        for topic, schema, data, _ in self._topics.messages(record, time_ns):
-            self._add(topic, schema, data, time_ns)
+        self._add(TICK_TOPIC, encode_tick(record) if message is None else message, time_ns)
+        for topic, data, _ in self._topics.messages(record, time_ns):
+            self._add(topic, data, time_ns)
         self._index += 1
         self.flush_if_due()
 
@@ -183,12 +180,13 @@ class _RunWriter:
             self._time_ns = max(self._time_ns, self._start_time_ns + round(time * 1e9))
         return self._time_ns
 
-    def _add(self, topic: str, schema: str, data: bytes, time_ns: int) -> None:
+    def _add(self, topic: str, data: bytes, time_ns: int) -> None:
         channel = self._channels.get(topic)
         if channel is None:
-            text = schema_text(schema).encode()
-            schema_id = self.writer.register_schema(schema, SCHEMA_ENCODING, text)
-            qos = {"offered_qos_profiles": _offered_qos(TOPICS.get(topic, Topic(schema)))}
+            kind = topic_kind(topic)
+            text = schema_text(kind.schema).encode()
+            schema_id = self.writer.register_schema(kind.schema, SCHEMA_ENCODING, text)
+            qos = {"offered_qos_profiles": _offered_qos(kind)}
             channel = self._channels[topic] = self.writer.register_channel(topic, "cdr", schema_id, qos)
         self.writer.add_message(channel, time_ns, data, time_ns, self._index & 0xFFFFFFFF)
 

@@ -5,50 +5,29 @@ Replay does not need them; everything exact is in the tick messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
-from humanoid_sim.controllers.terms import TERM_KINDS, live_kind
-from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.controllers.terms import TERM_KINDS
+from humanoid_sim.messages import PolicyStep, SafetyLevel, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.mit import Extern
-from humanoid_sim.recording.header import json_document
+from humanoid_sim.recording.header import LABELS_DOCUMENT, json_document
 from humanoid_sim.recording.links import Links
-from humanoid_sim.ros2 import definitions as schema
 from humanoid_sim.ros2 import messages as ros
 from humanoid_sim.ros2 import topics
 from humanoid_sim.ros2.cdr import encode
+from humanoid_sim.ros2.definitions import STRING
+from humanoid_sim.stack import recorded_contract
 
 VIEWER_PERIOD = 0.02  # s between two messages of a topic that has something new in every tick
-LABELS_DOCUMENT = "labels"
-
-
-@dataclass(frozen=True, slots=True)
-class Labels:
-    """Names of the values of each observation term and of the action; without any where the header has none."""
-
-    observation: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    action: tuple[str, ...] = ()
-
-
-def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[str, ...]) -> str:
-    """Return the names as a document of a header."""
-    return msgspec.json.encode(Labels(observation, action)).decode()
-
-
-def read_labels(header: SessionHeader) -> Labels:
-    """Return the names in a header."""
-    return msgspec.json.decode(header.documents.get(LABELS_DOCUMENT, "{}"), type=Labels)
 
 
 class TopicMessage(NamedTuple):
     """An encoded message, and its topic."""
 
     topic: str
-    schema: str
     data: bytes
     source: str = ""  # of a safety status: the latest of each source counts; empty for other messages
 
@@ -58,30 +37,23 @@ def topic_prefix(header: SessionHeader) -> str:
     return json_document(header, "robot").get("topic_prefix") or header.robot
 
 
-def _live_topics(header: SessionHeader) -> dict[str, str]:
-    """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
-    found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-    for term in json_document(header, "contract").get("contract", {}).get("observation", ()):
-        if isinstance(term, dict) and "kind" in term and (term.get("width") or term.get("topic")):
-            found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
-    return found
-
-
 class ViewerTopics:
     """Turns the ticks of one run into messages. Keeps what was last sent on the topics that change rarely."""
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
-        self.live = _live_topics(header)
-        """Topics of live inputs, by name."""
-        self._joints, labels = header.joint_names, read_labels(header)
+        self.live = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
+        """Topics of live inputs, by name: the usual ones, and those of the recorded contract."""
+        contract = recorded_contract(header)
+        if contract is not None:
+            self.live |= {name: topic.name for name, topic in contract.live_topics.items()}
+        self._joints, labels = header.joint_names, json_document(header, LABELS_DOCUMENT)
         self._joint_topic = topics.joint_states_topic(topic_prefix(header))
+        named = labels.get("observation", {})
         self._observation = tuple(
-            f"{term}/{name}"
-            for term, width in header.observation_terms
-            for name in labels.observation.get(term) or range(width)
+            f"{term}/{name}" for term, width in header.observation_terms for name in named.get(term) or range(width)
         )
-        self._action = labels.action
+        self._action = tuple(labels.get("action", ()))
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._second = max(1, round(1.0 / header.control_period))
@@ -98,44 +70,39 @@ class ViewerTopics:
         state, output, remote = record.input.state, record.output, record.input.remote
         is_due = record.index % self._every == 0
         if self._links is not None and not self._is_described:
-            yield from self._description(self._links, time_ns)
+            self._is_described = True
+            yield from _description(self._links, time_ns)
         if is_due or self._every_state:
-            joint_state = ros.encode_joint_state(time_ns, self._joints, state)
-            yield TopicMessage(self._joint_topic, schema.JOINT_STATE, joint_state)
-            yield TopicMessage(topics.IMU_TOPIC, schema.IMU, ros.encode_imu(time_ns, state))
+            measured = state.joint_position, state.joint_velocity, state.joint_effort
+            yield TopicMessage(self._joint_topic, ros.encode_joint_state(time_ns, self._joints, *measured))
+            yield TopicMessage(topics.IMU_TOPIC, ros.encode_imu(time_ns, state))
         if is_due:
             command = ros.encode_mit_command(time_ns, self._joints, output.command)
-            yield TopicMessage("/mit_command", schema.MIT_COMMAND, command)
-            if self._links is not None:
-                yield from self._frames(self._links, record, time_ns)
+            yield TopicMessage(topics.SENT_TOPIC, command)
+            if self._links is not None and self._links.frames:
+                frames = self._transforms.encode(time_ns, self._links.poses(record))
+                yield TopicMessage(topics.TF_TOPIC, frames)
         if self._has_changed(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
             mode = ros.encode_control_mode(time_ns, output.control_mode)
-            yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, mode)
+            yield TopicMessage(topics.CONTROL_MODE_TOPIC, mode)
         standby = output.standby
         if standby is not None:
-            topic = topics.standby_topic(output.control_mode.controller_name)
+            topic = f"/{output.control_mode.controller_name}/state"
             has_changed = self._has_changed(topic, (standby.current_segment, standby.is_finished))
             if has_changed or (is_due and not standby.is_finished):
-                yield TopicMessage(topic, schema.STANDBY_STATE, ros.encode_standby_state(time_ns, standby))
+                yield TopicMessage(topic, ros.encode_standby_state(time_ns, standby))
         yield from self._safety_statuses(record, time_ns)
         if remote is not None and self._has_changed(topics.COMMAND_TOPIC, remote):
             command = ros.encode_mit_command(time_ns, self._joints, remote.command)
-            yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, command)
+            yield TopicMessage(topics.COMMAND_TOPIC, command)
         if output.policy_step is not None:
-            for name, names, values in (
-                ("observation", self._observation, output.policy_step.observation),
-                ("action", self._action, output.policy_step.action.ravel()),
-            ):
-                count = min(len(names), len(values))  # the answer of a policy that fails may have any length
-                shown = ros.encode_named_values(time_ns, names[:count], values[:count])
-                yield TopicMessage(f"/rl_policy_controller/{name}", schema.JOINT_STATE, shown)
+            yield from self._policy_step(output.policy_step, time_ns)
         for name, live in state.extern.items():
             last = self._inputs.get(name)
             is_new = last is None or live.arrival_time != last.arrival_time
             if name in self.live and is_new and (is_due or last is None or not np.array_equal(live.value, last.value)):
                 self._inputs[name] = live
-                data = ros.encode_float32_array(live.value)
-                yield TopicMessage(self.live[name], schema.FLOAT32_MULTI_ARRAY, data)
+                yield TopicMessage(self.live[name], ros.encode_float32_array(live.value))
 
     def _has_changed(self, topic: str, value: object) -> bool:
         has_changed = self._last.get(topic) != value
@@ -157,22 +124,20 @@ class ViewerTopics:
         for source, status in statuses.items():
             if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
-                data = ros.encode_safety_status(time_ns, status)
-                yield TopicMessage(topics.SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
+                yield TopicMessage(topics.SAFETY_TOPIC, ros.encode_safety_status(time_ns, status), source)
 
-    def _description(self, links: Links, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield the URDF, and the links that do not move."""
-        self._is_described = True
-        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, encode(schema.STRING, links.urdf))
-        if links.fixed_frames:
-            data = ros.TransformEncoder(links.fixed_frames).encode(time_ns, links.fixed_poses)
-            yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, data)
+    def _policy_step(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
+        for topic, names, values in (
+            (topics.OBSERVATION_TOPIC, self._observation, step.observation),
+            (topics.ACTION_TOPIC, self._action, step.action.ravel()),
+        ):
+            count = min(len(names), len(values))  # the answer of a policy that fails may have any length
+            yield TopicMessage(topic, ros.encode_joint_state(time_ns, names[:count], values[:count]))
 
-    def _frames(self, links: Links, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield where the links are, each in its parent's frame, and the base in the world's."""
-        poses = links.poses(record)
-        if len(poses):
-            yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, poses))
-        if links.base is not None and links.knows_base(record):
-            base = ros.encode_pose(time_ns, "world", poses[links.base])
-            yield TopicMessage("/base_pose", schema.POSE_STAMPED, base)
+
+def _description(links: Links, time_ns: int) -> Iterator[TopicMessage]:
+    """Yield the URDF, and the links that do not move."""
+    yield TopicMessage(topics.DESCRIPTION_TOPIC, encode(STRING, links.urdf))
+    if links.fixed_frames:
+        data = ros.TransformEncoder(links.fixed_frames).encode(time_ns, links.fixed_poses)
+        yield TopicMessage(topics.TF_STATIC_TOPIC, data)

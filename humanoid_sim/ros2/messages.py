@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.messages import ControlMode, SafetyStatus, StandbyState
+from humanoid_sim.messages import ControlMode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, decode, encode
 from humanoid_sim.ros2.definitions import (
-    CLOCK,
     CONTROL_MODE,
     FLOAT32_MULTI_ARRAY,
     IMU,
     JOINT_STATE,
     MIT_COMMAND,
-    POSE_STAMPED,
     SAFETY_STATUS,
     STANDBY_STATE,
     TF_MESSAGE,
 )
 
+_Values = Sequence[float] | npt.NDArray[np.floating]
 _LAST_SECOND = 2**31 - 1  # `builtin_interfaces/Time` counts seconds in 32 bits
 _UNKNOWN = (0.0,) * 9  # covariance, as `sensor_msgs/Imu` defines
 _POSE_TO_XYZW = [0, 1, 2, 4, 5, 6, 3]
@@ -32,36 +30,23 @@ SESSION_FRAME = "humanoid_sim"
 """`frame_id` of a safety status that a session publishes: no session takes it for another program's."""
 
 
-def _stamp(time_ns: int) -> tuple[int, int]:
+def stamp(time_ns: int) -> tuple[int, int]:
+    """`builtin_interfaces/msg/Time`."""
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
     return min(seconds, _LAST_SECOND), nanoseconds
 
 
-def encode_clock(time_ns: int) -> bytes:
-    """`rosgraph_msgs/msg/Clock`."""
-    return encode(CLOCK, _stamp(time_ns))
-
-
-def encode_joint_state(time_ns: int, names: tuple[str, ...], state: MITState) -> bytes:
-    """`sensor_msgs/msg/JointState`."""
-    values = state.joint_position, state.joint_velocity, state.joint_effort
-    return encode(JOINT_STATE, _stamp(time_ns), "", names, *values)
-
-
-def encode_named_values(time_ns: int, names: tuple[str, ...], values: npt.NDArray[np.floating]) -> bytes:
-    """`sensor_msgs/msg/JointState` with values (count,), one per name, as positions: tools plot this type by name."""
-    return encode(JOINT_STATE, _stamp(time_ns), "", names, values, (), ())
+def encode_joint_state(
+    time_ns: int, names: Sequence[str], position: _Values, velocity: _Values = (), effort: _Values = ()
+) -> bytes:
+    """`sensor_msgs/msg/JointState`; positions alone of what tools shall plot by name."""
+    return encode(JOINT_STATE, stamp(time_ns), "", names, position, velocity, effort)
 
 
 def encode_mit_command(time_ns: int, names: tuple[str, ...], command: MITCommand) -> bytes:
     """`humanoid_control_msgs/msg/MITCommand`."""
     fields = (getattr(command, name) for name in COMMAND_FIELDS)
-    return encode(MIT_COMMAND, _stamp(time_ns), "", names, *fields)
-
-
-def encode_pose(time_ns: int, frame: str, pose: FloatArray) -> bytes:
-    """`geometry_msgs/msg/PoseStamped` of a pose (7,), m and w x y z, in a frame."""
-    return encode(POSE_STAMPED, _stamp(time_ns), frame, pose[_POSE_TO_XYZW].tolist())
+    return encode(MIT_COMMAND, stamp(time_ns), "", names, *fields)
 
 
 class TransformEncoder:
@@ -77,7 +62,7 @@ class TransformEncoder:
 
     def encode(self, time_ns: int, poses: FloatArray) -> bytes:
         """Return the message of poses (count, 7), m and w x y z, of the children in their parents' frames."""
-        self._body.view(np.uint32)[self._stamps] = _stamp(time_ns)
+        self._body.view(np.uint32)[self._stamps] = stamp(time_ns)
         self._body.view(np.float64)[self._numbers] = poses[:, _POSE_TO_XYZW]
         return ENCAPSULATION + self._body[: self._size].tobytes()
 
@@ -87,41 +72,31 @@ def encode_imu(time_ns: int, state: MITState) -> bytes:
     w, x, y, z = state.imu_quaternion.tolist()
     velocity, acceleration = state.imu_angular_velocity.tolist(), state.imu_linear_acceleration.tolist()
     numbers = x, y, z, w, *_UNKNOWN, *velocity, *_UNKNOWN, *acceleration, *_UNKNOWN
-    return encode(IMU, _stamp(time_ns), "imu", numbers)
+    return encode(IMU, stamp(time_ns), "imu", numbers)
 
 
 def encode_control_mode(time_ns: int, control_mode: ControlMode) -> bytes:
     """`humanoid_control_msgs/msg/ControlMode`."""
     texts = control_mode.controller_name, control_mode.status_message
-    return encode(CONTROL_MODE, _stamp(time_ns), "", (control_mode.mode,), *texts)
+    return encode(CONTROL_MODE, stamp(time_ns), "", (control_mode.mode,), *texts)
 
 
 def encode_standby_state(time_ns: int, standby: StandbyState) -> bytes:
     """`humanoid_control_msgs/msg/StandbyState`."""
     values = standby.current_segment, standby.total_segments, standby.progress, standby.is_finished
-    return encode(STANDBY_STATE, _stamp(time_ns), "", values)
+    return encode(STANDBY_STATE, stamp(time_ns), "", values)
 
 
 def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
     """`humanoid_control_msgs/msg/SafetyStatus`."""
     values = (status.level,), status.source, (status.flags,), status.message
-    return encode(SAFETY_STATUS, _stamp(time_ns), SESSION_FRAME, *values)
+    return encode(SAFETY_STATUS, stamp(time_ns), SESSION_FRAME, *values)
 
 
-class ForeignStatus(NamedTuple):
-    """A safety status as it came."""
-
-    frame: str
-    level: int  # number of `SafetyLevel`, of any version, or beyond
-    source: str
-    flags: int
-    message: str
-
-
-def decode_safety_status(message: bytes) -> ForeignStatus:
-    """Return a `humanoid_control_msgs/msg/SafetyStatus`. Raises `CdrError`."""
+def decode_safety_status(message: bytes) -> tuple[str, SafetyStatus]:
+    """Return the frame and the status of a `SafetyStatus`; a level beyond CRITICAL is CRITICAL. Raises `CdrError`."""
     _, frame, (level,), source, (flags,), text = decode(SAFETY_STATUS, message)
-    return ForeignStatus(frame, level, source, flags, text)
+    return frame, SafetyStatus(SafetyLevel(min(level, SafetyLevel.CRITICAL)), SafetyFlag(flags), source, text)
 
 
 def encode_float32_array(values: npt.NDArray[np.floating]) -> bytes:
@@ -136,13 +111,3 @@ def decode_float32_array(message: bytes) -> npt.NDArray[np.float32]:
         raise CdrError(f"data_offset {offset} in an array of {len(values)}")
     found: npt.NDArray[np.float32] = values[offset:]
     return found
-
-
-def decode_mit_command(message: bytes) -> tuple[tuple[str, ...], MITCommand]:
-    """Return the joint names and the fields, each of shape (n,), of a `humanoid_control_msgs/msg/MITCommand`.
-
-    Its stamp is the sender's clock, which means nothing here. Raises `CdrError` if it is none, `FieldError` if its
-    fields are not equally long.
-    """
-    _, _, names, *fields = decode(MIT_COMMAND, message)
-    return tuple(names), MITCommand(*fields)

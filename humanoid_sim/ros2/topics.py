@@ -1,7 +1,4 @@
-"""The topics of the ROS 2 stack that this package serves: names, types and quality of service.
-
-One table for recordings, the DDS bridge and its clients.
-"""
+"""The topics that a session serves and records: names, types and quality of service, those of the ROS 2 stack."""
 
 from __future__ import annotations
 
@@ -11,13 +8,16 @@ from typing import NamedTuple
 from humanoid_sim.ros2.definitions import (
     CLOCK,
     CONTROL_MODE,
+    EVENT,
     FLOAT32_MULTI_ARRAY,
     IMU,
+    JOINT_STATE,
     MIT_COMMAND,
     SAFETY_STATUS,
     STANDBY_STATE,
     STRING,
     TF_MESSAGE,
+    TICK,
 )
 
 
@@ -49,7 +49,16 @@ TOPICS = {
     COMMAND_TOPIC: Topic(MIT_COMMAND, 4),
     **dict.fromkeys((STANDBY_TOPIC, *STANDBY_TOPICS), Topic(STANDBY_STATE, 1, True)),
 }
-"""By name. Joint states are under a robot's prefix."""
+"""Those on DDS, by name. Joint states are under a robot's prefix."""
+TICK_TOPIC, EVENT_TOPIC = "/humanoid_sim/tick", "/humanoid_sim/event"
+SENT_TOPIC = "/mit_command"  # what left for the robot
+OBSERVATION_TOPIC, ACTION_TOPIC = "/rl_policy_controller/observation", "/rl_policy_controller/action"
+_RECORDED = {
+    TICK_TOPIC: Topic(TICK),
+    EVENT_TOPIC: Topic(EVENT),
+    SENT_TOPIC: Topic(MIT_COMMAND),
+    **dict.fromkeys((OBSERVATION_TOPIC, ACTION_TOPIC), Topic(JOINT_STATE)),
+}
 LIVE_INPUT = Topic(FLOAT32_MULTI_ARRAY, 1)  # of a live input, whose name a policy's contract has
 _JOINT_STATES = "/joint_states"
 
@@ -60,11 +69,8 @@ def joint_states_topic(prefix: str) -> str:
     return f"/{'_' if name[:1].isdigit() else ''}{name}{_JOINT_STATES}"
 
 
-def is_used(topic: str) -> bool:
-    """Return whether a session has another use for a topic: no live input may come on it."""
-    return topic in TOPICS or topic.endswith(_JOINT_STATES) or topic in ("/mit_command", "/base_pose")
-
-
-def standby_topic(controller: str) -> str:
-    """Return the topic of a standby controller's state."""
-    return f"/{controller}/state"
+def topic_kind(topic: str) -> Topic:
+    """Return type and quality of service of a topic; one that a session has no other use for is a live input's."""
+    if topic.endswith(_JOINT_STATES):
+        return Topic(JOINT_STATE)
+    return TOPICS.get(topic) or _RECORDED.get(topic) or LIVE_INPUT

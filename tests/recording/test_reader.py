@@ -8,8 +8,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.recorder import TICK_TOPIC
 from humanoid_sim.ros2.definitions import SCHEMA_ENCODING, TICK
+from humanoid_sim.ros2.topics import TICK_TOPIC
 
 COUNT = 4
 

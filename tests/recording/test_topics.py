@@ -25,8 +25,8 @@ def tick(index, *, mode=DAMPED, faults=()):
 
 def said(topics, record):
     found = [message.data for message in topics.messages(record, 0) if message.topic == SAFETY_TOPIC]
-    statuses = [decode_safety_status(data) for data in found]
-    assert {status.frame for status in statuses} <= {SESSION_FRAME}
+    frames, statuses = zip(*map(decode_safety_status, found), strict=True) if found else ((), ())
+    assert {*frames} <= {SESSION_FRAME}
     return [(status.source, status.level, status.message) for status in statuses]
 
 

@@ -35,11 +35,11 @@ from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play import main as play_main
 from humanoid_sim.policy.readers.own import GOLDEN_KEY as TRAINER_SAMPLES
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.recorder import TICK_TOPIC, McapRecorder
+from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.ros2 import messages as wire
 from humanoid_sim.ros2.dds.endpoints import dds_topic, dds_type
-from humanoid_sim.ros2.topics import LIVE_INPUT, TOPICS, joint_states_topic
+from humanoid_sim.ros2.topics import TICK_TOPIC, TOPICS, joint_states_topic, topic_kind
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.pace import LoopSettings
@@ -271,7 +271,8 @@ def link(config: StackConfig, read_at: Callable[[float], MITState]) -> Iterator[
 def encode(message: Any, time_ns: int, names: tuple[str, ...] = ()) -> bytes:
     """Return the CDR message of a frozen type; an `MITState` is its JointState, an array a Float32MultiArray."""
     if isinstance(message, MITState):
-        return wire.encode_joint_state(time_ns, names, message)
+        measured = message.joint_position, message.joint_velocity, message.joint_effort
+        return wire.encode_joint_state(time_ns, names, *measured)
     if isinstance(message, MITCommand):
         return wire.encode_mit_command(time_ns, names, message)
     if isinstance(message, np.ndarray):
@@ -291,9 +292,7 @@ def encode_imu(state: MITState, time_ns: int) -> bytes:
 
 def topics(robot: str) -> dict[str, tuple[str, int, bool]]:
     """Return type, depth and durability (True: transient local) of a robot's topics; all are reliable."""
-    joint_states = joint_states_topic(robot), ("sensor_msgs/msg/JointState", 10, False)
-    keys = "/piano/key_state", tuple(LIVE_INPUT)
-    return {name: tuple(topic) for name, topic in TOPICS.items()} | dict([joint_states, keys])  # type: ignore[misc]
+    return {name: topic_kind(name) for name in (*TOPICS, joint_states_topic(robot), "/piano/key_state")}
 
 
 def dds_names(topic: str, kind: str) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from viser import GuiApi, GuiUplotHandle, uplot
 from humanoid_sim.frontends.attach import Source
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.recording.topics import read_labels
+from humanoid_sim.recording.header import LABELS_DOCUMENT, json_document
 
 _ROWS = 1000  # 20 s at 50 rows a second
 _PERIOD = 0.02  # s of the robot's time, the shortest between two rows
@@ -20,13 +20,13 @@ class Plots:
 
     def __init__(self, source: Source) -> None:
         joints, terms = source.header.joint_names, source.header.observation_terms
-        labels = read_labels(source.header).observation
+        labels = json_document(source.header, LABELS_DOCUMENT).get("observation", {})
         charts: dict[str, tuple[str, ...]] = {f"{name} position, rad": ("position", "command") for name in joints}
         charts |= {f"{name} velocity, rad/s": ("velocity",) for name in joints}
         charts |= {f"{name} effort, N·m": ("effort",) for name in joints}
         charts["loop, ms"] = ("tick time",)
         for term, width in terms:
-            names = labels.get(term, ())
+            names = tuple(labels.get(term, ()))
             charts[f"observed {term}"] = names if len(names) == width else tuple(map(str, range(width)))
         ends = 1 + np.cumsum([len(names) for names in charts.values()])
         self.charts = charts  # names of the lines of each

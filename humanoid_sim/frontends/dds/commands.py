@@ -10,18 +10,14 @@ from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
-from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.cdr import CdrError, decode
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
-from humanoid_sim.ros2.messages import (
-    SESSION_FRAME,
-    ForeignStatus,
-    decode_float32_array,
-    decode_mit_command,
-    decode_safety_status,
-)
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC, TOPICS, Topic
+from humanoid_sim.ros2.definitions import MIT_COMMAND
+from humanoid_sim.ros2.messages import SESSION_FRAME, decode_float32_array, decode_safety_status
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC, Topic, topic_kind
 from humanoid_sim.session.sources import remote_problem
 from humanoid_sim.stack import recorded_contracts
 
@@ -33,8 +29,12 @@ _DEPTH = 1024  # samples that may come between two polls: a flood pushes nobody 
 
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
-    """Return the command in a message, shape (n,). Raises `FieldError` or `CdrError` if it is none for this robot."""
-    names, command = decode_mit_command(message)
+    """Return the command in a message, shape (n,); its stamp is the sender's clock, which means nothing here.
+
+    Raises `FieldError` or `CdrError` if it is none for this robot.
+    """
+    _, _, names, *fields = decode(MIT_COMMAND, message)
+    command = MITCommand(*fields)
     problem = remote_problem(names, command, joints)
     if problem:
         raise FieldError(problem)
@@ -46,29 +46,29 @@ class StatusForwarder:
 
     def __init__(self, intake: Intake) -> None:
         self._intake = intake
-        self._waiting: dict[str, list[ForeignStatus]] = {}
+        self._waiting: dict[str, list[SafetyStatus]] = {}
         """By source: the newest status, and before an OK the fault that it ends and that must still damp."""
-        self._reported: dict[str, tuple[int, float]] = {}
-        """By source: the level that the session has, and when it was reported, s."""
+        self._reported: dict[str, tuple[bool, float]] = {}
+        """By source: whether the session has it as OK, and when that was reported, s."""
 
-    def take(self, status: ForeignStatus) -> None:
+    def take(self, frame: str, status: SafetyStatus) -> None:
         """Take a status; one that a session publishes, this one or another robot's, does not count."""
-        if status.frame != SESSION_FRAME:
+        if frame != SESSION_FRAME:
             waiting = self._waiting.setdefault(status.source or "unnamed", [])
-            waiting[:] = [fault for fault in waiting if fault.level and not status.level] + [status]
+            waiting[:] = [fault for fault in waiting if status.is_ok and not fault.is_ok] + [status]
 
     def flush(self, stamp: int, now: float) -> None:
         """Report what is due; `stamp`, ns, is when the newest arrived, `now` in s."""
         for name, waiting in self._waiting.items():
-            level, since = self._reported.get(name, (0, -math.inf))
-            if not waiting or (now - since < _REPEAT and (level or not waiting[0].level)):
+            was_ok, since = self._reported.get(name, (True, -math.inf))
+            if not waiting or (now - since < _REPEAT and (waiting[0].is_ok or not was_ok)):
                 continue
             one = waiting[0]
             try:
-                self._intake.post_safety(name, one.level, one.message, flags=one.flags, stamp=stamp)
+                self._intake.post_safety(name, int(one.level), one.message, flags=int(one.flags), stamp=stamp)
             except SessionError:  # it takes nothing at present: again with the next poll
                 continue
-            self._reported[name] = one.level, now
+            self._reported[name] = one.is_ok, now
             del waiting[0]
 
 
@@ -81,16 +81,15 @@ class CommandReader:
     def __init__(self, attachment: Attachment, participant: Participant, *, is_local: bool) -> None:
         self._session, self._intake = attachment.session, attachment.intake
         self._joints = attachment.header.joint_names
-        self._commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=_DEPTH)
-        self._statuses = _readers(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC]) if is_local else []
+        self._commands = Reader(participant, COMMAND_TOPIC, _DEPTH)
+        self._statuses = _readers(participant, SAFETY_TOPIC, topic_kind(SAFETY_TOPIC)) if is_local else []
         self._live: list[tuple[str, int, bool, Reader]] = []
         contract = next(iter(recorded_contracts(attachment.header)), None)
         for name, width in attachment.live_inputs.items() if is_local else ():
             topic = live_topic(contract, name)
             if topic is not None:
                 kind = LIVE_INPUT._replace(latched=topic.timeout == math.inf)  # one from before the bridge counts too
-                readers = _readers(participant, topic.name, kind)
-                self._live += [(name, width, kind.latched, reader) for reader in readers]
+                self._live += [(name, width, kind.latched, one) for one in _readers(participant, topic.name, kind)]
         self.live_topics = frozenset(reader.topic for *_, reader in self._live)
         self._safety = StatusForwarder(self._intake)
         self._intakes: dict[int, Intake] = {}
@@ -111,7 +110,7 @@ class CommandReader:
             self._settled = self._polled + round(1e9 * _SETTLE)
         for sample in [sample for reader in self._statuses for sample in reader.take()]:
             try:
-                self._safety.take(decode_safety_status(sample.data))
+                self._safety.take(*decode_safety_status(sample.data))
             except CdrError as error:
                 self._refuse(SAFETY_TOPIC, error)
         self._safety.flush(stamp, monotonic())
@@ -164,6 +163,6 @@ class CommandReader:
 def _readers(participant: Participant, topic: str, kind: Topic) -> list[Reader]:
     """Return readers that match every writer, and of a latched topic receive what came before."""
     return [
-        Reader(participant, topic, kind, depth=_DEPTH, any_writer=any_writer)
+        Reader(participant, topic, _DEPTH, kind=kind, any_writer=any_writer)
         for any_writer in ([True, False] if kind.latched else [True])
     ]

@@ -7,23 +7,23 @@ from collections.abc import Set
 from humanoid_sim.frontends.attach import Attachment, Tick
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
 from humanoid_sim.ros2 import topics as ros
+from humanoid_sim.ros2.cdr import encode
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Writer
-from humanoid_sim.ros2.definitions import CLOCK, JOINT_STATE
-from humanoid_sim.ros2.messages import encode_clock
+from humanoid_sim.ros2.definitions import CLOCK
+from humanoid_sim.ros2.messages import stamp
 
-_ACROSS = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.TF_TOPIC, ros.TF_STATIC_TOPIC)
+_ACROSS = {ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.TF_TOPIC, ros.TF_STATIC_TOPIC}
 """Topics that may leave the machine, beside the joint states: what shows the robot, nothing that safety needs."""
 
 
-def served_topics(attachment: Attachment, *, is_local: bool) -> dict[str, ros.Topic]:
-    """Return the topics of a session for its own machine, or for others, by name; without those of live inputs."""
-    names = [*_ACROSS]
+def served_topics(attachment: Attachment, *, is_local: bool) -> set[str]:
+    """Return the topics of a session for its own machine, or for others; without those of live inputs."""
+    names = _ACROSS | {ros.joint_states_topic(topic_prefix(attachment.header))}
     if is_local:
-        names += [ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, *ros.STANDBY_TOPICS]
-        names += [] if attachment.is_hardware else [ros.CLOCK_TOPIC]
-    joint_states = ros.joint_states_topic(topic_prefix(attachment.header))
-    return {joint_states: ros.Topic(JOINT_STATE), **{name: ros.TOPICS[name] for name in names}}
+        names |= {ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, *ros.STANDBY_TOPICS}
+        names |= set() if attachment.is_hardware else {ros.CLOCK_TOPIC}
+    return names
 
 
 class Telemetry:
@@ -42,17 +42,16 @@ class Telemetry:
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._topics = served_topics(attachment, is_local=is_local)
         self._writers: dict[tuple[str, str], Writer] = {}
-        for topic in self._topics:
-            if topic != ros.SAFETY_TOPIC:  # announced by its sources
-                self._writer(topic, "")
+        for topic in self._topics - {ros.SAFETY_TOPIC}:  # announced by its sources
+            self._writer(topic, "")
         if is_local:
-            self._topics |= dict.fromkeys(set(self._messages.live.values()) - received, ros.LIVE_INPUT)
+            self._topics |= set(self._messages.live.values()) - received
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick."""
         start_time_ns = self._attachment.status().get("start_time_ns", self._attachment.header.start_time_ns)
         time_ns = start_time_ns + round(1e9 * float(tick.record.input.state.time))
-        self._put(TopicMessage(ros.CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
+        self._put(TopicMessage(ros.CLOCK_TOPIC, encode(CLOCK, stamp(time_ns))))
         for message in self._messages.messages(tick.record, time_ns):
             self._put(message)
             if message.topic in ros.STANDBY_TOPICS:
@@ -64,7 +63,6 @@ class Telemetry:
 
     def _writer(self, topic: str, source: str) -> Writer:
         """Return one for each source of a safety status, so that a late subscriber gets the latest of each."""
-        writer = self._writers.get((topic, source))
-        if writer is None:
-            writer = self._writers[topic, source] = Writer(self._participant, topic, self._topics[topic])
-        return writer
+        if (topic, source) not in self._writers:
+            self._writers[topic, source] = Writer(self._participant, topic)
+        return self._writers[topic, source]

@@ -13,7 +13,7 @@ from humanoid_sim.client import Decoder, SessionError
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields, schema_text
-from humanoid_sim.ros2.topics import Topic
+from humanoid_sim.ros2.topics import Topic, topic_kind
 
 _DEPTH = 64  # messages of a `Subscription` that wait for the next `take`
 
@@ -34,22 +34,22 @@ def idl_type(schema: str) -> Any:
     """Return a message type as Cyclone DDS's `IdlStruct`."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
-    numbers = ("uint8", "int32", "uint32", "int64", "uint64", "float32", "float64")
-    primitives = {"bool": bool, "string": str, **{name: getattr(types, name) for name in numbers}}
     fields = {}
     for field in message_fields(schema):
-        kind = primitives[field.kind] if field.kind in primitives else idl_type(field.kind)
+        if "/" in field.kind:
+            kind = idl_type(field.kind)
+        else:
+            kind = {"bool": bool, "string": str}.get(field.kind) or getattr(types, field.kind)
         if field.length is not None:
             kind = types.array[kind, field.length] if field.length else types.sequence[kind]
         fields[field.name] = kind
     return make_idl_struct(f"{schema.rpartition('/')[2]}_", dds_type(schema), fields)
 
 
-class Received(NamedTuple):
-    """A sample that came."""
+def _described(participant: Participant, topic: str, kind: Topic) -> Any:
+    from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415 - an extra
 
-    data: bytes  # the whole message, with its encapsulation header
-    writer: int  # handle of its writer; see `Reader.name_of`
+    return DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
 
 
 def _qos(kind: Topic, depth: int, *, any_writer: bool = False) -> Any:
@@ -68,13 +68,12 @@ def _qos(kind: Topic, depth: int, *, any_writer: bool = False) -> Any:
 class Writer:
     """Publishes on a topic, given by its ROS 2 name."""
 
-    def __init__(self, participant: Participant, topic: str, kind: Topic) -> None:
+    def __init__(self, participant: Participant, topic: str) -> None:
         from cyclonedds._clayer import ddspy_write  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
-        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-        self._writer = DataWriter(participant.entity, described, _qos(kind, kind.depth))
+        kind = topic_kind(topic)
+        self._writer = DataWriter(participant.entity, _described(participant, topic, kind), _qos(kind, kind.depth))
         self._put = ddspy_write
 
     def write(self, message: bytes) -> bool:
@@ -83,27 +82,33 @@ class Writer:
         return is_sent
 
 
+class Received(NamedTuple):
+    """A sample that came."""
+
+    data: bytes  # the whole message, with its encapsulation header
+    writer: int  # handle of its writer; see `Reader.name_of`
+
+
 class Reader:
     """Subscribes to a topic. For one thread."""
 
     def __init__(
-        self, participant: Participant, topic: str, kind: Topic, *, depth: int | None = None, any_writer: bool = False
+        self, participant: Participant, topic: str, depth: int, *, kind: Topic | None = None, any_writer: bool = False
     ) -> None:
         """Subscribe.
 
         Args:
-            depth: messages that are kept between two calls of `take`; None: `kind.depth`.
-            any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
+            depth: messages that are kept between two calls of `take`.
+            kind: type and quality of service, if not the topic's own.
+            any_writer: match writers of whatever quality of service; else those that offer the topic's.
         """
         from cyclonedds._clayer import ddspy_take  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
-        from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        self.topic, self._depth = topic, depth or kind.depth
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-        qos = _qos(kind, self._depth, any_writer=any_writer)
-        self._reader = DataReader(participant.entity, described, qos)
+        self.topic, self._depth, kind = topic, depth, kind or topic_kind(topic)
+        qos = _qos(kind, depth, any_writer=any_writer)
+        self._reader = DataReader(participant.entity, _described(participant, topic, kind), qos)
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)
         self._set.attach(self._condition)
@@ -132,10 +137,10 @@ class Reader:
 class Subscription:
     """A topic whose messages are decoded, and whose latest one is kept. For one thread."""
 
-    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
-        self.reader = Reader(participant, name, kind, depth=_DEPTH)
-        self.latest: dict[str, Any] | None = None
-        self._decoder = Decoder(schema_text(kind.schema))
+    def __init__(self, participant: Participant, topic: str) -> None:
+        self.reader = Reader(participant, topic, _DEPTH)
+        self._latest: dict[str, Any] | None = None
+        self._decoder = Decoder(schema_text(topic_kind(topic).schema))
 
     def take(self) -> list[dict[str, Any]]:
         """Return the messages since the last call, oldest first. Raises `InputError` for one of another type."""
@@ -144,5 +149,5 @@ class Subscription:
 
     def look(self) -> dict[str, Any] | None:
         """Return the newest message, whenever it came; None while there is none."""
-        self.latest = next(iter(self.take()[-1:]), self.latest)
-        return self.latest
+        self._latest = next(reversed(self.take()), self._latest)
+        return self._latest

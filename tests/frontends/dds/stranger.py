@@ -6,12 +6,11 @@ Types and names are written out from the stack's message definitions; nothing of
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint8, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -23,137 +22,58 @@ LOOPBACK = """<CycloneDDS><Domain id="any">
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
 
 
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
+def struct(name: str, /, **fields: Any) -> Any:
+    """A message type, such as `std_msgs/Header`."""
+    package, kind = name.split("/")
+    return make_idl_struct(f"{kind}_", f"{package}::msg::dds_::{kind}_", fields)
 
 
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@dataclass
-class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
-    data: str
-
-
-@dataclass
-class MultiArrayDimension(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayDimension_"):
-    label: str
-    size: uint32
-    stride: uint32
-
-
-@dataclass
-class MultiArrayLayout(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayLayout_"):
-    dim: sequence[MultiArrayDimension]
-    data_offset: uint32
-
-
-@dataclass
-class Float32MultiArray(IdlStruct, typename="std_msgs::msg::dds_::Float32MultiArray_"):
-    layout: MultiArrayLayout
-    data: sequence[float32]
-
-
-@dataclass
-class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@dataclass
-class Transform(IdlStruct, typename="geometry_msgs::msg::dds_::Transform_"):
-    translation: Vector3
-    rotation: Quaternion
-
-
-@dataclass
-class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformStamped_"):
-    header: Header
-    child_frame_id: str
-    transform: Transform
-
-
-@dataclass
-class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
-    transforms: sequence[TransformStamped]
-
-
-@dataclass
-class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
-    clock: Time
-
-
-@dataclass
-class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
-    header: Header
-    name: sequence[str]
-    position: sequence[float64]
-    velocity: sequence[float64]
-    effort: sequence[float64]
-
-
-@dataclass
-class Imu(IdlStruct, typename="sensor_msgs::msg::dds_::Imu_"):
-    header: Header
-    orientation: Quaternion
-    orientation_covariance: array[float64, 9]
-    angular_velocity: Vector3
-    angular_velocity_covariance: array[float64, 9]
-    linear_acceleration: Vector3
-    linear_acceleration_covariance: array[float64, 9]
-
-
-@dataclass
-class MITCommand(IdlStruct, typename="humanoid_control_msgs::msg::dds_::MITCommand_"):
-    header: Header
-    joint_names: sequence[str]
-    position: sequence[float64]
-    velocity: sequence[float64]
-    effort: sequence[float64]
-    stiffness: sequence[float64]
-    damping: sequence[float64]
-
-
-@dataclass
-class ControlMode(IdlStruct, typename="humanoid_control_msgs::msg::dds_::ControlMode_"):
-    header: Header
-    mode: uint8
-    controller_name: str
-    status_message: str
-
-
-@dataclass
-class StandbyState(IdlStruct, typename="humanoid_control_msgs::msg::dds_::StandbyState_"):
-    header: Header
-    current_segment: uint32
-    total_segments: uint32
-    progress: float64
-    is_finished: bool
-
-
-@dataclass
-class SafetyStatus(IdlStruct, typename="humanoid_control_msgs::msg::dds_::SafetyStatus_"):
-    header: Header
-    level: uint8
-    source: str
-    flags: uint32
-    message: str
-
-
+numbers = sequence[float64]
+Time = struct("builtin_interfaces/Time", sec=int32, nanosec=uint32)
+Header = struct("std_msgs/Header", stamp=Time, frame_id=str)
+String = struct("std_msgs/String", data=str)
+MultiArrayDimension = struct("std_msgs/MultiArrayDimension", label=str, size=uint32, stride=uint32)
+MultiArrayLayout = struct("std_msgs/MultiArrayLayout", dim=sequence[MultiArrayDimension], data_offset=uint32)
+Float32MultiArray = struct("std_msgs/Float32MultiArray", layout=MultiArrayLayout, data=sequence[float32])
+Vector3 = struct("geometry_msgs/Vector3", x=float64, y=float64, z=float64)
+Quaternion = struct("geometry_msgs/Quaternion", x=float64, y=float64, z=float64, w=float64)
+Transform = struct("geometry_msgs/Transform", translation=Vector3, rotation=Quaternion)
+TransformStamped = struct("geometry_msgs/TransformStamped", header=Header, child_frame_id=str, transform=Transform)
+TFMessage = struct("tf2_msgs/TFMessage", transforms=sequence[TransformStamped])
+Clock = struct("rosgraph_msgs/Clock", clock=Time)
+JointState = struct(
+    "sensor_msgs/JointState", header=Header, name=sequence[str], position=numbers, velocity=numbers, effort=numbers
+)
+Imu = struct(
+    "sensor_msgs/Imu",
+    header=Header,
+    orientation=Quaternion,
+    orientation_covariance=array[float64, 9],
+    angular_velocity=Vector3,
+    angular_velocity_covariance=array[float64, 9],
+    linear_acceleration=Vector3,
+    linear_acceleration_covariance=array[float64, 9],
+)
+MITCommand = struct(
+    "humanoid_control_msgs/MITCommand",
+    header=Header,
+    joint_names=sequence[str],
+    **dict.fromkeys(("position", "velocity", "effort", "stiffness", "damping"), numbers),
+)
+ControlMode = struct(
+    "humanoid_control_msgs/ControlMode", header=Header, mode=uint8, controller_name=str, status_message=str
+)
+StandbyState = struct(
+    "humanoid_control_msgs/StandbyState",
+    header=Header,
+    current_segment=uint32,
+    total_segments=uint32,
+    progress=float64,
+    is_finished=bool,
+)
+SafetyStatus = struct(
+    "humanoid_control_msgs/SafetyStatus", header=Header, level=uint8, source=str, flags=uint32, message=str
+)
 TYPES: dict[str, Any] = {
     "rt/joint_states": JointState,
     "rt/imu/data": Imu,
@@ -187,11 +107,7 @@ class Client:
     """A participant in a domain."""
 
     def __init__(self, domain: int) -> None:
-        self._domain = Domain(domain, LOOPBACK)
         self.participant = DomainParticipant(domain)
-
-    def close(self) -> None:
-        self._domain.__del__()  # and with it all that is in it
 
     def reader(self, topic: str, depth: int = 10) -> DataReader:
         return DataReader(self.participant, Topic(self.participant, topic, type_of(topic)), quality(topic, depth))
@@ -202,11 +118,11 @@ class Client:
 
 @contextmanager
 def client(domain: int) -> Iterator[Client]:
-    joined = Client(domain)
+    configured = Domain(domain, LOOPBACK)
     try:
-        yield joined
+        yield Client(domain)
     finally:
-        joined.close()
+        configured.__del__()  # and with it all that is in it
 
 
 def until(condition: Any, what: str, timeout: float = 60.0) -> Any:
@@ -230,7 +146,7 @@ def newest(reader: DataReader, timeout: float = 20.0) -> Any:
     return until(lambda: reader.take(1000)[-1:], f"a sample of {reader.topic.name}", timeout)[0]
 
 
-def command(names: Sequence[str], position: float = 0.0, **fields: Sequence[float]) -> MITCommand:
+def command(names: Sequence[str], position: float = 0.0, **fields: Sequence[float]) -> Any:
     """A command that holds all joints at a position, stamped long ago: the stamp plays no part."""
     count = len(names)
     values = {

@@ -191,15 +191,6 @@ def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot, q
     assert robot.mode is Mode.DAMPING, "nothing recovers by itself"
 
 
-def test_a_fault_that_lasts_for_a_moment_damps(robot):
-    writer = robot.monitor("rclpy's default")
-    robot.stand_by()
-    writer.write(status(1, "glitch"))
-    writer.write(status(0, "glitch"))
-    until(lambda: robot.mode is Mode.DAMPING, "DAMPING")
-    until(lambda: robot.levels().get("glitch") == 0, "its OK")
-
-
 def test_each_source_is_latched_and_what_the_session_publishes_does_not_come_back(robot):
     bad = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1", "frames of 3 bytes")
     robot.local.robot.safety = (SafetyStatus(source="can0"), bad)

@@ -20,14 +20,8 @@ from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.urdf import urdf_of
 from humanoid_sim.ros2.cdr import encode
 from humanoid_sim.ros2.dds.endpoints import Writer
-from humanoid_sim.ros2.definitions import JOINT_STATE, STRING
-from humanoid_sim.ros2.messages import (
-    TransformEncoder,
-    encode_control_mode,
-    encode_imu,
-    encode_joint_state,
-)
-from humanoid_sim.ros2.topics import TOPICS, Topic
+from humanoid_sim.ros2.definitions import STRING
+from humanoid_sim.ros2.messages import TransformEncoder, encode_control_mode, encode_imu, encode_joint_state
 from humanoid_sim.simulation.model import build_model
 
 START = 1_700_000_000_000_000_000
@@ -39,9 +33,8 @@ class Robot:
 
     def __init__(self, participant, description):
         self.names = description.joint_names
-        kinds = {**TOPICS, "/lite/joint_states": Topic(JOINT_STATE)}
         names = ("/robot_description", "/lite/joint_states", "/control_mode", "/imu/data", "/tf")
-        self._writers = {name: Writer(participant, name, kinds[name]) for name in names}
+        self._writers = {name: Writer(participant, name) for name in names}
         self._frames = TransformEncoder([("world", "pelvis")])
         self._writers["/robot_description"].write(encode(STRING, urdf_of(bare_model(description), description)))
 
@@ -56,7 +49,8 @@ class Robot:
         )
         self._writers["/imu/data"].write(encode_imu(time_ns, state))
         self._writers["/tf"].write(self._frames.encode(time_ns, np.array([POSE])))
-        self._writers["/lite/joint_states"].write(encode_joint_state(time_ns, names or self.names, state))
+        measured = state.joint_position, state.joint_velocity, state.joint_effort
+        self._writers["/lite/joint_states"].write(encode_joint_state(time_ns, names or self.names, *measured))
 
 
 @contextmanager
