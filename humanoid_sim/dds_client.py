@@ -21,13 +21,15 @@ from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.messages import ControlMode, Mode, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
 from humanoid_sim.ros2 import topics as ros
-from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.cdr import CdrError, decode
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
-from humanoid_sim.ros2.dds.endpoints import Reader, Subscription, Writer
-from humanoid_sim.ros2.messages import decode_safety_status, encode_mit_command
+from humanoid_sim.ros2.dds.endpoints import Reader, Writer
+from humanoid_sim.ros2.messages import decode_safety_status, encode_mit_command, time_ns
 
-_LATEST = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC, ros.DESCRIPTION_TOPIC)
-_STATUSES = 64  # that may come between two calls
+_TOPICS = (
+    ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC, ros.DESCRIPTION_TOPIC, ros.SAFETY_TOPIC
+)  # fmt: skip
+_DEPTH = 64  # messages that may come between two calls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +53,6 @@ class Imu:
     time_ns: int  # the robot's stamp
 
 
-def _stamp_ns(message: Mapping[str, Any]) -> int:
-    stamp = message["header"]["stamp"]
-    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
-
-
 class RobotClient:
     """A robot on DDS. A context manager; for one thread.
 
@@ -71,9 +68,11 @@ class RobotClient:
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
         """
         self._participant = Participant(domain, interface)
-        self._states = Subscription(self._participant, ros.joint_states_topic(prefix))
-        self._topics = {name: Subscription(self._participant, name) for name in _LATEST}
-        self._statuses = Reader(self._participant, ros.SAFETY_TOPIC, _STATUSES)
+        self._joint_topic = ros.joint_states_topic(prefix)
+        topics = (*_TOPICS, self._joint_topic)
+        self._readers = {topic: Reader(self._participant, topic, _DEPTH) for topic in topics}
+        self._latest: dict[str, list[Any]] = {}
+        """Values of the newest message, by topic."""
         self._safety: dict[str, SafetyStatus] = {}
         self.joint_names: tuple[str, ...] = ()
         """The robot's joints in its order; empty before the first state."""
@@ -92,19 +91,26 @@ class RobotClient:
     def _writer(self) -> Writer:
         return Writer(self._participant, ros.COMMAND_TOPIC)
 
+    def _newest(self, topic: str) -> list[Any] | None:
+        """Return the values of the newest message, whenever it came; None while there is none."""
+        for sample in self._readers[topic].take()[-1:]:
+            with blaming(topic, CdrError):
+                self._latest[topic] = decode(ros.topic_kind(topic).schema, sample.data)
+        return self._latest.get(topic)
+
     def state(self, timeout: float = 1.0) -> JointStates | None:
         """Return the newest joint states that were not given yet; None if none come within `timeout` s."""
         deadline = time.monotonic() + timeout
-        while not (messages := self._states.take()):
+        while (newest := self._newest(self._joint_topic)) is None:
             left = deadline - time.monotonic()
             if left <= 0.0:
                 return None
-            self._states.reader.wait(left)
-        newest = messages[-1]
-        self.joint_names = tuple(newest["name"])
-        names = ("position", "velocity", "effort")
-        position, velocity, effort = (frozen_array("JointStates", name, newest[name]) for name in names)
-        return JointStates(self.joint_names, position, velocity, effort, _stamp_ns(newest))
+            self._readers[self._joint_topic].wait(left)
+        del self._latest[self._joint_topic]
+        stamp, _, names, *arrays = newest
+        self.joint_names = tuple(names)
+        position, velocity, effort = (frozen_array("JointStates", "values", one) for one in arrays)
+        return JointStates(self.joint_names, position, velocity, effort, time_ns(stamp))
 
     def command(self, command: MITCommand) -> bool:
         """Send a command for REMOTE, one value per joint in each field; True if sent.
@@ -121,32 +127,32 @@ class RobotClient:
 
     def control_mode(self) -> ControlMode | None:
         """Return the mode, who is in control, and the latest word to the operator; None before the first message."""
-        message = self._topics[ros.CONTROL_MODE_TOPIC].look()
-        if message is None:
+        newest = self._newest(ros.CONTROL_MODE_TOPIC)
+        if newest is None:
             return None
+        _, _, (mode,), controller, message = newest
         with blaming(ros.CONTROL_MODE_TOPIC, ValueError):
-            return ControlMode(Mode(message["mode"]), message["controller_name"], message["status_message"])
+            return ControlMode(Mode(mode), controller, message)
 
     def imu(self) -> Imu | None:
         """Return the newest IMU sample; None before the first message."""
-        message = self._topics[ros.IMU_TOPIC].look()
-        if message is None:
+        newest = self._newest(ros.IMU_TOPIC)
+        if newest is None:
             return None
-        fields = (("orientation", "wxyz"), ("angular_velocity", "xyz"), ("linear_acceleration", "xyz"))
-        turn, gyro, acceleration = (
-            frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in fields
-        )
-        return Imu(turn, gyro, acceleration, _stamp_ns(message))
+        stamp, _, numbers = newest  # each vector is followed by the nine numbers of its covariance
+        x, y, z, w = numbers[:4]
+        vectors = (w, x, y, z), numbers[13:16], numbers[25:28]
+        turn, gyro, acceleration = (frozen_array("Imu", "vectors", one) for one in vectors)
+        return Imu(turn, gyro, acceleration, time_ns(stamp))
 
     def standby(self) -> StandbyState | None:
         """Return the progress of the latest standby pose; None before the first message."""
-        message = self._topics[ros.STANDBY_TOPIC].look()
-        fields = ("current_segment", "total_segments", "progress", "is_finished")
-        return None if message is None else StandbyState(*(message[name] for name in fields))
+        newest = self._newest(ros.STANDBY_TOPIC)
+        return None if newest is None else StandbyState(*newest[-1])
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level beyond CRITICAL is CRITICAL."""
-        for sample in self._statuses.take():
+        for sample in self._readers[ros.SAFETY_TOPIC].take():
             with blaming(ros.SAFETY_TOPIC, CdrError):
                 _, status = decode_safety_status(sample.data)
             self._safety[status.source] = status
@@ -154,17 +160,15 @@ class RobotClient:
 
     def description(self) -> str | None:
         """Return the robot as URDF; None before the first message."""
-        message = self._topics[ros.DESCRIPTION_TOPIC].look()
-        return None if message is None else str(message["data"])
+        newest = self._newest(ros.DESCRIPTION_TOPIC)
+        return None if newest is None else str(newest[0])
 
     def frame_pose(self, frame: str) -> FloatArray | None:
         """Return the pose of a frame in its parent's, shape (7,), m and w x y z; None if the newest `/tf` lacks it."""
-        message = self._topics[ros.TF_TOPIC].look() or {"transforms": ()}
-        for one in message["transforms"]:
-            if one["child_frame_id"] == frame:
-                where, turn = one["transform"]["translation"], one["transform"]["rotation"]
-                pose = [*(where[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")]
-                return frozen_array("frame_pose", frame, pose)
+        (transforms,) = self._newest(ros.TF_TOPIC) or ((),)
+        for _, _, child, (x, y, z, *turn, w) in transforms:
+            if child == frame:
+                return frozen_array("frame_pose", frame, [x, y, z, w, *turn])
         return None
 
     def ask(self, word: str, timeout: float = 2.0) -> Answer:

@@ -20,7 +20,7 @@ from humanoid_sim.evaluation.run_figures import RunFigures
 from humanoid_sim.evaluation.run_report import describe_spread, print_figures, print_table
 from humanoid_sim.files import finite, output_file, whole_file
 from humanoid_sim.messages import Event
-from humanoid_sim.record_dataset import RecordDataset, record_dataset
+from humanoid_sim.record_dataset import RecordDataset
 from humanoid_sim.recording.links import Links
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.signs import judge_signs
@@ -40,6 +40,45 @@ class Info:
     json: bool = False
     """Print everything as JSON."""
 
+    def run(self) -> None:
+        recording = open_recording(self.file)
+        header = recording.header
+        robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
+        figures = RunFigures(robot)
+        for entry in recording.entries():
+            if isinstance(entry, Event):
+                figures.event(entry)
+            else:
+                figures.tick(entry)
+        summary = {
+            "file": str(recording.path),
+            "robot": header.robot,
+            "started": datetime.fromtimestamp(header.start_time_ns // 10**9, UTC).isoformat(),
+            "control_period": header.control_period,
+            "ticks": figures.ticks,
+            "missing_ticks": figures.missing,
+            "overruns": figures.overruns,
+            "damage": recording.damage,
+            **figures.summary(),
+        }
+        if self.json:
+            print(json.dumps(finite(summary), indent=2))
+            return
+        console = Console(highlight=False)
+        rate, lost = 1.0 / header.control_period, f"{figures.overruns} overruns, {figures.missing} missing"
+        overview = [
+            ("robot", f"{header.robot}, {len(header.joint_names)} joints"),
+            ("started", summary["started"]),
+            ("ticks", f"{figures.ticks} at {rate:g} Hz, {lost}"),
+            ("tick time", describe_spread(summary["tick_time"])),
+            ("policy steps", str(summary["inferences"])),
+            ("file", "complete" if recording.is_complete else f"not complete: {recording.damage}"),
+        ]
+        print_table(console, summary["file"], overview)
+        efforts = [(one["joint"], f"{one['peak']:.1f} of {one['limit']:g}") for one in summary["effort"]]
+        print_table(console, "Greatest effort of each joint", efforts, "joint", "N·m")
+        print_figures(console, summary)
+
 
 @dataclass(frozen=True)
 class Signs:
@@ -49,6 +88,13 @@ class Signs:
     """Recording (.mcap), finished or cut off."""
     robot: str | None = None
     """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
+
+    def run(self) -> None:
+        recording = open_recording(self.file)
+        verdicts = judge_signs(recording, _description(recording, self.robot))
+        rows = [(row.joint, f"{row.measured:.2f}", f"{row.expected:.2f}", row.verdict) for row in verdicts]
+        columns = ("joint", "measured\nN·m", "gravity\nN·m", "verdict")
+        print_table(Console(highlight=False), "efforts at rest", rows, *columns)
 
 
 @dataclass(frozen=True)
@@ -68,6 +114,52 @@ class Export:
     overwrite: bool = False
     """Replace files that exist."""
 
+    def run(self) -> None:
+        chosen = {"csv": self.csv, "html": self.html, "mp4": self.mp4}
+        outputs = {name: path for name, path in chosen.items() if path is not None}
+        if not outputs:
+            raise InputError("record export: expected --csv, --html or --mp4, each with a file to write")
+        for name, path in outputs.items():
+            output_file(path, f"--{name}", f".{name}", overwrite=self.overwrite)
+        recording = open_recording(self.file)
+        if self.csv is not None:
+            columns = recording.columns()
+            with whole_file(self.csv) as file:
+                table = np.column_stack(list(columns.values()))
+                np.savetxt(file, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+        if self.html is not None or self.mp4 is not None:
+            self._show(recording)
+        print("wrote", *outputs.values())
+
+    def _show(self, recording: Recording) -> None:
+        """Write page and video of the recorded poses; of a run on hardware the joints, and how the base is rotated."""
+        from humanoid_sim.rendering.pictures import require_pictures  # noqa: PLC0415 - viser takes seconds to import
+        from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415
+        from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
+
+        if self.mp4 is not None:
+            require_pictures("--mp4")
+        description = _description(recording, self.robot)
+        model = build_model(description)
+        addresses = joint_addresses(model, description.joint_names).qpos
+        links = Links.of(recording.header)
+        loaded = recorded_policy(recording.header, no_policy)
+        poses = Poses(None if loaded is None else ReferenceGhost(description, loaded.contract, loaded.reference))
+        for tick in recording.ticks():
+            qpos = tick.qpos
+            if qpos is None or len(qpos) != model.nq:
+                qpos = model.qpos0.copy()
+                qpos[addresses] = np.nan_to_num(tick.input.state.joint_position)
+                if links is not None and links.base is not None:
+                    qpos[:7] = links.poses(tick)[links.base]
+            poses.tick(replace(tick, qpos=qpos))
+        if not poses.kept:
+            raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")
+        if self.html is not None:
+            write_page(self.html, model, poses, title=recording.header.robot)
+        if self.mp4 is not None:
+            write_video(self.mp4, model, poses)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
@@ -77,112 +169,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments,
         positional=True,
     )
-    match command:
-        case Info():
-            _info(command)
-        case Signs():
-            _signs(command)
-        case Export():
-            _export(command)
-        case RecordDataset():
-            record_dataset(command)
+    command.run()
     return 0
-
-
-def _info(command: Info) -> None:
-    recording = open_recording(command.file)
-    header = recording.header
-    robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
-    figures = RunFigures(robot)
-    for entry in recording.entries():
-        if isinstance(entry, Event):
-            figures.event(entry)
-        else:
-            figures.tick(entry)
-    summary = {
-        "file": str(recording.path),
-        "robot": header.robot,
-        "started": datetime.fromtimestamp(header.start_time_ns // 10**9, UTC).isoformat(),
-        "control_period": header.control_period,
-        "ticks": figures.ticks,
-        "missing_ticks": figures.missing,
-        "overruns": figures.overruns,
-        "damage": recording.damage,
-        **figures.summary(),
-    }
-    if command.json:
-        print(json.dumps(finite(summary), indent=2))
-        return
-    console = Console(highlight=False)
-    rate, lost = 1.0 / header.control_period, f"{figures.overruns} overruns, {figures.missing} missing"
-    overview = [
-        ("robot", f"{header.robot}, {len(header.joint_names)} joints"),
-        ("started", summary["started"]),
-        ("ticks", f"{figures.ticks} at {rate:g} Hz, {lost}"),
-        ("tick time", describe_spread(summary["tick_time"])),
-        ("policy steps", str(summary["inferences"])),
-        ("file", "complete" if recording.is_complete else f"not complete: {recording.damage}"),
-    ]
-    print_table(console, summary["file"], overview)
-    efforts = [(one["joint"], f"{one['peak']:.1f} of {one['limit']:g}") for one in summary["effort"]]
-    print_table(console, "Greatest effort of each joint", efforts, "joint", "N·m")
-    print_figures(console, summary)
-
-
-def _signs(command: Signs) -> None:
-    recording = open_recording(command.file)
-    verdicts = judge_signs(recording, _description(recording, command.robot))
-    rows = [(row.joint, f"{row.measured:.2f}", f"{row.expected:.2f}", row.verdict) for row in verdicts]
-    columns = ("joint", "measured\nN·m", "gravity\nN·m", "verdict")
-    print_table(Console(highlight=False), "efforts at rest", rows, *columns)
-
-
-def _export(options: Export) -> None:
-    chosen = {"csv": options.csv, "html": options.html, "mp4": options.mp4}
-    outputs = {name: path for name, path in chosen.items() if path is not None}
-    if not outputs:
-        raise InputError("record export: expected --csv, --html or --mp4, each with a file to write")
-    for name, path in outputs.items():
-        output_file(path, f"--{name}", f".{name}", overwrite=options.overwrite)
-    recording = open_recording(options.file)
-    if options.csv is not None:
-        columns = recording.columns()
-        with whole_file(options.csv) as file:
-            table = np.column_stack(list(columns.values()))
-            np.savetxt(file, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
-    if options.html is not None or options.mp4 is not None:
-        _show(recording, options)
-    print("wrote", *outputs.values())
-
-
-def _show(recording: Recording, options: Export) -> None:
-    """Write page and video of the recorded poses; of a run on hardware the joints, and how the base is rotated."""
-    from humanoid_sim.rendering.pictures import require_pictures  # noqa: PLC0415 - viser takes seconds to import
-    from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415
-    from humanoid_sim.rendering.video import write_video  # noqa: PLC0415
-
-    if options.mp4 is not None:
-        require_pictures("--mp4")
-    description = _description(recording, options.robot)
-    model = build_model(description)
-    addresses = joint_addresses(model, description.joint_names).qpos
-    links = Links.of(recording.header)
-    loaded = recorded_policy(recording.header, no_policy)
-    poses = Poses(None if loaded is None else ReferenceGhost(description, loaded.contract, loaded.reference))
-    for tick in recording.ticks():
-        qpos = tick.qpos
-        if qpos is None or len(qpos) != model.nq:
-            qpos = model.qpos0.copy()
-            qpos[addresses] = np.nan_to_num(tick.input.state.joint_position)
-            if links is not None and links.base is not None:
-                qpos[:7] = links.poses(tick)[links.base]
-        poses.tick(replace(tick, qpos=qpos))
-    if not poses.kept:
-        raise InputError(f"{recording.path}: holds no ticks: there is nothing to show")
-    if options.html is not None:
-        write_page(options.html, model, poses, title=recording.header.robot)
-    if options.mp4 is not None:
-        write_video(options.mp4, model, poses)
 
 
 def _description(recording: Recording, name: str | None) -> RobotDescription:

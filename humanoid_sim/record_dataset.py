@@ -5,20 +5,21 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
 
 from humanoid_sim.errors import InputError, blaming, needing
-from humanoid_sim.messages import Mode
-from humanoid_sim.recording.episodes import Episode, read_episodes
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.header import json_document
 from humanoid_sim.recording.reader import Recording, open_recording
 
+_DEFAULT_RATE = 50.0  # frames per second where no policy step says better; the control rate if that is lower
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip
 
@@ -44,81 +45,114 @@ class RecordDataset:
     fps: int | None = None
     """Frames per second; must divide the control rate. Default: the policy's steps, 50 where there are none."""
 
+    def run(self) -> None:
+        """Write the dataset. Raises `InputError` if it cannot be made."""
+        output = self.output.resolve()
+        if output.exists() or not output.parent.is_dir():
+            raise InputError(f"--output: is '{self.output}', expected a new folder in one that exists")
+        if self.fps is not None and self.fps < 1:
+            raise InputError(f"--fps: is {self.fps}, expected at least 1")
+        recordings = [open_recording(path) for path in self.recordings]
+        for recording in recordings[1:]:
+            if recording.header.joint_names != recordings[0].header.joint_names:
+                raise InputError(f"{recording.path}: is of another robot than {recordings[0].path}")
+        os.environ.setdefault("HF_HUB_OFFLINE", "1")  # read when the hub's package is imported
+        with needing("lerobot", "lerobot", "record dataset"):
+            library = importlib.import_module("lerobot.datasets.lerobot_dataset")
+        repo_id = self.repo_id or f"local/{output.name}"
+        staging = output.with_name(f".{output.name}.{os.getpid()}.tmp")
+        try:
+            with blaming(f"{self.output}: cannot be written", OSError):
+                counts = self._write(library, staging, repo_id, recordings)
+                staging.rename(output)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+        print(f"{self.output}: {len(counts)} episodes, {sum(counts)} frames, as {repo_id}")
 
-def record_dataset(config: RecordDataset) -> None:
-    """Write the dataset. Raises `InputError` if it cannot be made."""
-    output = config.output.resolve()
-    if output.exists() or not output.parent.is_dir():
-        raise InputError(f"--output: is '{config.output}', expected a new folder in one that exists")
-    if config.fps is not None and config.fps < 1:
-        raise InputError(f"--fps: is {config.fps}, expected at least 1")
-    recordings = [open_recording(path) for path in config.recordings]
-    for recording in recordings[1:]:
-        if recording.header.joint_names != recordings[0].header.joint_names:
-            raise InputError(f"{recording.path}: is of another robot than {recordings[0].path}")
-    os.environ.setdefault("HF_HUB_OFFLINE", "1")  # read when the hub's package is imported
-    with needing("lerobot", "lerobot", "record dataset"):
-        library = importlib.import_module("lerobot.datasets.lerobot_dataset")
-    repo_id = config.repo_id or f"local/{output.name}"
-    staging = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-    try:
-        with blaming(f"{config.output}: cannot be written", OSError):
-            counts = _write(library, staging, repo_id, recordings, config)
-            staging.rename(output)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    print(f"{config.output}: {len(counts)} episodes, {sum(counts)} frames, as {repo_id}")
+    def _write(self, library: Any, root: Path, repo_id: str, recordings: list[Recording]) -> list[int]:
+        """Write everything below `root`; returns the number of frames of each episode.
 
-
-def _write(library: Any, root: Path, repo_id: str, recordings: Iterable[Recording], config: RecordDataset) -> list[int]:
-    """Write everything below `root`; returns the number of frames of each episode.
-
-    Raises `InputError` if there is no episode, or two have different frame rates.
-    """
-    modes = frozenset(Mode[name.upper()] for name in config.modes)
-    dataset, rate, counts = None, 0.0, []
-    for recording in recordings:
-        for episode in read_episodes(recording, modes, config.fps):
+        Raises `InputError` if there is no episode, or two have different frame rates.
+        """
+        modes = frozenset(Mode[name.upper()] for name in self.modes)
+        header = recordings[0].header
+        names = {
+            "observation.state": [f"{joint}.pos" for joint in header.joint_names],
+            "observation.velocity": [f"{joint}.vel" for joint in header.joint_names],
+            "observation.effort": [f"{joint}.effort" for joint in header.joint_names],
+            "observation.imu": list(_IMU),
+            "action": [f"{joint}.pos" for joint in header.joint_names],
+        }
+        features = {key: {"dtype": "float32", "shape": (len(n),), "names": n} for key, n in names.items()}
+        dataset, rate, counts = None, 0, []
+        for recording, episode in ((one, two) for one in recordings for two in read_episodes(one, modes, self.fps)):
             if dataset is None:
                 rate = round(episode.fps)
-                names = _names(recording.header.joint_names)
-                features = {key: {"dtype": "float32", "shape": (len(n),), "names": n} for key, n in names.items()}
-                robot = recording.header.robot
                 dataset = library.LeRobotDataset.create(
-                    repo_id, rate, features, root=root, robot_type=robot, use_videos=False
+                    repo_id, rate, features, root=root, robot_type=header.robot, use_videos=False
                 )
             if abs(episode.fps - rate) > 1e-6 * rate:
                 raise InputError(f"{recording.path}: {episode.fps:g} frames a second, others {rate:g}; choose --fps")
-            task = config.task or _task(recording, episode)
+            task = self.task or _task(recording, episode)
             for tick in episode.ticks:
-                state = tick.input.state
-                imu = state.imu_quaternion, state.imu_angular_velocity, state.imu_linear_acceleration
-                values = (
-                    state.joint_position,
-                    state.joint_velocity,
-                    state.joint_effort,
-                    np.concatenate(imu),
-                    tick.output.command.position,
-                )
-                frame = {key: one.astype(np.float32) for key, one in zip(names, values, strict=True)}
+                frame = {key: one.astype(np.float32) for key, one in zip(names, _values(tick), strict=True)}
                 dataset.add_frame({**frame, "task": task})
             dataset.save_episode()
             counts.append(len(episode.ticks))
-    if dataset is None:
-        raise InputError(f"{config.recordings[0]}: no stretch in {' or '.join(config.modes).upper()} of two frames")
-    dataset.finalize()
-    return counts
+        if dataset is None:
+            raise InputError(f"{self.recordings[0]}: no stretch in {' or '.join(self.modes).upper()} of two frames")
+        dataset.finalize()
+        return counts
 
 
-def _names(joints: Iterable[str]) -> dict[str, list[str]]:
-    """Return the names of the values of each feature, in the order of a frame's."""
-    return {
-        "observation.state": [f"{joint}.pos" for joint in joints],
-        "observation.velocity": [f"{joint}.vel" for joint in joints],
-        "observation.effort": [f"{joint}.effort" for joint in joints],
-        "observation.imu": list(_IMU),
-        "action": [f"{joint}.pos" for joint in joints],
-    }
+def _values(tick: TickRecord) -> tuple[FloatArray, ...]:
+    """Return the values of a frame, in the order of the features."""
+    state = tick.input.state
+    imu = np.concatenate([state.imu_quaternion, state.imu_angular_velocity, state.imu_linear_acceleration])
+    return state.joint_position, state.joint_velocity, state.joint_effort, imu, tick.output.command.position
+
+
+class Episode(NamedTuple):
+    """A stretch of a recording in which one controller moved the robot, sampled evenly."""
+
+    mode: Mode
+    fps: float
+    ticks: list[TickRecord]  # one for each frame, in which every joint was received
+
+
+def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | None = None) -> Iterator[Episode]:
+    """Yield the stretches in the given modes of at least two frames, in order.
+
+    A missed deadline, a lost tick or a joint that was never received ends a stretch. In LOCOMOTION it begins with a
+    policy step, so that at the policy's rate every frame is one. Raises `InputError` if the control rate is not a
+    multiple of `fps`.
+    """
+    period, stretch = recording.header.control_period, list[TickRecord]()
+    for tick in recording.ticks():
+        mode = tick.output.control_mode.mode
+        if stretch:
+            before = stretch[-1]
+            step = float(tick.input.state.time) - float(before.input.state.time)
+            is_same = mode is before.output.control_mode.mode and tick.index == before.index + 1
+            if not is_same or abs(step - period) > 0.5 * period:
+                yield from _sample(recording, stretch, fps)
+                stretch = []
+        is_begun = stretch or mode is not Mode.LOCOMOTION or tick.output.policy_step is not None
+        if mode in modes and is_begun and np.isfinite(tick.input.state.joint_position).all():
+            stretch.append(tick)
+    yield from _sample(recording, stretch, fps)
+
+
+def _sample(recording: Recording, stretch: list[TickRecord], fps: float | None) -> Iterator[Episode]:
+    """Yield the episode of a stretch, unless it is shorter than two frames."""
+    control = 1.0 / recording.header.control_period
+    steps = [tick.index for tick in stretch if tick.output.policy_step is not None]
+    rate = fps or (control / (steps[1] - steps[0]) if len(steps) > 1 else min(_DEFAULT_RATE, control))
+    step = max(1, round(control / rate))
+    if abs(control / rate - step) > 1e-6:
+        raise InputError(f"{recording.path}: --fps: is {rate:g}, expected a divisor of its {control:g} ticks a second")
+    if len(stretch) > step:
+        yield Episode(stretch[0].output.control_mode.mode, rate, stretch[::step])
 
 
 def _task(recording: Recording, episode: Episode) -> str:

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.run_report import print_table
 from humanoid_sim.files import finite
 from humanoid_sim.recording.reader import Recording, open_recording
 
@@ -76,12 +76,13 @@ def _compare(recording: Recording, config: ReplayConfig, policy: str) -> int:
     if config.json:
         print(json.dumps(finite({"policy": checkpoint.source, "same": report.is_same, **asdict(report)}), indent=2))
         return ExitStatus.of(report.is_same)
-    title = f"{checkpoint.source} on {report.ticks} recorded ticks of LOCOMOTION, open loop"
-    table = Table("joint", "position\nrad", "torque\nN·m", f"beyond {TOLERANCE:g} rad\nfrom s", title=title)
+    rows = []
     for joint in report.joints:
         since = "" if joint.first_time is None else f"{joint.first_time:.3f}"
-        table.add_row(joint.joint, f"{joint.position:.4g}", f"{joint.torque:.4g}", since)
-    Console(highlight=False).print(table)
+        rows.append((joint.joint, f"{joint.position:.4g}", f"{joint.torque:.4g}", since))
+    title = f"{checkpoint.source} on {report.ticks} recorded ticks of LOCOMOTION, open loop"
+    columns = ("joint", "position\nrad", "torque\nN·m", f"beyond {TOLERANCE:g} rad\nfrom s")
+    print_table(Console(highlight=False), title, rows, *columns)
     if report.failure:
         print(f"ended at {report.failure_time:.3f} s: {report.failure}")
     print("the commands are the same" if report.is_same else "the commands differ")

@@ -41,14 +41,9 @@ class OpenLoopReport:
     failure_time: float | None = None  # s, robot's clock
 
     @property
-    def first_time(self) -> float | None:
-        """s, robot's clock, at which any joint first differs by more than the tolerance."""
-        return min((joint.first_time for joint in self.joints if joint.first_time is not None), default=None)
-
-    @property
     def is_same(self) -> bool:
         """True if something was compared, nothing failed, and no command differs."""
-        return self.ticks > 0 and not self.failure and self.first_time is None
+        return self.ticks > 0 and not self.failure and all(joint.first_time is None for joint in self.joints)
 
 
 def compare_open_loop(recording: Recording, checkpoint: Checkpoint) -> OpenLoopReport:
@@ -64,7 +59,8 @@ def compare_open_loop(recording: Recording, checkpoint: Checkpoint) -> OpenLoopR
     report = OpenLoopReport([JointDifference(joint) for joint in description.joint_names])
     controller, memory, following = None, None, 0
     for tick in recording.ticks():
-        state, lost, following = tick.input.state, tick.index - following, tick.index + 1
+        state, recorded = tick.input.state, tick.output.command
+        lost, following = tick.index - following, tick.index + 1
         if tick.output.control_mode.controller_name != RL_POLICY:
             memory = None
             continue
@@ -72,11 +68,9 @@ def compare_open_loop(recording: Recording, checkpoint: Checkpoint) -> OpenLoopR
             live = {name: value.value.shape[-1] for name, value in state.extern.items()}
             loaded = checkpoint.with_motion(motion)
             controller = policy_controller(description, recording.header.control_period, loaded, live=live)
-        begun: RLPolicyMemory | Fault
+        begun: RLPolicyMemory | Fault = controller.activate(tick.input) if memory is None else memory
         if lost and memory is not None:
             begun = Fault(f"{lost} ticks are missing")
-        else:
-            begun = controller.activate(tick.input) if memory is None else memory
         result = begun if isinstance(begun, Fault) else controller.update(begun, tick.input)
         if isinstance(result, Fault):
             report.failure, report.failure_time = result.message, float(state.time)
@@ -85,10 +79,10 @@ def compare_open_loop(recording: Recording, checkpoint: Checkpoint) -> OpenLoopR
         report.ticks += 1
         theirs, ours = (
             mit_torque(one, state.joint_position, state.joint_velocity, description.effort_limit)
-            for one in (tick.output.command, command)
+            for one in (recorded, command)
         )
-        positions = np.abs(command.position - tick.output.command.position).tolist()
-        for joint, position, torque in zip(report.joints, positions, np.abs(ours - theirs).tolist(), strict=True):
+        differences = np.abs([command.position - recorded.position, ours - theirs]).T.tolist()
+        for joint, (position, torque) in zip(report.joints, differences, strict=True):
             joint.position, joint.torque = max(joint.position, position), max(joint.torque, torque)
             if position > TOLERANCE and joint.first_time is None:
                 joint.first_time = float(state.time)

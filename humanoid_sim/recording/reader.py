@@ -24,6 +24,7 @@ from humanoid_sim.ros2.topics import EVENT_TOPIC, TICK_TOPIC
 
 _DECODERS: dict[str, Callable[[bytes], TickRecord | Event]] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
 _UNSOUND = McapError, RuntimeError, ValueError, OverflowError, MemoryError, struct.error  # mcap's, and what LZ4 raises
+_IMU = {"imu_quaternion": "wxyz", "imu_angular_velocity": "xyz", "imu_linear_acceleration": "xyz"}
 
 
 class Recording:
@@ -69,27 +70,20 @@ class Recording:
         unknown = np.full(len(self._action_names()), np.nan)
         rows = []
         for tick in self.ticks():
-            state, output, step = tick.input.state, tick.output, tick.output.policy_step
-            row: dict[str, Any] = {
-                "time": state.time,
-                "mode": int(output.control_mode.mode),
-                "position": state.joint_position,
-                "velocity": state.joint_velocity,
-                "effort": state.joint_effort,
-            }
-            row |= {f"command_{name}": getattr(output.command, name) for name in COMMAND_FIELDS}
-            for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
-                row[name] = getattr(state, name)
-            acted = step is not None and step.action.shape == unknown.shape
-            rows.append(row | {"action": step.action if step is not None and acted else unknown})
+            state, command, step = tick.input.state, tick.output.command, tick.output.policy_step
+            row: dict[str, Any] = {"time": state.time, "mode": int(tick.output.control_mode.mode)}
+            row |= {name: getattr(state, f"joint_{name}") for name in ("position", "velocity", "effort")}
+            row |= {f"command_{name}": getattr(command, name) for name in COMMAND_FIELDS}
+            row |= {name: getattr(state, name) for name in _IMU}
+            row["action"] = unknown if step is None or step.action.shape != unknown.shape else step.action
+            rows.append(row)
         if not rows:
             raise InputError(f"{self.path}: holds no ticks")
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def columns(self) -> dict[str, Any]:
         """Return `arrays` as columns of a table, (t,) each, with names such as `position/left_elbow_pitch`."""
-        parts: dict[str, Any] = {"action": self._action_names(), "imu_quaternion": "wxyz"}
-        parts |= dict.fromkeys(("imu_angular_velocity", "imu_linear_acceleration"), "xyz")
+        parts: dict[str, Any] = {"action": self._action_names(), **_IMU}
         columns: dict[str, Any] = {}
         for name, values in self.arrays().items():
             if values.ndim == 1:

@@ -6,14 +6,14 @@ same bits, 0.0 is not -0.0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.messages import Event, EventKind, SessionHeader, TickOutput, TickRecord
+from humanoid_sim.messages import Event, EventKind, SessionHeader, TickOutput
 from humanoid_sim.recording.reader import Recording
 from humanoid_sim.stack import rebuild_supervisor
 
@@ -41,7 +41,9 @@ def first_difference(header: SessionHeader, recorded: TickOutput, replayed: Tick
         elif before.shape != now.shape:
             return Difference(name, "", f"shape {before.shape}", f"shape {now.shape}")
         elif before.tobytes() != now.tobytes():
-            return _first_element(header, name, before.ravel(), now.ravel())
+            pairs = zip(before.ravel(), now.ravel(), strict=True)
+            index, (old, new) = next((i, (a, b)) for i, (a, b) in enumerate(pairs) if a.tobytes() != b.tobytes())
+            return Difference(name, _part(header, name, index), str(old), str(new))
     return None
 
 
@@ -56,15 +58,14 @@ def _leaves(output: TickOutput) -> Iterator[tuple[str, Any]]:
             yield part, np.array(one) if isinstance(one, float) else one
 
 
-def _first_element(header: SessionHeader, name: str, before: npt.NDArray[Any], now: npt.NDArray[Any]) -> Difference:
-    index = next(i for i, value in enumerate(before) if value.tobytes() != now[i].tobytes())
+def _part(header: SessionHeader, name: str, index: int) -> str:
+    """Return the name of one number of a field."""
     labels: list[str] = []
     if name.startswith("command."):
         labels = list(header.joint_names)
     elif name == "policy_step.observation":
         labels = [f"{term}[{i}]" for term, width in header.observation_terms for i in range(width)]
-    where = labels[index] if index < len(labels) else f"[{index}]"
-    return Difference(name, where, str(before[index]), str(now[index]))
+    return labels[index] if index < len(labels) else f"[{index}]"
 
 
 class RecordedPolicy:
@@ -105,17 +106,10 @@ def repeat_run(recording: Recording) -> RepeatReport:
     Where an operator had the robot reactivated, the control stack begins again as it did then. Raises `InputError` if
     the recording cannot be read, or its header does not describe a control stack.
     """
-    report = repeat_entries(recording.header, recording.entries())
-    report.complete, report.damage = recording.is_complete, recording.damage
-    return report
-
-
-def repeat_entries(header: SessionHeader, entries: Iterable[TickRecord | Event]) -> RepeatReport:
-    """Repeat the ticks and events of a run."""
     policy = RecordedPolicy()
-    stack = rebuild_supervisor(header, policy)
+    stack = rebuild_supervisor(recording.header, policy)
     report, memory, is_fresh = RepeatReport(), stack.initial(), False
-    for record in entries:
+    for record in recording.entries():
         if isinstance(record, Event):
             is_fresh = is_fresh or record.kind is EventKind.FRESH_START
             continue
@@ -125,9 +119,10 @@ def repeat_entries(header: SessionHeader, entries: Iterable[TickRecord | Event])
         if not report.missing:
             policy.output = record.output
             memory, output = stack.step(memory, record.input)
-            report.difference = first_difference(header, record.output, output)
+            report.difference = first_difference(recording.header, record.output, output)
         if report.missing or report.difference is not None:
             report.tick, report.time = record.index, float(record.input.state.time)
             break
         report.ticks += 1
+    report.complete, report.damage = recording.is_complete, recording.damage
     return report

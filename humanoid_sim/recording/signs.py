@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.rotation import conjugate, multiply, quaternion_from_matrix
+from humanoid_sim.controllers.rotation import conjugate, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import Recording
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import bodies_above, build_model, joint_addresses, named_frame
 
 _LEAST = 1.0  # s that a rest lasts at least; the efforts of its second half count
@@ -24,8 +23,7 @@ _VISIBLE = 1.0  # misfit, in tolerances squared, by which a mirrored joint would
 _EXPLAINED = 0.1  # share of a limb's misfit that an explanation may leave
 
 
-@dataclass(frozen=True, slots=True)
-class JointSign:
+class JointSign(NamedTuple):
     """Verdict on one joint, with its efforts, N·m, in the rest in which they differ most."""
 
     joint: str
@@ -47,19 +45,18 @@ def judge_signs(recording: Recording, description: RobotDescription) -> list[Joi
         best = min(mirrored, key=lambda i: mirrored[i])
         is_explained = mirrored[best] <= _EXPLAINED * sound[limb].sum()
         for i in limb:
-            if sound[i] > 0.0 and is_explained:
-                culprit = description.joint_names[best]
-                verdicts[i] = f"contradicts: {'direction wrong?' if i == best else f'explained by {culprit}'}"
-            elif sound[i] > 0.0:
-                verdicts[i] = "contradicts: zero, load or contact?"
-            else:
+            if sound[i] == 0.0:
                 verdicts[i] = "agrees" if mirrored[i] > _VISIBLE else "too small to say"
+            elif not is_explained:
+                verdicts[i] = "contradicts: zero, load or contact?"
+            elif i == best:
+                verdicts[i] = "contradicts: direction wrong?"
+            else:
+                verdicts[i] = f"contradicts: explained by {description.joint_names[best]}"
     expected = gravity.torque(gravity.position)
-    worst = np.abs(gravity.effort - expected).argmax(axis=0)
-    return [
-        JointSign(name, float(gravity.effort[k, i]), float(expected[k, i]), verdict)
-        for i, (name, k, verdict) in enumerate(zip(description.joint_names, worst, verdicts, strict=True))
-    ]
+    worst = np.abs(gravity.effort - expected).argmax(axis=0), np.arange(description.joint_count)
+    columns = description.joint_names, gravity.effort[worst].tolist(), expected[worst].tolist(), verdicts
+    return [JointSign(*row) for row in zip(*columns, strict=True)]
 
 
 def _rests(recording: Recording, description: RobotDescription) -> list[list[TickRecord]]:
@@ -68,17 +65,17 @@ def _rests(recording: Recording, description: RobotDescription) -> list[list[Tic
     held = (Mode.STANDBY,) if description.is_floating else (Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE)
     rests: list[list[TickRecord]] = [[]]
     for tick in recording.ticks():
-        if tick.output.control_mode.mode not in held or not np.isfinite(tick.input.state.joint_effort).all():
+        state, command = tick.input.state, tick.output.command
+        if tick.output.control_mode.mode not in held or not np.isfinite(state.joint_effort).all():
             rests.append([])
             continue
         first = rests[-1][0] if rests[-1] else tick
-        moved = np.abs(tick.input.state.joint_position - first.input.state.joint_position)
-        commanded = np.abs(tick.output.command.position - first.output.command.position)
+        moved = np.abs(state.joint_position - first.input.state.joint_position)
+        commanded = np.abs(command.position - first.output.command.position)
         if not ((moved <= _MOVED).all() and (commanded <= _COMMANDED).all()):
             rests.append([])
         rests[-1].append(tick)
-    least = _LEAST / recording.header.control_period
-    found = [rest[len(rest) // 2 :] for rest in rests if len(rest) >= least]
+    found = [rest[len(rest) // 2 :] for rest in rests if len(rest) >= _LEAST / recording.header.control_period]
     if not found:
         modes = " or ".join(mode.name for mode in held)
         raise InputError(f"{recording.path}: the robot never rested for {_LEAST:g} s in {modes}")
@@ -93,13 +90,12 @@ class _Gravity:
         self.position = np.array([np.mean([state.joint_position for state in rest], axis=0) for rest in states])
         self.effort = np.array([np.mean([state.joint_effort for state in rest], axis=0) for rest in states])
         self._imu = [rest[-1].imu_quaternion for rest in states]
+        self._description = description
         self._model = model = build_model(description, scene=False)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        self._data = mujoco.MjData(model)
+        self._data, self._down = mujoco.MjData(model), model.opt.gravity.copy()
         self._addresses = joint_addresses(model, description.joint_names)
-        self._base = base_addresses(model, description)[1] if description.is_floating else None
-        self._frame = named_frame(model, description.imu, "imu")
-        self._lower, self._upper = description.lower, description.upper
+        self._frame = named_frame(model, description.imu, "imu") if description.is_floating else None
         bodies = [int(model.joint(name).bodyid[0]) for name in description.joint_names]
         roots = [next(b for b in reversed(bodies_above(model, body)) if b in bodies) for body in bodies]
         self.limbs = [[i for i, other in enumerate(roots) if other == root] for root in dict.fromkeys(roots)]
@@ -107,20 +103,19 @@ class _Gravity:
 
     def torque(self, position: FloatArray) -> FloatArray:
         """Shape (k, n), N·m, of poses (k, n), rad."""
-        return np.array([self._hold(*pose) for pose in zip(position, self._imu, strict=True)])
-
-    def _hold(self, position: FloatArray, imu: FloatArray) -> FloatArray:
-        model, data = self._model, self._data
-        data.qpos[self._addresses.qpos] = position
-        if self._base is not None:  # rotated so that the model's IMU reads what was recorded
-            data.qpos[self._base] = 1.0, 0.0, 0.0, 0.0
-            mujoco.mj_kinematics(model, data)
-            kind, i = self._frame
-            matrices = data.site_xmat if kind == mujoco.mjtObj.mjOBJ_SITE else data.xmat
-            data.qpos[self._base] = multiply(imu, conjugate(quaternion_from_matrix(matrices[i].reshape(3, 3))))
-        mujoco.mj_forward(model, data)
-        torque: FloatArray = (data.qfrc_bias - data.qfrc_passive)[self._addresses.dof]
-        return torque
+        model, data, torques = self._model, self._data, []
+        for pose, imu in zip(position, self._imu, strict=True):
+            data.qpos[self._addresses.qpos] = pose
+            if (
+                self._frame is not None
+            ):  # gravity turns about the robot, so that the model's IMU reads what was recorded
+                mujoco.mj_kinematics(model, data)
+                kind, i = self._frame
+                matrices = data.site_xmat if kind == mujoco.mjtObj.mjOBJ_SITE else data.xmat
+                model.opt.gravity[:] = matrices[i].reshape(3, 3) @ rotate(conjugate(imu), self._down)
+            mujoco.mj_forward(model, data)
+            torques.append((data.qfrc_bias - data.qfrc_passive)[self._addresses.dof])
+        return np.array(torques)
 
     def misfit(self, mirrored: int | None) -> FloatArray:
         """Shape (n,): squares of what is beyond the tolerance, in tolerances, averaged, if one joint is mirrored."""
@@ -128,10 +123,10 @@ class _Gravity:
         if mirrored is not None:
             position[:, mirrored] *= -1.0
             effort[:, mirrored] *= -1.0
-        expected = self.torque(position)
+        lower, upper, expected = self._description.lower, self._description.upper, self.torque(position)
         beyond = np.abs(effort - expected) / (_FRICTION + _SHARE * np.abs(expected)) - 1.0
-        is_free = (position > self._lower + _AT_STOP) & (position < self._upper - _AT_STOP)
-        is_impossible = (position < self._lower - _IMPOSSIBLE) | (position > self._upper + _IMPOSSIBLE)
+        is_free = (position > lower + _AT_STOP) & (position < upper - _AT_STOP)
+        is_impossible = (position < lower - _IMPOSSIBLE) | (position > upper + _IMPOSSIBLE)
         beyond = np.where(is_free, np.maximum(beyond, 0.0), np.where(is_impossible, np.inf, 0.0))
         misfit: FloatArray = np.square(beyond).mean(axis=0)
         return misfit

@@ -36,6 +36,12 @@ def stamp(time_ns: int) -> tuple[int, int]:
     return min(seconds, _LAST_SECOND), nanoseconds
 
 
+def time_ns(stamp: tuple[int, int]) -> int:
+    """Return nanoseconds since the Unix epoch of a `builtin_interfaces/msg/Time`."""
+    seconds, nanoseconds = stamp
+    return seconds * 1_000_000_000 + nanoseconds
+
+
 def encode_joint_state(
     time_ns: int, names: Sequence[str], position: _Values, velocity: _Values = (), effort: _Values = ()
 ) -> bytes:

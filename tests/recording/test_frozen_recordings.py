@@ -1,16 +1,12 @@
 """Recordings of earlier runs still come out bit for bit."""
 
-from functools import partial
 from pathlib import Path
 
 import pytest
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.replay import main as replay_main
+from humanoid_sim.replay import main as replay
 
 RECORDINGS = Path(__file__).parents[1] / "data" / "recordings"
-
-replay = partial(run_program, replay_main)
 
 
 @pytest.mark.parametrize(("name", "ticks"), [("simulated_locomotion.mcap", 408), ("hardware_reactivated.mcap", 450)])

@@ -26,14 +26,17 @@ def tick_of(description, index, position, qpos):
     return TickRecord(index, TickInput(state), output, 0.001, False, qpos)
 
 
-def in_world(links, poses, name):
-    places = dict(zip([*links.frames, *links.fixed_frames], [*poses, *links.fixed_poses], strict=True))
-    parents = {child: parent for parent, child in places}
-    found = np.eye(4)
-    while name != "world":
-        place, step = places[parents[name], name], np.eye(4)
-        step[:3, :3], step[:3, 3] = matrix(place[3:]), place[:3]
-        found, name = step @ found, parents[name]
+def in_world(links, poses):
+    """The matrix (4, 4) of each link, by name."""
+    found = {"world": np.eye(4)}
+    waiting = dict(zip([*links.frames, *links.fixed_frames], [*poses, *links.fixed_poses], strict=True))
+    while waiting:
+        for (parent, child), pose in [*waiting.items()]:
+            if parent in found:
+                step = np.eye(4)
+                step[:3, :3], step[:3, 3] = matrix(pose[3:]), pose[:3]
+                found[child] = found[parent] @ step
+                del waiting[parent, child]
     return found
 
 
@@ -51,8 +54,9 @@ def test_links_are_where_mujoco_has_them(name):
     beside = np.append(data.qpos, 9.0)  # something else is simulated too
     record = tick_of(description, 0, data.qpos[addresses], beside)
     poses = links.poses(record)
+    places = in_world(links, poses)
     for body in range(1, model.nbody):
-        found = in_world(links, poses, model.body(body).name)
+        found = places[model.body(body).name]
         assert np.abs(found[:3, :3] - data.xmat[body].reshape(3, 3)).max() < 1e-6
     assert (links.base is not None) == description.is_floating
     if description.is_floating:

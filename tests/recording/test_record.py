@@ -2,30 +2,21 @@
 
 import json
 from dataclasses import replace
-from functools import partial
 
 import pytest
 from recorded_run import COUNT, PERIOD, wobbled
 from recording_samples import write_recording
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.record import main as record_main
-
-record = partial(run_program, record_main)
-
-
-@pytest.fixture(scope="module")
-def sample():
-    return wobbled()
+from humanoid_sim.record import main as record
 
 
 @pytest.fixture
-def path(tmp_path, sample):
-    header, ticks = sample
+def path(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    header, ticks = wobbled()
     ticks = [replace(ticks[0], overrun=True), *ticks[1:]]
-    path = tmp_path / "run.mcap"
-    write_recording(path, ticks, header, events=[(3.5, "the support let go")])
-    return path
+    write_recording(tmp_path / "run.mcap", ticks, header, events=[(3.5, "the support let go")])
+    return tmp_path / "run.mcap"
 
 
 def test_info_as_json(path, capsys):
@@ -40,26 +31,14 @@ def test_info_as_json(path, capsys):
     assert info["safety"][0]["message"] == "safety FAULT RX_TIMEOUT from can0: wrist"
 
 
-def test_info_for_a_person(path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "140")
+def test_info_for_a_person(path, capsys):
     assert record(["info", str(path)]) == 0
     out = capsys.readouterr().out
-    for text in (
-        "lite, 14 joints",
-        "560 at 50 Hz, 1 overruns",
-        "rl_policy_controller",
-        "START_LOCOMOTION",
-        "the support let go",
-        "complete",
-        "left_elbow_pitch",
-        " of 14 ",
-    ):
+    for text in ("lite, 14 joints", "560 at 50 Hz, 1 overruns", "rl_policy_controller", "START_LOCOMOTION"):
+        assert text in out
+    for text in ("the support let go", "complete", "left_elbow_pitch", " of 14 "):
         assert text in out
     assert "not complete" not in out
-
-
-def test_a_cut_file_says_so(path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "140")
     path.write_bytes(path.read_bytes()[:-60])
     assert record(["info", str(path)]) == 0
     assert "not complete: cut" in capsys.readouterr().out

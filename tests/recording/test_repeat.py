@@ -2,19 +2,18 @@
 
 import json
 from dataclasses import replace
-from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from recorded_run import COUNT, PERIOD, wobbled
 from recording_samples import write_recording
 
-from humanoid_sim.cli import run_program
 from humanoid_sim.controllers.supervisor import NOT_DRIVEN
 from humanoid_sim.messages import Event, EventKind, FaultReport, Mode
 from humanoid_sim.mit import COMMAND_FIELDS
-from humanoid_sim.recording.repeat import RecordedPolicy, repeat_entries
-from humanoid_sim.replay import main as replay_main
+from humanoid_sim.recording.repeat import RecordedPolicy, repeat_run
+from humanoid_sim.replay import main as replay
 from humanoid_sim.stack import rebuild_supervisor
 
 
@@ -23,23 +22,9 @@ def sample():
     return wobbled()
 
 
-@pytest.fixture
-def recorded(tmp_path):
-    """Writes ticks to a recording and returns its path."""
-
-    def write(header, ticks):
-        path = tmp_path / "run.mcap"
-        write_recording(path, ticks, header)
-        return path
-
-    return write
-
-
-replay = partial(run_program, replay_main)
-
-
-def test_a_run_is_repeated_bit_for_bit(sample, recorded, capsys):
-    assert replay([str(recorded(*sample))]) == 0
+def test_a_run_is_repeated_bit_for_bit(sample, tmp_path, capsys):
+    write_recording(tmp_path / "run.mcap", sample[1], sample[0])
+    assert replay([str(tmp_path / "run.mcap")]) == 0
     assert capsys.readouterr().out == f"{COUNT} ticks, bit for bit identical\n"
 
 
@@ -51,7 +36,9 @@ def test_a_fresh_start_is_repeated_with_its_reason(sample, kind, begins_again):
     _, output = stack.step(stack.initial(NOT_DRIVEN), replace(ticks[0].input, intents=()))
     assert output.control_mode.status_message == NOT_DRIVEN
     fresh = replace(ticks[0], index=1, input=replace(ticks[0].input, intents=()), output=output)
-    report = repeat_entries(header, [ticks[0], Event(0.0, "asked for", kind), fresh])
+    entries = [ticks[0], Event(0.0, "asked for", kind), fresh]
+    recording = SimpleNamespace(header=header, entries=lambda: entries, is_complete=True, damage="")
+    report = repeat_run(recording)
     assert (report.difference is None, report.ticks) == (begins_again, 1 + begins_again)
 
 
@@ -91,10 +78,11 @@ CHANGES = {  # by field: a tick, and a change of its output
 
 
 @pytest.mark.parametrize(("field", "index", "change"), [(field, *rest) for field, rest in CHANGES.items()], ids=CHANGES)
-def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index, change):
+def test_a_changed_bit_is_found_and_named(sample, tmp_path, capsys, field, index, change):
     header, ticks = sample
     changed = [*ticks[:index], replace(ticks[index], output=change(ticks[index].output)), *ticks[index + 1 :]]
-    assert replay([str(recorded(header, changed)), "--json"]) == 1
+    write_recording(tmp_path / "run.mcap", changed, header)
+    assert replay([str(tmp_path / "run.mcap"), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert (result["tick"], result["ticks"]) == (index, index)
     assert result["time"] == pytest.approx(index * PERIOD)

@@ -30,27 +30,18 @@ def recorded(path, *, mirrored=(), ticks=280):
     plant.activate()
     memory, recorder = supervisor.initial(), McapRecorder(path)
     recorder.start(run_header(LITE, PERIOD, None, settings={}))
+
+    def flipped(value, prefix=""):
+        names = (f"{prefix}{name}" for name in ("position", "velocity", "effort"))
+        return replace(value, **{name: sign * getattr(value, name) for name in names})
+
     for index in range(ticks):
         state, _ = plant.read()
-        state = replace(
-            state,
-            joint_position=sign * state.joint_position,
-            joint_velocity=sign * state.joint_velocity,
-            joint_effort=sign * state.joint_effort,
-        )
         intents = {1: (Intent.DAMP,), 2: (Intent.LOAD_A,)}.get(index, ())
-        tick_input = TickInput(state, (SafetyStatus(),), intents, None)
+        tick_input = TickInput(flipped(state, "joint_"), (SafetyStatus(),), intents, None)
         memory, output = supervisor.step(memory, tick_input)
         recorder.tick(TickRecord(index, tick_input, output, 0.0, False))
-        command = output.command
-        plant.write(
-            replace(
-                command,
-                position=sign * command.position,
-                velocity=sign * command.velocity,
-                effort=sign * command.effort,
-            )
-        )
+        plant.write(flipped(output.command))
     plant.close()
     recorder.close()
     return path
@@ -63,10 +54,7 @@ def verdicts(path):
 def test_a_sound_robot_agrees_with_gravity(tmp_path):
     found = verdicts(recorded(tmp_path / "run.mcap"))
     assert {*found.values()} == {"agrees", "too small to say"}
-    assert {name for name, verdict in found.items() if verdict == "agrees"} >= {
-        "left_shoulder_roll",
-        "right_elbow_pitch",
-    }
+    assert found["left_shoulder_roll"] == found["right_elbow_pitch"] == "agrees"
 
 
 @pytest.mark.parametrize("joint", ["left_shoulder_roll", "right_shoulder_pitch"])
@@ -82,7 +70,4 @@ def test_the_table_and_a_recording_without_a_rest(tmp_path, capsys):
     assert "direction wrong?" in capsys.readouterr().out
     short = str(recorded(tmp_path / "short.mcap", ticks=100))
     assert record(["signs", short]) == 2
-    assert (
-        capsys.readouterr().err
-        == f"error: {short}: the robot never rested for 1 s in STANDBY or LOCOMOTION or REMOTE\n"
-    )
+    assert capsys.readouterr().err.startswith(f"error: {short}: the robot never rested for 1 s in STANDBY or LOCO")

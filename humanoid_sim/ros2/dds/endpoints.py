@@ -9,13 +9,10 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, NamedTuple
 
-from humanoid_sim.client import Decoder, SessionError
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError
 from humanoid_sim.ros2.dds.domain import Participant
-from humanoid_sim.ros2.definitions import message_fields, schema_text
+from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic, topic_kind
-
-_DEPTH = 64  # messages of a `Subscription` that wait for the next `take`
 
 
 def dds_topic(topic: str) -> str:
@@ -132,22 +129,3 @@ class Reader:
         """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""
         found = self._reader.get_matched_publication_data(writer)
         return f"{writer:016x}" if found is None else f"{found.key.hex[:24]}.{found.key.hex[24:]}"
-
-
-class Subscription:
-    """A topic whose messages are decoded, and whose latest one is kept. For one thread."""
-
-    def __init__(self, participant: Participant, topic: str) -> None:
-        self.reader = Reader(participant, topic, _DEPTH)
-        self._latest: dict[str, Any] | None = None
-        self._decoder = Decoder(schema_text(topic_kind(topic).schema))
-
-    def take(self) -> list[dict[str, Any]]:
-        """Return the messages since the last call, oldest first. Raises `InputError` for one of another type."""
-        with blaming(self.reader.topic, SessionError):
-            return [self._decoder(sample.data) for sample in self.reader.take()]
-
-    def look(self) -> dict[str, Any] | None:
-        """Return the newest message, whenever it came; None while there is none."""
-        self._latest = next(reversed(self.take()), self._latest)
-        return self._latest
