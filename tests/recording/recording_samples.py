@@ -96,64 +96,36 @@ def any_array(count: int, dtype=np.float64):
     return st.binary(min_size=size, max_size=size).map(lambda data: np.frombuffer(data, dtype))
 
 
+def arrays(most: int, dtype=np.float64):
+    return st.integers(0, most).flatmap(lambda count: any_array(count, dtype))
+
+
+count, texts = st.integers(0, 2**32 - 1), st.lists(any_text, max_size=2).map(tuple)
+flags = count.map(messages.SafetyFlag)
+safety = st.builds(messages.SafetyStatus, st.sampled_from(messages.SafetyLevel), flags, any_text, any_text)
+fault = st.builds(messages.FaultReport, any_text, any_text, any_text, st.booleans())
+standby = st.builds(messages.StandbyState, count, count, any_float, st.booleans())
+control_mode = st.builds(messages.ControlMode, st.sampled_from(messages.Mode), any_text, any_text)
+floats32 = arrays(5, np.float32)
+shapes = st.sampled_from([(2, 3), ()])
+odd = shapes.flatmap(lambda shape: any_array(int(np.prod(shape)), np.float32).map(lambda action: action.reshape(shape)))
+step = st.builds(messages.PolicyStep, st.integers(-(2**63), 2**63 - 1), floats32, floats32 | odd)
+extern = st.dictionaries(any_text, st.builds(Extern, arrays(4), any_float, any_float), max_size=2)
+
+
 @st.composite
 def tick_records(draw, joints: int | None = None) -> messages.TickRecord:
     """Any record that one robot's tick can be."""
     n = draw(st.integers(1, 5)) if joints is None else joints
-
-    def command():
-        return MITCommand(*(draw(any_array(n)) for _ in range(5)))
-
-    extern = draw(
-        st.dictionaries(
-            any_text, st.builds(Extern, st.integers(0, 4).flatmap(any_array), any_float, any_float), max_size=2
-        )
-    )
-    state = MITState(
-        draw(any_float),
-        *(draw(any_array(n)) for _ in range(4)),
-        *(draw(any_array(width)) for width in (4, 3, 3)),
-        extern,
-    )
-    safety = st.builds(
-        messages.SafetyStatus,
-        st.sampled_from(messages.SafetyLevel),
-        st.integers(0, 2**32 - 1).map(messages.SafetyFlag),
-        any_text,
-        any_text,
-    )
-    fault = st.builds(messages.FaultReport, any_text, any_text, any_text, st.booleans())
-    count = st.integers(0, 2**32 - 1)
-    step = st.builds(
-        messages.PolicyStep,
-        st.integers(-(2**63), 2**63 - 1),
-        st.integers(0, 5).flatmap(lambda width: any_array(width, np.float32)),
-        st.one_of(
-            st.integers(0, 5).flatmap(lambda width: any_array(width, np.float32)),
-            any_array(6, np.float32).map(lambda action: action.reshape(2, 3)),
-            any_array(1, np.float32).map(lambda action: action.reshape(())),
-        ),
-    )
-    return messages.TickRecord(
-        index=draw(st.integers(0, 2**64 - 1)),
-        input=messages.TickInput(
-            state,
-            tuple(draw(st.lists(safety, max_size=3))),
-            tuple(draw(st.lists(st.sampled_from(messages.Intent), max_size=3))),
-            messages.RemoteCommand(command(), draw(any_float)) if draw(st.booleans()) else None,
-            draw(any_text),
-        ),
-        output=messages.TickOutput(
-            command(),
-            messages.ControlMode(draw(st.sampled_from(messages.Mode)), draw(any_text), draw(any_text)),
-            draw(st.none() | st.builds(messages.StandbyState, count, count, any_float, st.booleans())),
-            draw(st.booleans()),
-            tuple(draw(st.lists(fault, max_size=2))),
-            tuple(draw(st.lists(any_text, max_size=2))),
-            draw(st.none() | step),
-            draw(st.none() | any_text),
-        ),
-        duration=draw(any_float),
-        overrun=draw(st.booleans()),
-        qpos=draw(st.none() | st.integers(0, 4).flatmap(any_array)),
-    )
+    command = st.builds(MITCommand, *[any_array(n)] * 5)
+    state = st.builds(MITState, any_float, *map(any_array, (n, n, n, n, 4, 3, 3)), extern)
+    statuses = st.lists(safety, max_size=3).map(tuple)
+    intents = st.lists(st.sampled_from(messages.Intent), max_size=3).map(tuple)
+    remote = st.none() | st.builds(messages.RemoteCommand, command, any_float)
+    given = st.builds(messages.TickInput, state, statuses, intents, remote, any_text)
+    faults = st.lists(fault, max_size=2).map(tuple)
+    decided = control_mode, st.none() | standby, st.booleans(), faults, texts, st.none() | step, st.none() | any_text
+    output = st.builds(messages.TickOutput, command, *decided)
+    qpos = st.none() | arrays(4)
+    index = st.integers(0, 2**64 - 1)
+    return draw(st.builds(messages.TickRecord, index, given, output, any_float, st.booleans(), qpos))
