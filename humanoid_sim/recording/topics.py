@@ -19,7 +19,7 @@ from humanoid_sim.ros2 import messages as ros
 from humanoid_sim.ros2 import topics
 from humanoid_sim.ros2.cdr import encode
 from humanoid_sim.ros2.definitions import STRING
-from humanoid_sim.stack import recorded_contract
+from humanoid_sim.stack import recorded_contracts
 
 VIEWER_PERIOD = 0.02  # s between two messages of a topic that has something new in every tick
 
@@ -43,9 +43,8 @@ class ViewerTopics:
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self.live = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-        """Topics of live inputs, by name: the usual ones, and those of the recorded contract."""
-        contract = recorded_contract(header)
-        if contract is not None:
+        """Topics of live inputs, by name: the usual ones, and those of the recorded contracts."""
+        for contract in recorded_contracts(header):
             self.live |= {name: topic.name for name, topic in contract.live_topics.items()}
         self._joints, labels = header.joint_names, json_document(header, LABELS_DOCUMENT)
         self._joint_topic = topics.joint_states_topic(topic_prefix(header))
