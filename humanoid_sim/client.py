@@ -169,9 +169,9 @@ class Feed(_Connection):
         self._thread = threading.Thread(target=self._receive, name="feed", daemon=True)
         try:
             described = json.loads((session.path / "header.json").read_text(encoding="utf-8"))
-            self.joint_names: tuple[str, ...] = tuple(described["joint_names"])
-            self.control_period: float = described["control_period"]  # s
             self.header: Mapping[str, Any] = described["header"]  # the recording's: `session`, and `documents` by name
+            self.joint_names: tuple[str, ...] = tuple(json.loads(self.header["session"]["joint_names"]))
+            self.control_period = float(self.header["session"]["control_period"])  # s
             self.live_inputs: Mapping[str, int] = described["live_inputs"]  # name and width of those from outside
             self._decoder = Decoder(described["definition"])
             self._socket.sendto(b"", socket.MSG_DONTWAIT, str(session.path / "ticks"))

@@ -138,7 +138,6 @@ class Run:
                 realtime=plan.realtime,
                 simulated=self._sim is not None,
                 duration=config.duration,
-                punctual=self._sim is None,
             ),
             header=header,
             intents=sources if self.script is None else (self.script,),

@@ -84,7 +84,6 @@ class LimitedLog:
         second = int(self._clock())
         self._count = self._count + 1 if second == self._second else 1
         self._second = second
-        if self._count > _MOST_LINES:
-            return False
-        self._tell(text)
-        return True
+        if self._count <= _MOST_LINES:
+            self._tell(text)
+        return self._count <= _MOST_LINES

@@ -9,6 +9,7 @@ import json
 import socket
 from collections import deque
 from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
 
 from humanoid_sim.client import FEED_HEAD, STATUS, TICK, monotonic_ns
@@ -46,8 +47,6 @@ class FeedWriter(Sink):
             live_inputs: name and width of those that the session takes from outside.
         """
         described = {
-            "joint_names": header.joint_names,
-            "control_period": header.control_period,
             "live_inputs": dict(live_inputs or {}),
             "header": {"session": header_fields(header), "documents": dict(header.documents)},
             "definition": schema_text(TICK_MESSAGE),
@@ -59,7 +58,7 @@ class FeedWriter(Sink):
             (folder / "header.json").write_text(json.dumps(described), encoding="utf-8")
         self._mailbox = Mailbox(folder / "ticks")
         self._subscribers: dict[str, socket.socket] = {}
-        self._number = self._event_number = 0
+        self._number, self._event_numbers = 0, count(1)
         self._latest: tuple[TickRecord, bytes] | None = None
         self._events: deque[tuple[int, float, str, int]] = deque(maxlen=_EVENTS)
         self._status = b"{}"
@@ -79,8 +78,7 @@ class FeedWriter(Sink):
 
     def event(self, event: Event) -> None:
         """Keep an event for the next status; may be called from any thread."""
-        self._event_number += 1
-        self._events.append((self._event_number, event.time, event.text[:_LONGEST_EVENT], int(event.kind)))
+        self._events.append((next(self._event_numbers), event.time, event.text[:_LONGEST_EVENT], int(event.kind)))
 
     def status(self, fields: Mapping[str, object]) -> None:
         """Send what is not in ticks, and the latest events; from one thread."""

@@ -16,9 +16,10 @@ class LoopSettings:
 
     control_period: float  # s
     realtime: bool = True  # a simulated robot may run as fast as it can instead
-    simulated: bool = False  # `write` advances physics, which does not count as a tick's own time
+    simulated: bool = (
+        True  # `write` advances physics, which is no tick's own time; else `real_time`'s measures are taken
+    )
     duration: float | None = None  # s on the robot's clock; None: until a source says so, or QUIT
-    punctual: bool = False  # take the measures of `humanoid_sim.session.realtime`
     damping_time: float = 3.0  # s at most that the end of a run stays in DAMPING for the joints to come to rest
 
 

@@ -10,7 +10,6 @@ import contextlib
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from time import perf_counter, sleep
-from typing import TypeAlias
 
 from humanoid_sim.controllers.base import DAMPING, Fault
 from humanoid_sim.controllers.parameters import command_problem
@@ -38,9 +37,6 @@ from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection
 
 _PATIENCE = 0.001  # s between two polls of a sink that lags
-
-SafetyFilter: TypeAlias = Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]]
-"""From the statuses that the robot reports to those that the supervisor sees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +68,8 @@ class Session:
     remote: Callable[[], RemoteCommand | None] = lambda: None
     externs: Sequence[ExternSource] = ()  # live inputs beside those of the robot
     sinks: Sequence[Sink] = ()
-    safety_filter: SafetyFilter = lambda statuses: statuses
+    safety_filter: Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]] = lambda statuses: statuses
+    """From the statuses that the robot reports to those that the supervisor sees."""
     qpos: Callable[[], FloatArray] | None = None  # MuJoCo's generalised position, for viewers
     mode_listener: Callable[[Mode], str] | None = None
     """Called with each new mode before its first command is written; returns a line to record."""
@@ -126,9 +123,9 @@ class Session:
         # Left in reverse: the robot is closed before any sink may take its time.
         with contextlib.ExitStack() as stack, contextlib.ExitStack() as robot:
             robot.callback(self._close_robot)
-            with punctual_threads(behind=20) if self.settings.punctual else contextlib.nullcontext():
+            with contextlib.nullcontext() if self.settings.simulated else punctual_threads(behind=20):
                 self._group.start(self.header, stack)
-            measures = stack.enter_context(real_time()) if self.settings.punctual else ()
+            measures = () if self.settings.simulated else stack.enter_context(real_time())
             if measures:
                 self.event(f"real-time settings: {'; '.join(measures)}")
             self.robot.activate()

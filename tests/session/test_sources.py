@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import VELOCITY_COMMAND
-from humanoid_sim.session.sources import VelocityCommand, parse_velocity
+from humanoid_sim.session.sources import parse_velocity
 
 RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])
 
@@ -24,8 +23,3 @@ RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])
 def test_anything_else_or_beyond_what_is_known_is_refused_and_its_unit_questioned(text, ranges, problem):
     with pytest.raises(InputError, match=f"^--command: {re.escape(problem)}"):
         parse_velocity(text, ranges)
-
-
-def test_a_command_that_is_set_here_does_not_grow_old():
-    live = VelocityCommand(np.array([0.5, 0.0, 0.0])).latest()[VELOCITY_COMMAND]
-    assert live.at(1e6).tolist() == [0.5, 0.0, 0.0]
