@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -84,17 +83,15 @@ class Turn:
 
 
 _STEP = 0.1  # m/s, and rad/s, that one key press adds
-VELOCITY_KEYS = MappingProxyType(
-    {
-        **dict.fromkeys(("w", "up"), (_STEP, 0.0, 0.0)),
-        **dict.fromkeys(("s", "down"), (-_STEP, 0.0, 0.0)),
-        ",": (0.0, _STEP, 0.0),
-        ".": (0.0, -_STEP, 0.0),
-        **dict.fromkeys(("j", "left"), (0.0, 0.0, _STEP)),
-        **dict.fromkeys(("k", "right"), (0.0, 0.0, -_STEP)),
-        "0": (0.0, 0.0, 0.0),
-    }
-)
+VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = {
+    **dict.fromkeys(("w", "up"), (_STEP, 0.0, 0.0)),
+    **dict.fromkeys(("s", "down"), (-_STEP, 0.0, 0.0)),
+    ",": (0.0, _STEP, 0.0),
+    ".": (0.0, -_STEP, 0.0),
+    **dict.fromkeys(("j", "left"), (0.0, 0.0, _STEP)),
+    **dict.fromkeys(("k", "right"), (0.0, 0.0, -_STEP)),
+    "0": (0.0, 0.0, 0.0),
+}
 """Key to what it adds to vx, vy and the yaw rate; all zeros: stop."""
 VELOCITY_HELP = (
     f"velocity, by {_STEP:g}: w s or arrow up down: forward, back; , . left, right; j k or arrow left right: turn; "
