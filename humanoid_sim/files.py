@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -85,27 +84,6 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
             raise InputError(f"{what}: the folder '{path.parent}' does not exist")
         tempfile.TemporaryFile(dir=path.absolute().parent).close()
     return path
-
-
-def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
-    """Open a file to be written over a long time, unbuffered and empty, locked against other sessions.
-
-    Raises `InputError` if another session writes it, which is then left alone; if it exists, without `overwrite`; or if
-    it cannot be written.
-    """
-    import fcntl  # noqa: PLC0415 - Unix alone has it
-
-    flags = os.O_WRONLY | os.O_CREAT | (0 if overwrite else os.O_EXCL)
-    with blaming(f"{path}: cannot be written", OSError), ExitStack() as opened:
-        file = opened.enter_context(io.FileIO(os.open(path, flags, 0o666), "wb"))  # it may be another session's
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"{path}: is being written by another session; choose another name") from None
-        if Path(path).is_file():
-            file.truncate(0)
-        opened.pop_all()
-    return file
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import exclusive_file, output_file, read_arrays, regular_file, whole_file
+from humanoid_sim.files import output_file, read_arrays, regular_file, whole_file
 
 
 def test_what_is_no_file_is_named_and_not_opened(tmp_path):
@@ -65,32 +65,10 @@ def test_a_bad_output_is_refused(tmp_path, name, message):
     assert output_file(tmp_path / "there.mp4", "--video") == tmp_path / "there.mp4"
 
 
-def test_a_file_that_a_session_writes_is_left_alone(tmp_path):
-    path = tmp_path / "run.mcap"
-    with exclusive_file(path) as file:
-        file.write(b"first")
-        with pytest.raises(InputError, match="is being written by another session"):
-            exclusive_file(path)
-    assert path.read_bytes() == b"first"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["run.mcap"]
-    with pytest.raises(InputError, match=r"run\.mcap: cannot be written: File exists"):
-        exclusive_file(path, overwrite=False)
-    with exclusive_file(path):
-        assert path.read_bytes() == b""
-
-
 def refusal(path):
     with pytest.raises(InputError) as caught:
         read_arrays(path)
     return str(caught.value).removeprefix(f"{path}: ")
-
-
-def test_what_numpy_wrote_is_read(tmp_path):
-    np.savez_compressed(tmp_path / "a.npz", x=np.arange(6.0).reshape(2, 3), names=np.array(["a", "bc"]))
-    arrays = read_arrays(tmp_path / "a.npz")
-    assert list(arrays) == ["x", "names"]
-    assert arrays["x"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
-    assert arrays["names"].tolist() == ["a", "bc"]
 
 
 def test_arrays_that_need_code_are_refused(tmp_path):

@@ -49,22 +49,6 @@ def test_motors_of_a_shipped_robot_are_shown(capsys):
     assert texts["CAN motors"] == "6 rs-06, 2 rs-02, 4 rs-00, 2 rs-05"
 
 
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (["describe", "nobody"], "unknown robot 'nobody'; known: "),
-        (["convert", "{hopper}", "--base", "fixed", "-o", "x.xml"], "is not a .urdf"),
-    ],
-)
-def test_mistakes_are_one_line_and_nothing_is_written(hopper, words, error, capsys, monkeypatch):
-    monkeypatch.chdir(hopper.parent)
-    assert run_program(main, [word.format(hopper=hopper) for word in words]) == 2
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err.count("\n")) == ("", 1)
-    assert error in captured.err
-    assert list(hopper.parent.glob("x.*")) == []
-
-
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/><origin xyz="0 0 -0.1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
 <collision><geometry>{shape}</geometry></collision></link>"""

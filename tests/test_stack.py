@@ -73,20 +73,6 @@ def test_what_does_not_fit_is_one_line_with_the_file(contract, followed, width, 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("robot", "period", "live", "contract"),
-    [
-        ("lite_neck", 0.005, None, {}),
-        ("lite", 0.003, None, {}),
-        ("lite", 0.005, {}, {"task_type": "locomotion", "observation": ("base_lin_vel",), "body_names": ()}),
-    ],
-)
-def test_a_policy_that_does_not_fit_the_robot(robot, period, live, contract):
-    loaded = load_policy(lite_contract(**contract), zero_policy(14), None if contract else motion())
-    with pytest.raises(InputError, match=f"^policy on robot '{robot}': "):
-        build_supervisor(load_robot(robot), period, loaded, live=live)
-
-
 @cache
 def header():
     loaded = load_policy(lite_contract(), zero_policy(14), motion())

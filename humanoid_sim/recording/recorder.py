@@ -8,6 +8,7 @@ once; the run goes on.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -21,8 +22,7 @@ from typing import IO, Any, cast
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
-from humanoid_sim.errors import InputError, reason_of
-from humanoid_sim.files import exclusive_file
+from humanoid_sim.errors import InputError, blaming, reason_of
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_event, encode_tick
 from humanoid_sim.recording.header import write_header
@@ -70,7 +70,7 @@ class McapRecorder:
         return 0 if self.error else len(self._queue)
 
     def start(self, header: SessionHeader) -> None:
-        """Create the file and write the header. Raises `InputError` if that fails, or another session writes it."""
+        """Create the file and write the header. Raises `InputError` if that fails."""
         file = _UnbufferedFile(self.path, overwrite=self._overwrite)
         try:
             run = _RunWriter(file, header)
@@ -211,7 +211,8 @@ class _UnbufferedFile:
     """A file that holds nothing back: after a failed write there is no buffer left that closing would try again."""
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
-        self._raw = exclusive_file(path, overwrite=overwrite)
+        with blaming(f"{path}: cannot be written", OSError):
+            self._raw = io.FileIO(path, "w" if overwrite else "x")
         self.tell, self.flush, self.close = self._raw.tell, self._raw.flush, self._raw.close
 
     def write(self, data: bytes) -> int:

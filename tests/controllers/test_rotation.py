@@ -46,31 +46,9 @@ def test_between_two_rotations_along_the_shorter_arc(sign):
     np.testing.assert_allclose(slerp(q, q, np.full((4, 1), 0.3)), q, atol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.5, 3.0, np.pi])
-def test_rotation_angle_is_exact_from_tiny_to_half_a_turn(angle):
-    q = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * np.array([1.0, 2.0, -2.0]) / 3.0])
-    assert rotation.rotation_angle(np.eye(3), matrix(q)) == pytest.approx(angle, rel=1e-6, abs=1e-15)
-
-
 def test_six_d_is_the_first_two_columns_row_by_row_and_made_orthonormal():
     assert rotation_6d(np.arange(9.0).reshape(3, 3)).tolist() == [0, 1, 3, 4, 6, 7]
     turned = matrix(random_quaternions(1)[0])
     columns = rotation_6d(turned).reshape(3, 2) * [1.3, 0.7]
     columns[:, 1] += 0.2 * columns[:, 0]
     np.testing.assert_allclose(rotation_from_6d(columns.reshape(6)), turned, atol=1e-12)
-
-
-def test_poses_seen_from_a_base():
-    base = about_z(np.pi / 2)  # looks along +y
-    position, quaternion = rotation.seen_from(np.array([1.0, 0.0, 0.5]), base, np.array([[1.0, 2.0, 0.5]]), base[None])
-    np.testing.assert_allclose(position, [[2.0, 0.0, 0.0]], atol=1e-15)
-    np.testing.assert_allclose(quaternion, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)
-
-
-def test_a_continuous_sequence_keeps_its_sign():
-    turning = np.stack([about_z(angle) for angle in np.linspace(0.0, 4.0 * np.pi, 101)])
-    sign = np.where(np.random.default_rng(0).random((101, 2, 1)) < 0.5, -1.0, 1.0)
-    sign[0] = [[1.0], [-1.0]]
-    made = rotation.continuous(sign * turning[:, None])
-    np.testing.assert_array_equal(made[:, 0], turning)
-    np.testing.assert_array_equal(made[:, 1], -turning)

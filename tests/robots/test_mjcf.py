@@ -15,14 +15,6 @@ CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 BOX = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "f 1 2 3\nf 2 3 4\nf 5 6 7\nf 6 7 8\n"
 
 
-def edit(path, *replacements):
-    text = path.read_text()
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new)
-    path.write_text(text)
-
-
 def test_joints_are_the_actuated_hinges_in_the_models_order_with_the_actuators_limits(hopper):
     robot = load_robot(hopper)
     assert (robot.name, robot.joint_names) == ("hopper", ("hip", "knee"))  # the actuators come the other way round
@@ -31,8 +23,8 @@ def test_joints_are_the_actuated_hinges_in_the_models_order_with_the_actuators_l
     assert robot.initial_position == (0.0, 0.2)  # zero within the limits
     assert robot.has_no_gains
     assert (robot.is_floating, robot.base.body, robot.base.height) == (True, "trunk", None)
-    edit(hopper, ('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis'))
-    edit(hopper, ("<freejoint/>", ""), ("0 0 2 1 0 0 0 0.5", "0.5"))
+    text = hopper.read_text().replace('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis')
+    hopper.write_text(text.replace("<freejoint/>", "").replace("0 0 2 1 0 0 0 0.5", "0.5"))
     robot = load_robot(hopper)
     assert robot.effort_limit.tolist() == [7.0, 40.0], "a joint's own force range, if it is smaller"
     assert (robot.is_floating, robot.simulation.physics_timestep) == (False, 0.0005)
@@ -140,21 +132,16 @@ PREFIXED = """
 </mujoco>"""
 
 
-@pytest.fixture
-def prefixed(tmp_path):
+def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(tmp_path):
     """As mjlab's `export_scene` names things."""
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "box.obj").write_text(BOX)
     path = tmp_path / "scene.xml"
     path.write_text(PREFIXED)
-    return path
-
-
-def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
-    robot, model = load_robot(prefixed), build_model(load_robot(prefixed))
+    robot, model = load_robot(path), build_model(load_robot(path))
     assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
     assert robot.effort_limit.tolist() == [4.0]
-    own = mujoco.MjModel.from_xml_path(str(prefixed))
+    own = mujoco.MjModel.from_xml_path(str(path))
     assert [model.body(name).mass[0] for name in ("trunk", "thigh")] == own.body_mass[2:].tolist()
     assert model.nexclude == own.nexclude == 1
 
