@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import permutations
-from typing import TYPE_CHECKING
 
 from humanoid_sim.errors import FieldError
-
-if TYPE_CHECKING:
-    from humanoid_sim.messages import Intent
+from humanoid_sim.messages import Intent
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +50,6 @@ def pressed_intents(
     Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: of buttons that are
     already down only those of DAMP count.
     """
-    from humanoid_sim.messages import Intent  # noqa: PLC0415 - NumPy stays out of `play --help`
-
     intents = (Intent.DAMP, Intent.QUIT, Intent.LOAD_A, Intent.LOAD_B, Intent.START_LOCOMOTION, Intent.START_REMOTE)
     now = {i for i, down in enumerate(buttons) if down}
     then = {i for i, down in enumerate(before) if down}
