@@ -20,9 +20,8 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, BoolArray, Extern, Float32Array, MITCommand, MITState
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.policy.golden import value_name
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace
+from humanoid_sim.policy.traces import EXTERN, STATE_ARRAYS, Trace, read_trace, value_name
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import with_joint_limits
 from humanoid_sim.simulation.floating_base import base_addresses

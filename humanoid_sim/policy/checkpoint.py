@@ -74,8 +74,7 @@ def load_checkpoint(
 ) -> Checkpoint:
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
-    `contract_file` None: the one beside the model, if there is one. `robot_joints`, in the robot's order, are needed
-    where no source names the policy's joints. `verify`: refuse the model if its golden vectors do not come out.
+    `robot_joints` are for joints named by their places; `verify`: refuse a model whose golden vectors do not come out.
     """
     model = OnnxModel(path)
     reading = read_checkpoint(model.header, contract_file, robot_joints)
@@ -91,7 +90,7 @@ def load_checkpoint(
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), width, motion, file, reading=reading)
     if not verify or own.GOLDEN_KEY not in checkpoint.metadata:
         return checkpoint
-    from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
+    from humanoid_sim.policy.traces import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
     return replace(checkpoint, golden=verify_golden(checkpoint))
 
@@ -106,10 +105,9 @@ def read_contract(
 def read_checkpoint(
     header: Header, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> Reading:
-    """Return what everything that speaks about a checkpoint states together.
+    """Return what everything that speaks about a checkpoint states together, a `contract.yaml` beside it, too.
 
-    A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is. A
-    trainer's file of another network is recognised by the width of the model's input.
+    A stamped one needs no trainer's file; a trainer's file of another network is recognised by the model's width.
     """
     path, where = header.path, str(header.path)
     layers: list[Layer] = []

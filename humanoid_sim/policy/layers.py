@@ -155,8 +155,9 @@ class _Names:
 
     def key(self, name: str) -> str:
         """Return a field under the last source's name of its term; empty if that has no such term."""
-        term, option = _term_option(name)
-        if not name.startswith("observation.") or term in self.terms or not self.terms:
+        owner, _, option = name.rpartition(".")
+        term = owner.removeprefix("observation.")
+        if not owner.startswith("observation.") or term in self.terms or not self.terms:
             return name
         same = [own for own in self.terms if self.kind(own).name == self.kind(term).name]
         return f"observation.{same[0]}.{option}" if len(same) == 1 else ""
@@ -221,9 +222,8 @@ class _Names:
 
 def checked(name: str, value: Any, where: str) -> Any:
     """Return the value of a field, as `Layer.values` names it, of the right kind; else raise `InputError`."""
-    whole, _, part = name.partition(".")
-    option = part.rpartition(".")[2] or whole
-    types = get_type_hints(_OWNERS[whole if part else ""])
+    owner, _, option = name.rpartition(".")
+    types = get_type_hints(_OWNERS[owner.partition(".")[0]])
     if option not in types:
         raise InputError(f"{where}: {known_names('field', option, types)}")
     if value is None and type(None) in get_args(types[option]):
@@ -236,7 +236,7 @@ def checked(name: str, value: Any, where: str) -> Any:
             return value
         if option in _NUMBERS:
             return _numbers(option, value)
-        if option in _NAMES and whole != "tensors":
+        if option in _NAMES and owner != "tensors":
             return msgspec.convert([value] if isinstance(value, str) else value, tuple[str, ...])
         return msgspec.convert(value, types[option])
 
@@ -283,12 +283,6 @@ def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where:
     return array.reshape(-1, 2) if key == "position_clip" else array
 
 
-def _term_option(name: str) -> tuple[str, str]:
-    """Return the term and the option of a field `observation.TERM.OPTION`; a term's name may have dots."""
-    term, _, option = name.removeprefix("observation.").rpartition(".")
-    return term, option
-
-
 def _exact(old: Statement, new: Statement) -> Statement:
     """Return the more exact one of two equal statements: exporters write rounded numbers, or one for all joints."""
     if not isinstance(new.value, np.ndarray | float):
@@ -320,19 +314,12 @@ def rounding(values: FloatArray) -> FloatArray:
 
 def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContract:
     """Return the contract of joined fields. Raises `FieldError` if they do not fit each other."""
-    plain: dict[str, Any] = {}
-    parts: dict[str, dict[str, Any]] = {"phase": {}, "tensors": {}}
-    options: dict[str, dict[str, Any]] = {name: {"name": name} for name in values["observation"]}
+    terms = {f"observation.{name}": {"name": name} for name in values["observation"]}
+    parts: dict[str, dict[str, Any]] = {"": {}, "phase": {}, "tensors": {}, **terms}
     for name, value in values.items():
-        whole, _, part = name.partition(".")
-        if whole == "observation" and part:
-            term, option = _term_option(name)
-            options[term][option] = value
-        elif part:
-            parts[whole][part] = value
-        else:
-            plain[name] = value
-    plain["observation"] = tuple(Term(**own) for own in options.values())
+        owner, _, part = name.rpartition(".")
+        parts[owner][part] = value
+    fields = {**parts[""], "observation": [Term(**parts[name]) for name in terms]}
     if parts["phase"]:
-        plain["phase"] = PhaseRule(**parts["phase"])
-    return PolicyContract(**plain, tensors=TensorNames(**parts["tensors"]), source=source)
+        fields["phase"] = PhaseRule(**parts["phase"])
+    return PolicyContract(**fields, tensors=TensorNames(**parts["tensors"]), source=source)

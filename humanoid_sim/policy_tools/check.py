@@ -16,12 +16,12 @@ from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_checkpoint
 from humanoid_sim.policy.checks import contract_findings
 from humanoid_sim.policy.findings import SEVERITIES, Finding, assumptions
-from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, own_contract
+from humanoid_sim.policy.traces import verify_golden
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract

@@ -15,10 +15,10 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, read_checkpoint
 from humanoid_sim.policy.findings import contract_rows, in_words, is_assumed
-from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
+from humanoid_sim.policy.traces import verify_golden
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 

@@ -15,10 +15,17 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.golden import encode_samples, samples_label, stored_samples, trainer_samples
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY, encode, write_metadata
-from humanoid_sim.policy.traces import BodyReader, Trace, read_trace
+from humanoid_sim.policy.traces import (
+    BodyReader,
+    Trace,
+    encode_samples,
+    read_trace,
+    samples_label,
+    stored_samples,
+    trainer_samples,
+)
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot

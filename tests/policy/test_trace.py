@@ -6,8 +6,7 @@ import trainer
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.golden import trainer_samples
-from humanoid_sim.policy.traces import read_trace
+from humanoid_sim.policy.traces import read_trace, trainer_samples
 from humanoid_sim.policy_tools.stamp import body_reader
 
 RUN = trainer.Run()

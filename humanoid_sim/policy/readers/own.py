@@ -13,8 +13,8 @@ import msgspec
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
-from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked
+from humanoid_sim.policy.readers.trainer_files import Section
 from humanoid_sim.strict_yaml import read_yaml
 
 STAMP_KEY = "humanoid_sim_contract"  # metadata key under which a stamped checkpoint carries its contract
@@ -29,9 +29,6 @@ METADATA_KEYS = (
 """The thirteen keys of a self-describing checkpoint. Lists are CSV, as mjlab's exporter writes them."""
 _UNIQUE = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}
 """Keys of no other dialect."""
-
-
-# --- thirteen keys of CSV ---
 
 
 def csv(text: str) -> list[str]:
@@ -78,9 +75,6 @@ def _csv_text(key: str, value: Any) -> str:
     return ",".join(texts)
 
 
-# --- JSON of a whole contract ---
-
-
 def plain(value: Any) -> Any:
     """Return a contract, or a field's value, as JSON and YAML have it; a float64's repr keeps every bit."""
     return json.loads(json.dumps(msgspec.to_builtins(value, enc_hook=lambda array: array.tolist())))
@@ -124,9 +118,6 @@ def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
     return [Layer(origin, group) for origin, group in layers.items()]
 
 
-# --- contract.yaml ---
-
-
 def own_contract(checkpoint: Path) -> Path:
     """Return where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
     return checkpoint.with_name(f"{checkpoint.stem}.contract.yaml")
@@ -140,35 +131,29 @@ def find_contract(checkpoint: Path) -> Path | None:
 
 def read_contract_file(path: Path) -> Layer:
     """Return what a person wrote about a checkpoint: any field, which decides between all other sources."""
-    return Layer(path.name, flattened(read_yaml(path) or {}, str(path)), is_decisive=True)
+    return Layer(path.name, flattened(read_yaml(path), str(path)), is_decisive=True)
 
 
 def flattened(document: Any, where: str) -> dict[str, Any]:
     """Return the fields of a contract in JSON or YAML, as in `Layer.values`."""
     known = [*(item.name for item in fields(PolicyContract)), "terms"]
     found: dict[str, Any] = {}
-    for name, value in _mapping(document, where).items():
+    for name, value in Section(document, where).items():
         options: Mapping[str, Any] = {}
         if name not in known:
             raise InputError(f"{where}: {known_names('field', str(name), known)}")
         if name == "terms":
-            options = _mapping(value, f"{where}: terms")
+            options = Section(value, f"{where}: terms")
         elif name == "observation" and isinstance(value, list):
             found[name] = [term.get("name") if isinstance(term, dict) else term for term in value]
             options = {str(term.get("name")): term for term in value if isinstance(term, dict)}
         elif name in ("phase", "tensors") and value is not None:
-            found |= {f"{name}.{part}": item for part, item in _mapping(value, f"{where}: {name}").items()}
+            found |= {f"{name}.{part}": item for part, item in Section(value, f"{where}: {name}").items()}
         elif name == "command_ranges" and isinstance(value, dict):
             found[name] = [value.get(axis) for axis in COMMAND_AXES]
         elif name != "source":
             found[name] = value
         for term, values in options.items():
-            given = _mapping(values, f"{where}: term {term}").items()
+            given = Section(values, f"{where}: term {term}").items()
             found |= {f"observation.{term}.{option}": item for option, item in given if option != "name"}
     return found
-
-
-def _mapping(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: is {shown(value)}, expected a mapping")
-    return value
