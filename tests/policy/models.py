@@ -45,7 +45,7 @@ def contract(**changes: Any) -> PolicyContract:
 
 
 def weights(rows: int, columns: int) -> np.ndarray:
-    """Any fixed numbers, a little different from each other."""
+    """Any fixed numbers that differ."""
     return np.arange(rows * columns, dtype=np.float32).reshape(rows, columns) / (rows * columns)
 
 

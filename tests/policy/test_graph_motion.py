@@ -4,7 +4,6 @@ from pathlib import Path
 
 import models
 import numpy as np
-import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
@@ -41,18 +40,18 @@ def saved(tmp_path):
     """Saves a model that answers row `time_step` of each table, like those of whole_body_tracking."""
 
     def save(motion, wiring, *, clamps=True):
+        node, info, number = helper.make_node, helper.make_tensor_value_info, TensorProto.FLOAT
         nodes = [
-            helper.make_node("MatMul", ["obs", "weights"], ["actions"]),
-            helper.make_node("Cast", ["time_step"], ["whole"], to=TensorProto.INT64),
-            helper.make_node("Reshape", ["whole", "one"], ["asked"]),
-            helper.make_node("Min" if clamps else "Identity", ["asked", "last"] if clamps else ["asked"], ["row"]),
+            node("MatMul", ["obs", "weights"], ["actions"]),
+            node("Cast", ["time_step"], ["whole"], to=TensorProto.INT64),
+            node("Reshape", ["whole", "one"], ["wanted"]),
+            node("Min", ["wanted", "last"], ["row"]) if clamps else node("Identity", ["wanted"], ["row"]),
+            *(node("Gather", [f"{name}_table", "row"], [name]) for name in motion),
         ]
-        nodes += [helper.make_node("Gather", [f"{name}_table", "row"], [name]) for name in motion]
         last = len(motion["joint_pos"]) - 1
         constants = {"weights": models.weights(15, 2), "one": np.array([1]), "last": np.array([last])}
         constants |= {f"{name}_table": table for name, table in motion.items()}
         widths = {"actions": (2,), **{name: table.shape[1:] for name, table in motion.items()}}
-        info, number = helper.make_tensor_value_info, TensorProto.FLOAT
         graph = helper.make_graph(
             nodes,
             "tracker",
@@ -60,8 +59,7 @@ def saved(tmp_path):
             [info(name, number, [1, *shape]) for name, shape in widths.items()],
             [numpy_helper.from_array(value, name) for name, value in constants.items()],
         )
-        onnx.save(models.finished(graph, {STAMP_KEY: encode(wiring)}), str(tmp_path / "t.onnx"))
-        return tmp_path / "t.onnx"
+        return models.saved(tmp_path / "t.onnx", models.finished(graph, {STAMP_KEY: encode(wiring)}))
 
     return save
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import onnx
 import pytest
-from published import G1, MJLAB, POLICIES, TRACES, contract_beside, needs_policies
+from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
@@ -40,18 +40,6 @@ def test_the_trace_of_a_published_policy_is_accepted_and_the_copy_says_all(cli, 
     assert again == made
     if name == "waltz":  # its motion is in the graph
         assert copy.motion.frames.shape == (945, 2 * 29 + 7 * 14)
-
-
-@needs_policies
-@pytest.mark.usefixtures("near_ends")
-def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path):
-    model, trace = (POLICIES / name for name in MJLAB)
-    wrong = tmp_path / "wrong.yaml"
-    wrong.write_text("terms: {base_lin_vel: {at: base}}", encoding="utf-8")
-    wiring = ("--robot", G1, "--trace", trace, "--contract", wrong)
-    status, _, error = cli("stamp", model, *wiring, "-o", tmp_path / "x.onnx")
-    assert status == 2
-    assert "observation base_lin_vel[" in error
 
 
 def test_stamped_again_without_a_trace_it_keeps_the_samples(cli, stamped, tmp_path):

@@ -52,14 +52,10 @@ def write(root, *episodes, fps=50, version="v3.0"):
     return root
 
 
-@pytest.mark.parametrize(
-    ("columns", "method"),
-    [
-        (JOINTS | IN_WORLD, "forward kinematics"),
-        (IN_BASE, "inverse kinematics"),
-        (JOINTS, "note: without body poses"),
-    ],
-)
+METHODS = [(JOINTS | IN_WORLD, "forward"), (IN_BASE, "inverse"), (JOINTS, "note: without body poses")]
+
+
+@pytest.mark.parametrize(("columns", "method"), METHODS)
 def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, method):
     root = write(tmp_path / "dances", {key: values[::-1] for key, values in columns.items()}, columns)
     assert prepare(tmp_path, root, "--episode", "1") == 0
@@ -78,12 +74,8 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, method):
 )
 def test_what_is_missing_or_ambiguous_is_named(tmp_path, capsys, columns, options, reason):
     assert reason in refusal(capsys, tmp_path, write(tmp_path / "dances", columns), *options)
-
-
-def test_older_formats_name_the_converter(tmp_path, capsys):
-    error = refusal(capsys, tmp_path, write(tmp_path / "dances", IN_BASE, version="v2.1"))
-    assert "format v2.1, expected v3.0" in error
-    assert "convert_dataset_v21_to_v30" in error
+    older = refusal(capsys, tmp_path, write(tmp_path / "older", columns, version="v2.1"))
+    assert "format v2.1, expected v3.0; convert it with LeRobot's convert_dataset_v21_to_v30" in older
 
 
 def test_a_dataset_of_the_hub(tmp_path, capsys, monkeypatch):

@@ -54,19 +54,19 @@ def test_an_npz_becomes_a_motion_file(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "18 bodies fit" in printed
     assert "assumed, and confirmed by the bodies: --joint-order contract" in printed
+    assert "exists; choose another --name, or add --overwrite" in refusal(capsys, tmp_path, npz(tmp_path))
+    assert prepare(tmp_path, npz(tmp_path), "--overwrite") == 0
+
+
+LED = {"joint_pos": ANGLES[:, LEAD], "joint_vel": SPEEDS[:, LEAD]}
+ISAACS_OPTIONS = ["--joint-order", "breadth_first", "--body-order", "breadth_first", "--quaternions", "xyzw"]
 
 
 @pytest.mark.parametrize(
     ("changes", "options"),
     [
-        (
-            ISAACS | {"body_quat_w": np.roll(TURNS[:, BODY_LEVELS], -1, -1)},
-            ["--joint-order", "breadth_first", "--body-order", "breadth_first", "--quaternions", "xyzw"],
-        ),
-        (
-            {"joint_pos": ANGLES[:, LEAD], "joint_vel": SPEEDS[:, LEAD]},
-            ["--joint-order", ",".join(lite().joint_names[i] for i in LEAD)],
-        ),
+        (ISAACS | {"body_quat_w": np.roll(TURNS[:, BODY_LEVELS], -1, -1)}, ISAACS_OPTIONS),
+        (LED, ["--joint-order", ",".join(lite().joint_names[i] for i in LEAD)]),
         ({"joint_pos": ANGLES[:, LEAD], "joint_names": np.array(lite().joint_names)[LEAD]}, []),
         ({"joint_pos": np.degrees(ANGLES), "joint_vel": np.degrees(SPEEDS)}, ["--degrees"]),
         (
@@ -82,14 +82,13 @@ def test_what_the_file_does_not_say_the_options_do(tmp_path, changes, options):
 
 
 LIFTED = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
-OFF = "bodies are off"
 
 
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"joint_pos": ANGLES[:, LEAD]}, OFF),
-        ({"body_quat_w": np.roll(TURNS, -1, -1)}, OFF),
+        ({"joint_pos": ANGLES[:, LEAD]}, "bodies are off"),
+        ({"body_quat_w": np.roll(TURNS, -1, -1)}, "bodies are off"),
         ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
         ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "expected finite values in each frame"),
         ({"joint_vel": None}, "has no joint_vel"),
@@ -150,12 +149,7 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
         (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --degrees right?"),
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
-        (
-            np.concatenate([TIMES[::-1], ROWS], axis=1),
-            ("time", *lite().joint_names),
-            [],
-            "times that increase",
-        ),
+        (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), [], "times that increase"),
     ],
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
@@ -182,28 +176,19 @@ def bag(tmp_path, q, *topics):
 Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
 
 
-@pytest.mark.parametrize("is_folder", [True, False])
-def test_joint_states_of_another_robots_driver(tmp_path, is_folder):
-    folder = bag(tmp_path, Q_200_HZ, "/joint_states")
-    path = folder if is_folder else next(folder.glob("*.mcap"))
-    assert prepare(tmp_path, path, "--resample", "--name", "dance") == 0
-    motion = made(tmp_path)
-    assert motion.policy_dt == 0.02
-    np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
-
-
-def test_one_of_several_topics_of_joint_states(tmp_path, capsys):
-    several = bag(tmp_path, Q_200_HZ[:3], "/left", "/right")
-    assert "--topic: is None, expected one of" in refusal(capsys, tmp_path, several)
-    assert "states: /left, /right" in refusal(capsys, tmp_path, several, "--topic", "/legs")
-    assert prepare(tmp_path, several, "--topic", "/right", "--resample") == 0
-
-
-def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
-    path = npz(tmp_path)
-    assert prepare(tmp_path, path) == 0
-    assert "exists; choose another --name, or add --overwrite" in refusal(capsys, tmp_path, path)
-    assert prepare(tmp_path, path, "--overwrite") == 0
+def test_joint_states_of_another_robots_driver(tmp_path, capsys):
+    """From a folder of rosbag2, or its file; where there are several topics, one has to be named."""
+    folder = bag(tmp_path, Q_200_HZ, "/left", "/right")
+    assert "--topic: is None, expected one of" in refusal(capsys, tmp_path, folder)
+    assert "states: /left, /right" in refusal(capsys, tmp_path, folder, "--topic", "/legs")
+    for path in (folder, next(folder.glob("*.mcap"))):
+        options = ("--topic", "/right", "--resample", "--name", "dance", "--overwrite")
+        assert prepare(tmp_path, path, *options) == 0
+        motion = made(tmp_path)
+        assert motion.policy_dt == 0.02
+        np.testing.assert_allclose(motion.frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
+    path.write_bytes(b"frames: 3")
+    assert "cannot be read as a recording" in refusal(capsys, tmp_path, path)
 
 
 @pytest.mark.parametrize(

@@ -51,8 +51,7 @@ def test_the_newest_model_by_its_number_with_its_tensors(service, tmp_path):
 @pytest.mark.parametrize(
     ("files", "run", "name", "reason"),
     [
-        (["model_3.pt"], RUN, None, r"is missing, .*: model_3\.pt"),
-        (["a.onnx", "b.onnx"], RUN, None, "--wandb-file: is missing"),
+        (["model_3.pt"], RUN, None, r"--wandb-file: is missing, .*: model_3\.pt"),
         (["../a.onnx"], RUN, None, r"is \.\./a\.onnx, expected a checkpoint of run"),
         (["a.onnx"], RUN, "c.onnx", r"is c\.onnx, .*: a\.onnx"),
         ([], "lab/arms/none", None, "run lab/arms/none cannot be read"),
@@ -67,8 +66,9 @@ def test_a_run_without_the_checkpoint(service, tmp_path, files, run, name, reaso
 
 def test_a_motion_for_a_run_s_checkpoint(service, tmp_path):
     service[RUN] = ["model_300.onnx"]
-    motion = write_npz(tmp_path / "dance.npz", state_of(joint_path(), ("chest", *lite().hands)))
-    arguments = ["--wandb-run-path", RUN, "--motion", str(motion), "--output", str(tmp_path / "out")]
+    bodies = ("chest", *lite().hands)
+    motion = write_npz(tmp_path / "dance.npz", state_of(joint_path(), bodies))
+    given = ["--wandb-run-path", RUN, "--motion", str(motion), "--output", str(tmp_path / "out")]
     (tmp_path / "out").mkdir()
-    assert run_program(main, [*arguments, "--body-order", ",".join(("chest", *lite().hands))]) == 0
+    assert run_program(main, [*given, "--body-order", ",".join(bodies)]) == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["dance.mcap", "model_300.onnx"]
