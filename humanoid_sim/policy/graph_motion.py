@@ -22,11 +22,7 @@ _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is n
 
 
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
-    """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
-
-    Joints are in the policy's order, bodies in the order of the contract's `body_names`; the outputs of an anchor are
-    of its anchor body. Raises `InputError` if they do not fit the contract, or never end.
-    """
+    """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph."""
     available = set(policy.model.header.output_names)
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None

@@ -50,16 +50,16 @@ class Motion:
 
     def __post_init__(self) -> None:
         frames = np.array(self.frames, dtype=np.float32)
-        is_table = frames.ndim == 2 and frames.size > 0
-        require(is_table, "Motion.frames", f"of shape {frames.shape}", "(F, width), both at least 1")
+        require(frames.ndim == 2 and frames.size, "Motion.frames", f"of shape {frames.shape}", "(F, width), not empty")
         if not np.isfinite(frames).all():
             frame, index = np.argwhere(~np.isfinite(frames))[0].tolist()
             raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
         one_of("Motion", "layout", self.layout, MotionLayout)
         width, bodies, joints = frames.shape[1], len(self.body_names), len(self.joint_names)
-        expected = 9 * bodies if bodies and self.task_type == "tracking" else width
         if self.layout == "joints_bodies_w":
             expected = 2 * joints + 7 * bodies
+        else:
+            expected = 9 * bodies if bodies and self.task_type == "tracking" else width
         what = f"{expected}: layout {self.layout} of {joints} joints and {bodies} bodies"
         require(width == expected, "Motion.frames", f"{width} values per frame", what)
         require(0.0 < self.policy_dt < np.inf, "Motion.policy_dt", self.policy_dt, "seconds > 0")
@@ -145,8 +145,10 @@ def motion_bytes(motion: Motion) -> bytes:
     writer = Writer(stream, compression=CompressionType.LZ4)
     # The library's name without its version: the bytes must not change with an update of it.
     writer.start(profile="ros2", library="humanoid_sim")
-    metadata = {"robot": motion.robot, "body_names": ",".join(motion.body_names)}
-    metadata |= {"policy_dt": repr(motion.policy_dt), "task_type": motion.task_type}
+    metadata = {
+        **{"robot": motion.robot, "body_names": ",".join(motion.body_names)},
+        **{"policy_dt": repr(motion.policy_dt), "task_type": motion.task_type},
+    }
     if motion.layout != "bodies_b":
         metadata |= {"layout": motion.layout, "joint_names": ",".join(motion.joint_names)}
     writer.add_metadata("motion", metadata)

@@ -50,17 +50,13 @@ class Header(NamedTuple):
 
 
 class OnnxModel:
-    """A model that is loaded and can be run.
-
-    One thread and sequential execution: results do not depend on the machine's load, and no pool of spinning workers
-    competes with the control loop.
-    """
+    """A model that is loaded and can be run."""
 
     def __init__(self, path: Path) -> None:
         check_file(path)
         onnxruntime = onnx_runtime()
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.intra_op_num_threads = options.inter_op_num_threads = 1  # no spinning workers beside the control loop
         options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
         # ONNX Runtime raises its own types, which differ between builds.
         with blaming(f"{path}: is not a model that ONNX Runtime can load", Exception):

@@ -92,10 +92,7 @@ def _notes(messages: Iterable[Any]) -> list[Note]:
 
 
 def playable(notes: Iterable[Note], robot: RobotDescription) -> Song:
-    """Return the notes in a robot's reach, and no more at a time than it has fingers, the highest first.
-
-    The song begins late enough for the hands to come over the keys. A robot without a piano reaches all keys.
-    """
+    """Return the notes in a robot's reach, no more at a time than it has fingers, after time to come over the keys."""
     reach: Collection[int] = range(KEY_COUNT) if robot.piano is None else robot.piano.keys
     fingers = KEY_COUNT if robot.piano is None else len(robot.piano.fingers)
     played: list[Note] = []

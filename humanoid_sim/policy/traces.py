@@ -95,10 +95,7 @@ def array_type(name: str) -> str:
 
 
 def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
-    """Read a trace for a policy; joints that the policy does not have are left out.
-
-    Raises `InputError` with the array that is wrong. `bodies` is of the robot that the trace is of, for `qpos`.
-    """
+    """Read a trace for a policy, without joints that it lacks; `bodies` is of the trace's robot, for `qpos`."""
     given = {_NAMES.get(name, name): array for name, array in read_arrays(path).items()}
     with blaming(path, (FieldError, ValueError)):
         return _trace(path.name, given, contract, bodies)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, read_checkpoint
 from humanoid_sim.policy.checks import contract_findings
-from humanoid_sim.policy.findings import SEVERITIES, Finding, assumptions
+from humanoid_sim.policy.findings import SEVERITIES, Finding, Severity, assumptions
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
@@ -29,19 +30,23 @@ from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import DampingStability
 
-_SHOWN = {"error": ("bold red", "error(s)"), "warning": ("yellow", "warning(s)"), "info": ("cyan", "remark(s)")}
+_SHOWN: Mapping[Severity, tuple[str, str]] = {
+    "error": ("bold red", "error(s)"),
+    "warning": ("yellow", "warning(s)"),
+    "info": ("cyan", "remark(s)"),
+}
 
 
 def check(options: Check) -> int:
     """Print the findings; exit status 1 if there is an error among them."""
     description = load_robot(options.robot)
     findings = check_checkpoint(options.checkpoint, description, options.contract, hardware=options.hardware)
-    counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
+    counts = Counter(finding.severity for finding in findings)
     console = make_console()
     for finding in findings:
         style = _SHOWN[finding.severity][0]
         console.print(f"[{style}]{finding.severity:<8}[/{style}]{escape(str(finding))}", soft_wrap=True)
-    total = ", ".join(f"{count} {_SHOWN[severity][1]}" for severity, count in counts.items())
+    total = ", ".join(f"{counts[severity]} {plural}" for severity, (_, plural) in _SHOWN.items())
     console.print(f"{escape(str(options.checkpoint))} on '{escape(description.name)}': {total}", soft_wrap=True)
     return ExitStatus.of(counts["error"] == 0)
 

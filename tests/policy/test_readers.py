@@ -260,7 +260,7 @@ def test_berkeleys_yaml(tmp_path):
     assert (contract.terms[0].history, contract.history_layout) == (2, "per_step")
     assert (contract.action_clip, contract.action_limit, contract.policy_dt) == (100.0, 1e4, 0.04)
     (tmp_path / "configs" / "policy.yaml").write_text(yaml.safe_dump({**BERKELEY, "action_limit_lower": -1.0}))
-    with pytest.raises(InputError, match="expected -x and x"):
+    with pytest.raises(InputError, match="not -x and x"):
         read(tmp_path)
 
 

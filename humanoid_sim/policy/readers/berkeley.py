@@ -1,7 +1,4 @@
-"""Berkeley Humanoid Lite's deployment YAML: everything but the observation, whose terms that project's code fixes.
-
-A file of this form comes with every checkpoint of the project: https://github.com/HybridRobotics/Berkeley-Humanoid-Lite.
-"""
+"""Berkeley Humanoid Lite's deployment YAML: everything but the observation, whose terms that project's code fixes."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.trainer_files import read_section
 
@@ -46,12 +42,10 @@ def read_berkeley(path: Path, _: object) -> list[Layer]:
     """Return what the file states, and the terms that come with the dialect."""
     file = read_section(path)
     values = file.fields(_FIELDS)
-    lower, upper = file.get("action_limit_lower"), file.get("action_limit_upper")
-    if lower is not None or upper is not None:
-        if not isinstance(upper, int | float) or lower != -upper or upper <= 0:
-            bounds = f"action_limit_lower, action_limit_upper are {shown([lower, upper])}"
-            raise InputError(f"{path}: {bounds}, expected -x and x, with x > 0")
-        values["action_clip"] = upper
+    if file.get("action_limit_upper") is not None:
+        values["action_clip"] = file.number("action_limit_upper")
+        if file.number("action_limit_lower") != -values["action_clip"]:
+            raise InputError(f"{path}: action_limit_lower, action_limit_upper are not -x and x")
     history = int(file.number("history_length")) + 1 if file.get("history_length") is not None else 1
     values |= {"observation": _TERMS, "command_names": ("base_velocity",)}
     values |= {f"observation.{name}.history": history for name in _TERMS}

@@ -1,7 +1,4 @@
-"""Metadata of models from holosoma: JSON. Older exports hold joints and gains, later ones the whole experiment.
-
-The keys of `experiment_config` are those of holosoma's `ExperimentConfig`: github.com/amazon-far/holosoma.
-"""
+"""Metadata of models from holosoma, JSON: joints and gains; in later exports the whole `ExperimentConfig`."""
 
 from __future__ import annotations
 

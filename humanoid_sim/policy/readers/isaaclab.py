@@ -1,8 +1,4 @@
-"""`params/env.yaml` of Isaac Lab and mjlab: the environment that a policy was trained in, as its training wrote it.
-
-Keys are those of Isaac Lab's `ManagerBasedRLEnvCfg`, which mjlab's resemble. The order of the joints is not in it:
-Isaac Lab's is that of the simulation's articulation, breadth first.
-"""
+"""`params/env.yaml` of a training: Isaac Lab's `ManagerBasedRLEnvCfg`, or mjlab's, without the order of the joints."""
 
 from __future__ import annotations
 

@@ -39,12 +39,7 @@ stands; while |(vx, vy, yaw rate)| is below the threshold sine and cosine are bo
 
 
 def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
-    """Return the keys that are there, and what mjlab implies.
-
-    The rate is not written, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked. The velocity of
-    the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the velocimeter there.
-    Files without its keys may be whole_body_tracking's, which observes the base itself.
-    """
+    """Return the keys that are there, and what mjlab implies: the rate, and before mjlab 1.6 the options of terms."""
     if "joint_names" not in metadata or not {"joint_stiffness", "observation_names"} & metadata.keys():
         return []
     values = {name: csv_field(name, key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
@@ -60,7 +55,9 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
         if kind.name == HEIGHT_SCAN:
             assumed[f"{field}.scan"] = HeightScan()
         elif kind.name == "base_lin_vel" and _SCALE in metadata:
-            assumed[f"{field}.at"] = IMU
+            assumed[f"{field}.at"] = (
+                IMU  # mjlab 1.6 observes the velocimeter there, whole_body_tracking the base itself
+            )
         elif kind.requires == "phase":  # in training, the first observation shows the clock as it starts
             assumed |= {**GAIT_CLOCK, "phase.advance_first": False}
         if _SCALE in own:

@@ -19,11 +19,7 @@ _ACTION = {"scale": "action_scale", "offset": "action_offset", "clip": "position
 
 
 def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]:
-    """Return what the file states.
-
-    Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
-    other.
-    """
+    """Return what the file states: gains in the robot's order, to which `joint_ids_map` leads from the policy's."""
     file = read_section(path)
     group = file.at("observations")
     while len(group) == 1 and is_group(next(iter(group.values()))):
