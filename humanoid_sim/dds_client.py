@@ -60,12 +60,10 @@ class RobotClient:
     """
 
     def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
-        """Join the robot's domain. Raises `InputError`.
+        """Join the robot's domain, None for that of `ROS_DOMAIN_ID`, on the interface by which it is reached.
 
-        Args:
-            prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
-            domain: its id; None for that of `ROS_DOMAIN_ID`.
-            interface: network interface by which the robot is reached; `lo` for a robot on this machine.
+        `prefix` is what its joint states are under: `lite` for all Lites, otherwise the robot's name. Raises
+        `InputError`.
         """
         self._participant = Participant(domain, interface)
         self._joint_topic = ros.joint_states_topic(prefix)
@@ -119,10 +117,10 @@ class RobotClient:
         the first state, or if its shape is not that of the robot's joints.
         """
         if command.position.shape != (len(self.joint_names),) or not self.joint_names:
-            raise FieldError(
-                f"MITCommand: has shape {command.position.shape}, expected ({len(self.joint_names)},), one value per "
-                "joint of the robot's state, which must have come before"
+            accepted = (
+                f"({len(self.joint_names)},), one value per joint of the robot's state, which must have come before"
             )
+            raise FieldError(f"MITCommand: has shape {command.position.shape}, expected {accepted}")
         return self._writer.write(encode_mit_command(time.time_ns(), self.joint_names, command))
 
     def control_mode(self) -> ControlMode | None:

@@ -77,11 +77,9 @@ def compare_open_loop(recording: Recording, checkpoint: Checkpoint) -> OpenLoopR
             break
         memory, command = result
         report.ticks += 1
-        theirs, ours = (
-            mit_torque(one, state.joint_position, state.joint_velocity, description.effort_limit)
-            for one in (recorded, command)
-        )
-        differences = np.abs([command.position - recorded.position, ours - theirs]).T.tolist()
+        at = state.joint_position, state.joint_velocity, description.effort_limit
+        torques = mit_torque(command, *at) - mit_torque(recorded, *at)
+        differences = np.abs([command.position - recorded.position, torques]).T.tolist()
         for joint, (position, torque) in zip(report.joints, differences, strict=True):
             joint.position, joint.torque = max(joint.position, position), max(joint.torque, torque)
             if position > TOLERANCE and joint.first_time is None:

@@ -23,6 +23,7 @@ INTENTS = {
 }
 COUNT = 560
 HEALTHY = messages.SafetyStatus(source="can0")
+FAULT = messages.SafetyStatus(messages.SafetyLevel.FAULT, messages.SafetyFlag.RX_TIMEOUT, "can0", "wrist")
 
 
 class Wobble:
@@ -42,7 +43,7 @@ class Wobble:
         return action
 
 
-def run(policy, settings=None) -> tuple[messages.SessionHeader, list[messages.TickRecord]]:
+def run(policy) -> tuple[messages.SessionHeader, list[messages.TickRecord]]:
     """A run through all five modes on a robot that obeys at once, with faults of every kind on the way."""
     description = load_robot("lite")
     checkpoint = placeholder_checkpoint(description, policy_dt=2 * PERIOD)
@@ -63,18 +64,12 @@ def run(policy, settings=None) -> tuple[messages.SessionHeader, list[messages.Ti
             within = -0.5 * np.tanh(position)  # every joint's limits: the guards would end REMOTE
             remote = messages.RemoteCommand(MITCommand(within, *others), time - 0.001)
         intent = INTENTS.get(index)
-        status = (
-            messages.SafetyStatus(messages.SafetyLevel.FAULT, messages.SafetyFlag.RX_TIMEOUT, "can0", "wrist")
-            if index == 530
-            else HEALTHY
-        )
+        status = FAULT if index == 530 else HEALTHY
         tick_input = messages.TickInput(state, (status,), (intent,) if intent else (), remote)
         memory, output = supervisor.step(memory, tick_input)
         ticks.append(messages.TickRecord(index, tick_input, output, 1e-4, False))
         position = output.command.position
-    settings = settings or {"policy": "placeholder"}
-    header = run_header(description, PERIOD, loaded, settings=settings, remote=True)
-    return header, ticks
+    return run_header(description, PERIOD, loaded, settings={"policy": "placeholder"}, remote=True), ticks
 
 
 @cache

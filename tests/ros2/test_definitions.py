@@ -1,4 +1,7 @@
-"""Message definitions: those of ROS 2 are ROS 2's, those of the control stack are the frozen ones."""
+"""Message definitions: those of ROS 2 are ROS 2's, those of the control stack are what users of ROS 2 build."""
+
+import re
+from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -11,6 +14,10 @@ from humanoid_sim.ros2.definitions import schema_text
 NAMES = [
     value for name, value in vars(definitions).items() if name.isupper() and isinstance(value, str) and "/msg/" in value
 ]
+
+
+PACKAGE = Path(__file__).parents[2] / "examples" / "ros2" / "humanoid_control_msgs"
+BUILT = (definitions.CONTROL_MODE, definitions.MIT_COMMAND, definitions.SAFETY_STATUS, definitions.STANDBY_STATE)
 
 
 def parsed(name):
@@ -51,3 +58,18 @@ def test_constants_are_the_enums_of_this_package():
     }
     assert constants(definitions.TICK) == modes | intents
     assert constants(definitions.EVENT) == {kind.name: int(kind) for kind in EventKind}
+
+
+def statements(text):
+    """Fields and constants, without comments and blank lines."""
+    lines = (re.sub(r"\s*#.*", "", line).strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
+def test_the_interface_package_for_users_of_ros_holds_what_is_on_the_wire():
+    files = {name: PACKAGE / "msg" / f"{name.rsplit('/', 1)[1]}.msg" for name in BUILT}
+    for name, file in files.items():
+        assert statements(file.read_text(encoding="utf-8")) == statements(schema_text(name).split("=" * 80)[0])
+    built = re.findall(r'"(msg/\w+\.msg)"', (PACKAGE / "CMakeLists.txt").read_text(encoding="utf-8"))
+    assert built == sorted(f"msg/{file.name}" for file in files.values())
+    assert sorted(files.values()) == sorted((PACKAGE / "msg").iterdir())

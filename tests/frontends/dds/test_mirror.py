@@ -39,11 +39,9 @@ class Robot:
         self._writers["/robot_description"].write(encode(STRING, urdf_of(bare_model(description), description)))
 
     def state(self, value, seconds, names=()):
-        time_ns = START + round(1e9 * seconds)
-        n = len(names or self.names)
-        full = np.full(n, value)
-        turn = np.array([0.6, 0.0, 0.8, 0.0])
-        state = MITState(seconds, full, 2.0 * full, 3.0 * full, np.zeros(n), turn, np.ones(3), np.zeros(3))
+        time_ns, full = START + round(1e9 * seconds), np.full(len(names or self.names), value)
+        imu = [0.6, 0.0, 0.8, 0.0], np.ones(3), np.zeros(3)
+        state = MITState(seconds, full, 2.0 * full, 3.0 * full, 0.0 * full, *imu)
         self._writers["/control_mode"].write(
             encode_control_mode(time_ns, ControlMode(Mode.STANDBY, "standby_controller_a", "on its way"))
         )
@@ -83,18 +81,14 @@ def test_ticks_are_what_the_topics_say():
         (tick,) = mirror.ticks()
         robot.state(0.5, 2.0, names=("somebody", "else"))
         assert mirror.ticks() == []
-    record = tick.record
-    state = record.input.state
-    assert state.time == 1.5
-    assert state.joint_position.tolist() == [0.25] * 14
-    assert state.joint_velocity.tolist() == [0.5] * 14
-    assert state.joint_effort.tolist() == [0.75] * 14
-    assert state.imu_quaternion.tolist() == [0.6, 0.0, 0.8, 0.0]
-    assert record.output.control_mode == ControlMode(Mode.STANDBY, "standby_controller_a", "on its way")
-    assert not np.isfinite(record.output.command.position).any()
-    assert [status.level for status in record.input.safety] == [SafetyLevel.WARNING]
-    np.testing.assert_allclose(record.qpos[:7], POSE)
-    assert record.qpos[7:].tolist() == [0.25] * 14
+    state, output = tick.record.input.state, tick.record.output
+    measured = state.joint_position, state.joint_velocity, state.joint_effort
+    assert [values.tolist() for values in measured] == [[0.25] * 14, [0.5] * 14, [0.75] * 14]
+    assert (state.time, state.imu_quaternion.tolist()) == (1.5, [0.6, 0.0, 0.8, 0.0])
+    assert output.control_mode == ControlMode(Mode.STANDBY, "standby_controller_a", "on its way")
+    assert not np.isfinite(output.command.position).any()
+    assert [status.level for status in tick.record.input.safety] == [SafetyLevel.WARNING]
+    np.testing.assert_allclose(tick.record.qpos, [*POSE, *[0.25] * 14])
 
 
 def test_its_model_stands_where_the_robot_s_does():
@@ -108,6 +102,6 @@ def test_its_model_stands_where_the_robot_s_does():
     data.qpos[:] = tick.record.qpos
     for name in description.joint_names:
         expected.joint(name).qpos[0] = 0.3
-    for robot_model, robot_data in ((model, data), (own, expected)):
-        mujoco.mj_kinematics(robot_model, robot_data)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_kinematics(own, expected)
     np.testing.assert_allclose(data.body("left_hand").xpos, expected.body("left_hand").xpos, atol=1e-6)
