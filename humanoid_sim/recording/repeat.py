@@ -34,28 +34,28 @@ class Difference:
 
 def first_difference(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Difference | None:
     """Return the first field that differs, causes before consequences; None if the outputs are identical."""
-    for (name, before), (_, now) in zip(_leaves(recorded), _leaves(replayed), strict=False):
-        if not isinstance(before, np.ndarray) or not isinstance(now, np.ndarray):
-            if type(before) is not type(now) or before != now:
-                return Difference(name, "", repr(before), repr(now))
-        elif before.shape != now.shape:
-            return Difference(name, "", f"shape {before.shape}", f"shape {now.shape}")
-        elif before.tobytes() != now.tobytes():
-            pairs = zip(before.ravel(), now.ravel(), strict=True)
-            index, (old, new) = next((i, (a, b)) for i, (a, b) in enumerate(pairs) if a.tobytes() != b.tobytes())
-            return Difference(name, _part(header, name, index), str(old), str(new))
+    for field in _CAUSES_FIRST:
+        pairs = zip(_leaves(field, getattr(recorded, field)), _leaves(field, getattr(replayed, field)), strict=False)
+        for (name, before), (_, now) in pairs:
+            if not isinstance(before, np.ndarray) or not isinstance(now, np.ndarray):
+                if type(before) is not type(now) or before != now:
+                    return Difference(name, "", repr(before), repr(now))
+            elif before.shape != now.shape:
+                return Difference(name, "", f"shape {before.shape}", f"shape {now.shape}")
+            elif before.tobytes() != now.tobytes():
+                rows = enumerate(zip(before.ravel(), now.ravel(), strict=True))
+                index, (old, new) = next(row for row in rows if row[1][0].tobytes() != row[1][1].tobytes())
+                return Difference(name, _part(header, name, index), str(old), str(new))
     return None
 
 
-def _leaves(output: TickOutput) -> Iterator[tuple[str, Any]]:
-    """Yield the values of an output by field; numbers with a fraction as arrays, whose bits count."""
-    for name in _CAUSES_FIRST:
-        value = getattr(output, name)
-        parts = [(name, value)]
-        if is_dataclass(value):
-            parts = [(f"{name}.{part.name}", getattr(value, part.name)) for part in fields(value)]
-        for part, one in parts:
-            yield part, np.array(one) if isinstance(one, float) else one
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield a field, or the fields of a part, by name; numbers with a fraction as arrays, whose bits count."""
+    if is_dataclass(value):
+        for part in fields(value):
+            yield from _leaves(f"{name}.{part.name}", getattr(value, part.name))
+    else:
+        yield name, np.array(value) if isinstance(value, float) else value
 
 
 def _part(header: SessionHeader, name: str, index: int) -> str:
