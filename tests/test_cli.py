@@ -9,13 +9,6 @@ from humanoid_sim.cli import VERBS, load_program, main, run_program
 from humanoid_sim.errors import InputError, MissingPackageError, RobotError
 
 
-def failing(error):
-    def program(arguments):
-        raise error
-
-    return run_program(program)
-
-
 @pytest.mark.parametrize(
     ("error", "status", "line"),
     [
@@ -37,7 +30,10 @@ def failing(error):
     ],
 )
 def test_what_ends_a_program_is_one_line_and_a_status(error, status, line, capsys):
-    assert failing(error) == status
+    def program(arguments):
+        raise error
+
+    assert run_program(program) == status
     assert capsys.readouterr() == ("", f"{line}\n")
 
 
