@@ -23,7 +23,6 @@ VERBS = {
     "replay": "repeat a recording bit for bit",
     "record": "look into a recording, export it, or make a LeRobot dataset of it",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
-    "piano": "how well a recorded run played its song",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "gamepad": "drive a running session with a gamepad",

@@ -15,7 +15,8 @@ import tyro
 from rich.console import Console
 
 from humanoid_sim.cli import parse, run_program
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.evaluation.piano_score import song_keys
 from humanoid_sim.evaluation.run_figures import RunFigures
 from humanoid_sim.evaluation.run_report import describe_spread, print_figures, print_table
 from humanoid_sim.files import finite, output_file, whole_file
@@ -28,12 +29,12 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.stack import no_policy, recorded_policy
+from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
 
 
 @dataclass(frozen=True)
 class Info:
-    """Show what happened in a recording, finished or cut off, and what each joint had to do."""
+    """Show what happened in a recording, finished or cut off: modes, efforts, how its song was played."""
 
     file: Path
     """Recording (.mcap)."""
@@ -44,12 +45,13 @@ class Info:
         recording = open_recording(self.file)
         header = recording.header
         robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
-        figures = RunFigures(robot)
-        for entry in recording.entries():
-            if isinstance(entry, Event):
-                figures.event(entry)
-            else:
-                figures.tick(entry)
+        figures = RunFigures(robot, keys=song_keys(recorded_motion(header)))
+        with blaming(recording.path):
+            for entry in recording.entries():
+                if isinstance(entry, Event):
+                    figures.event(entry)
+                else:
+                    figures.tick(entry)
         summary = {
             "file": str(recording.path),
             "robot": header.robot,

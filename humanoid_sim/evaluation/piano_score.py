@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BoolArray, FloatArray
+from humanoid_sim.policy.motion import Motion
 
 
 class PlayedKeys:
@@ -30,6 +31,11 @@ class PlayedKeys:
             return None
         ratios = step_ratios(np.array(list(self._pressed.values())), self._goals[list(self._pressed)])
         return {name: float(ratio.mean()) for name, ratio in zip(("precision", "recall", "f1"), ratios, strict=True)}
+
+
+def song_keys(motion: Motion | None) -> PlayedKeys | None:
+    """Return the keys of a run that follows a motion, none yet; None if that is no song."""
+    return PlayedKeys(motion.frames) if motion is not None and motion.task_type == "piano" else None
 
 
 def step_ratios(down: BoolArray, goal: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim import __version__
-from humanoid_sim.evaluation.piano_score import PlayedKeys
+from humanoid_sim.evaluation.piano_score import song_keys
 from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, TickRecord
@@ -158,16 +158,13 @@ class Run:
         tracking = keys = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
             tracking = MotionErrors(plan.description, first.loaded)
-            motion = first.loaded.motion
-            if motion is not None and motion.task_type == "piano":
-                keys = PlayedKeys(motion.frames)
+            keys = song_keys(first.loaded.motion)
             if is_drawn:
                 ghost = ReferenceGhost(plan.description, first.loaded.contract, first.loaded.reference)
         self.console = ConsoleSink(
             console,
             has_keys=plan.config.has_keys,
             walks=plan.policies.walks,
-            motion_frames=0 if first is None else first.motion_frames,
             available=plan.supervisor.controllers,
         )
         self.recorder = None

@@ -42,28 +42,23 @@ class ConsoleSink(WorkerSink):
         *,
         has_keys: bool = False,
         walks: bool = False,
-        motion_frames: int = 0,  # of the policy's motion
         available: Container[str] = (),  # names of the controllers that exist
     ) -> None:
         super().__init__("console")
         self._console = console
         self._has_line = console.is_terminal and not console.is_dumb_terminal
-        self._has_keys, self._walks, self._motion_frames, self._available = has_keys, walks, motion_frames, available
+        self._has_keys, self._walks, self._available = has_keys, walks, available
         self._mode: Mode | None = None
         self._controller = self._message = ""
         self._time = 0.0
         # Written by the control thread, read by the worker's.
         self._queued = ("", "")
         self._latest: TickRecord | None = None
-        self._frame = self._overruns = 0
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
         output = record.output
         self._latest = record
-        self._overruns += record.overrun
-        if output.policy_step is not None:
-            self._frame = output.policy_step.frame
         shown = (output.control_mode.controller_name, output.control_mode.status_message)
         if shown != self._queued or output.faults or output.refusals:
             self._queued = shown
@@ -104,12 +99,10 @@ class ConsoleSink(WorkerSink):
         if standby is not None:
             percent = 100.0 * (standby.current_segment + standby.progress) / standby.total_segments
             parts.append("reached" if is_reached else f"{percent:.0f} %")
-        elif control.mode is Mode.LOCOMOTION and self._motion_frames:
-            parts.append(f"{100.0 * min(self._frame + 1, self._motion_frames) / self._motion_frames:.0f} %")
         velocity = state.extern.get(VELOCITY_COMMAND)
         if self._walks and velocity is not None:
             parts.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
-        parts += [f"{self._overruns} late ticks", f"{float(state.time):.1f} s"]
+        parts.append(f"{float(state.time):.1f} s")
         if self._has_keys:
             safety = merge_safety(record.input.safety)
             now = control.controller_name, safety

@@ -76,14 +76,14 @@ def test_refusals_and_faults_without_a_transition_are_lines_too():
 
 
 def line(*arguments, width=200, **output):
-    options = {"has_keys": True, "available": MODES, "walks": True, "motion_frames": 400}
+    options = {"has_keys": True, "available": MODES, "walks": True}
     return (
         printed(record(*arguments, **output), terminal=True, width=width, **options).split("\x1b[2K")[-2].rstrip("\r")
     )
 
 
 def test_the_line_shows_what_is_and_what_is_possible_with_which_key_as_far_as_there_is_room():
-    now = "v 0.30 0.00 -0.10  0 late ticks  1.0 s"
+    now = "v 0.30 0.00 -0.10  1.0 s"
     keys = "space DAMP  a LOAD_A  b LOAD_B  q QUIT  e reactivate  ? help"
     assert line(2, Mode.DAMPING) == f"DAMPING  {now}  {keys}"
     assert line(2, Mode.DAMPING, width=30) == f"DAMPING  {now}"[:29]

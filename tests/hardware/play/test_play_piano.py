@@ -8,7 +8,7 @@ import pytest
 from models import linear_model
 from pressing import KEY, press_in_standby, pressing_pose
 
-from humanoid_sim import piano, replay
+from humanoid_sim import record, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import Mode
 from humanoid_sim.policy.motion import Motion, motion_bytes
@@ -58,5 +58,5 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_ro
     assert all(step.observation[14 + 88 + KEY] == 1.0 for step in steps)
     assert run_program(replay.main, ["r.mcap"]) == 0
     capfd.readouterr()
-    assert run_program(piano.main, ["r.mcap", "--json"]) == 0
-    assert json.loads(capfd.readouterr().out)["f1"] == 1.0
+    assert run_program(record.main, ["info", "r.mcap", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["piano"]["f1"] == 1.0
