@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ EDGES: Mapping[Intent, tuple[tuple[str, ...], str]] = {  # controllers that an i
     Intent.START_REMOTE: ((STANDBY_A, STANDBY_B), REMOTE_POLICY),
 }
 _ROUNDING = 1e-9  # s
+_Result = TypeVar("_Result")
 _LARGEST_KNOWN = 1e6  # rad: positions beyond it count as unknown
 
 
@@ -53,6 +54,18 @@ def fingerprint(value: Any) -> Any:
     if isinstance(value, Mapping):
         return tuple([(key, fingerprint(item)) for key, item in value.items()])
     return type(value).__name__, repr(value)
+
+
+def run_twice(function: Callable[..., _Result], *given: Any) -> _Result:
+    """Return what a function returns: it raises nothing, gives the same bits again, and changes nothing given."""
+    before = fingerprint(given)
+    try:
+        result, again = function(*given), function(*given)
+    except Exception as error:
+        raise SafetyViolationError(f"raised {type(error).__name__}: {error}") from error
+    require(before == fingerprint(given), "what it was given changed")
+    require(fingerprint(result) == fingerprint(again), "the same inputs gave {} and {}", result, again)
+    return result
 
 
 def check_complete(command: MITCommand, n: int) -> None:
