@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Self
 
 import can
 
@@ -25,7 +24,7 @@ _MOST_AT_ONCE = 256  # frames read from one channel before time goes on: a flood
 _MOST_BEHIND = 0.05  # s that the motors may be behind; their clock stands still for the rest
 
 
-class MockServer:
+class MockServer(contextlib.AbstractContextManager["MockServer"]):
     """A robot's motors on python-can channels, run by a thread of this process until `close`.
 
     A channel of the interface `virtual` exists in this process only. Methods may be called from any thread.
@@ -92,9 +91,6 @@ class MockServer:
         self._opened.close()
         if self.failure is not None:
             raise self.failure
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -48,9 +48,8 @@ def identify(config: Identify) -> int:
     if not 0.0 < config.torque <= limit:
         raise InputError(f"--torque: is {config.torque}, expected more than 0 and at most {limit:g} N·m")
     if joint in wiring.endless and not config.allow_no_timeout:
-        raise InputError(
-            f"{config.joint}: nothing stops its motor when this program dies: --allow-no-timeout accepts that"
-        )
+        text = "nothing stops its motor when this program dies: --allow-no-timeout accepts that"
+        raise InputError(f"{config.joint}: {text}")
     entries = dict(read_entries(config.output, description))
     alone = wiring.motors[joint]._replace(torque_limit=config.torque, current_limit=0.0, damping=_WATCHDOG_DAMPING)
     terms = LinkTerms(CAN_TIMEOUT, _PERIOD, accepted_firmware=config.accept_firmware)
@@ -92,14 +91,14 @@ def _move(
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, model.stiffness)
     damping = min(_DAMPING_TIME * stiffness, model.damping)
-    strongest = wiring.stiffness_doubt[joint] * stiffness, wiring.damping_doubt[joint] * damping
+    strongest = [wiring.stiffness_doubt[joint] * stiffness], [wiring.damping_doubt[joint] * damping]
+    limit = np.array([config.torque])
     began = link.line.clock()
 
     def drive(share: float) -> float:
         """Command a share of the way for one period; returns rad by which the joint has moved."""
         reading = motor.readings()
-        command = MITCommand(*np.array([[start + share * step], [0.0], [0.0], [strongest[0]], [strongest[1]]]))
-        limit = np.array([config.torque])
+        command = MITCommand(*np.array([[start + share * step], [0.0], [0.0], *strongest]))
         bounded = bounded_position(command, reading.position, reading.velocity, limit, 2.0 * _PERIOD)
         motor.command(np.array([bounded, [0.0], [0.0], [stiffness], [damping]]))
         time.sleep(_PERIOD)

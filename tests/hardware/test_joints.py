@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.joints import JointTracker, check_positions, make_wiring, motor_values
+from humanoid_sim.hardware.joints import JointTracker, check_positions, make_wiring
 from humanoid_sim.hardware.motor_link import Readings
-from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 
 LITE = load_robot("lite")
@@ -59,17 +58,3 @@ def test_a_position_that_moved_as_no_motor_can_has_jumped(name):
     assert tracker.jumped.all() == tracker.jumped.any() == jumps
     tracker.update(readings(0.1, positions[-1], 0.0))
     assert tracker.jumped.any() or not jumps, "it stays: the zero went with it"
-
-
-def test_a_command_is_in_the_motor_frame_and_within_its_limits():
-    wired, n = wiring(0.3), LITE.joint_count
-    tracker = JointTracker(wired, np.ones(n))
-    here = tracker.update(readings(0.0, 0.3 - TURN))
-    command = MITCommand(np.full(n, 0.1), np.full(n, 99.0), np.full(n, -500.0), np.full(n, 1e4), np.full(n, 1e3))
-    values = motor_values(wired, command, here, tracker, 0.04)
-    assert (np.abs(values[2]) == wired.effort_limit).all()
-    for row, name in zip(values[[1, 3, 4]], ("velocity", "stiffness", "damping"), strict=True):
-        assert np.abs(row).tolist() == [getattr(motor.model, name) for motor in wired.motors]
-    soft = MITCommand(np.full(n, 0.1), np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n))
-    values = motor_values(wired, soft, here, tracker, 0.04)
-    assert values[0] == pytest.approx(wired.direction * 0.1 + 0.3 - TURN)
