@@ -11,14 +11,19 @@ CHANNEL = "udp_multicast:239.74.163.62"
 
 
 def test_changes_of_motors_and_faults_are_printed_until_ctrl_c(run, tmp_path, monkeypatch):
-    wakes = []
+    lines, wakes = [], []
+
+    def keep(line, flush=True):
+        lines.append(line)
+        print(line)
 
     def interrupt(seconds):
         wakes.append(seconds)
         time.sleep(seconds)
-        if len(wakes) == 10:
+        if len(wakes) == 400 or any("silent" in line for line in lines):
             signal.raise_signal(signal.SIGINT)
 
+    monkeypatch.setattr(emulate, "print", keep, raising=False)
     monkeypatch.setattr(emulate, "time", SimpleNamespace(sleep=interrupt))
     path = tmp_path / "calibration.yaml"
     path.write_text("left_elbow_pitch: {id: 14, direction: -1, homing_offset: 0.5}\n")
