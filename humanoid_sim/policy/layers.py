@@ -79,11 +79,10 @@ class Reading:
 
     def problems(self, hand: str) -> dict[str, str]:
         """Return by field what keeps the contract from being used; `hand`: the contract.yaml that decides."""
+        decided = f"(the right value in {hand} decides)"
         lacking = f"lacks {', '.join(self.missing)}: give what is missing in {hand}"
         found = {"contract": lacking} if self.missing else {}
-        return found | {
-            field: f"{text} (the right value in {hand} decides)" for field, text in self.differences.items()
-        }
+        return found | {field: f"{text} {decided}" for field, text in self.differences.items()}
 
 
 def join(layers: Sequence[Layer], where: str) -> Reading:
@@ -91,17 +90,17 @@ def join(layers: Sequence[Layer], where: str) -> Reading:
     implied = [layer for layer in layers if is_assumed(layer.source)]
     # Of assumptions the first source's count: the model's own metadata knows its dialect best.
     ordered = [*reversed(implied), *(layer for layer in layers if layer not in implied)]
-    names = _Names(ordered, where)
+    given = [(layer, name, f"{where}: {layer.source}: {name}") for layer in ordered for name in layer.values]
+    values = [(layer, name, checked(name, layer.values[name], place), place) for layer, name, place in given]
+    names = _Names({name: (value, place) for _, name, value, place in values})
     statements: dict[str, list[tuple[Statement, Layer]]] = {}
-    for layer in ordered:
-        for name, given in layer.values.items():
-            place = f"{where}: {layer.source}: {name}"
-            key, value = names.key(name), checked(name, given, place)
-            if not key and layer.is_decisive:
-                raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
-            if key:
-                statement = Statement(names.value(key, value, place), layer.source)
-                statements.setdefault(key, []).append((statement, layer))
+    for layer, name, value, place in values:
+        key = names.key(name)
+        if key:
+            statement = Statement(names.value(key, value, place), layer.source)
+            statements.setdefault(key, []).append((statement, layer))
+        elif layer.is_decisive:
+            raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
     found: dict[str, Statement] = {}
     replaced: dict[str, tuple[Statement, ...]] = {}
     differences: dict[str, str] = {}
@@ -118,40 +117,34 @@ def join(layers: Sequence[Layer], where: str) -> Reading:
                 differences.pop(key, None)
             found[key] = new
     missing = names.complete(found)
-    values = {key: statement.value for key, statement in found.items()}
+    fields = {key: statement.value for key, statement in found.items()}
     source = {key: statement.source for key, statement in found.items()}
     outline = None
     if names.joints and names.terms:
         try:
-            outline = build({**values, **{name: _NEUTRAL[name] for name in missing if name in _NEUTRAL}}, source)
+            outline = build({**fields, **{name: _NEUTRAL[name] for name in missing if name in _NEUTRAL}}, source)
         except FieldError as error:
             field = str(error).partition(":")[0].removeprefix("PolicyContract.")
             raise InputError(f"{where}: {error} ({source.get(field, 'its sources together')})") from None
     unused = tuple(line for layer in ordered for line in layer.unused)
-    return Reading(values, source, replaced, differences, missing, unused, outline)
+    return Reading(fields, source, replaced, differences, missing, unused, outline)
 
 
 class _Names:
     """The joints and terms by which sources give values, as the last source names them, and what the terms mean."""
 
-    def __init__(self, layers: Sequence[Layer], where: str) -> None:
-        last = {name: (layer, value) for layer in layers for name, value in layer.values.items()}
-        given = {
-            name: checked(name, value, f"{where}: {layer.source}: {name}") for name, (layer, value) in last.items()
-        }
-        self.joints: tuple[str, ...] = given.get("joint_names", ())
-        self.terms: tuple[str, ...] = given.get("observation", ())
-        self._commands: tuple[str, ...] = given.get("command_names", ())
-        self._kinds = {name: value for name, value in given.items() if name.endswith(".kind")}
+    def __init__(self, last: Mapping[str, tuple[Any, str]]) -> None:
+        """`last`: each field's last value, and where it stands."""
+        self._last = {name: value for name, (value, _) in last.items()}
+        self.joints: tuple[str, ...] = self._last.get("joint_names", ())
+        self.terms: tuple[str, ...] = self._last.get("observation", ())
         self._driven = self.joints
         if "action_joint_names" in last:
-            layer, _ = last["action_joint_names"]
-            place = f"{where}: {layer.source}: action_joint_names"
-            self._driven = self.value("action_joint_names", given["action_joint_names"], place)
+            self._driven = self.value("action_joint_names", *last["action_joint_names"])
 
     def kind(self, term: str) -> TermKind:
         """Return what a term means, whichever source calls it so."""
-        return term_kind(self._kinds.get(f"observation.{term}.kind", term), self._commands)
+        return term_kind(self._last.get(f"observation.{term}.kind", term), self._last.get("command_names", ()))
 
     def key(self, name: str) -> str:
         """Return a field under the last source's name of its term; empty if that has no such term."""

@@ -109,27 +109,6 @@ def test_values_by_name_pattern_and_place():
     assert contract.terms[1].joints == ("hip", "knee")
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"joint_stiffnes": 1.0}, "joint_stiffness"),
-        ({"joint_stiffness": "stiff"}, "joint_stiffness: is stiff: expected a number"),
-        ({"joint_stiffness": {"nose": 1.0}}, "unknown joint 'nose'"),
-        ({"policy_dt": "fast"}, "policy_dt: is fast"),
-        ({"action_joint_names": [7]}, "expected places of 3 joints"),
-        ({"action_joint_names": ["["]}, "is no pattern"),
-        ({"observation.joint_vel.scale": 2.0}, "of no observation term, expected one of base_ang_vel, joint_pos"),
-        ({"observation.joint_pos.colour": 1}, "colour"),
-        ({"position_clip": {"hip": [0, 1], "knee": 2}}, "position_clip"),
-        ({"joint_stiffness": [1.0, 2.0, -3.0]}, "joint_stiffness: is -3.0 for waist"),
-    ],
-)
-def test_a_value_that_no_contract_can_have_is_named_with_its_file(values, message):
-    with pytest.raises(InputError, match=r"policy\.contract\.yaml") as caught:
-        joined(by_hand(**values))
-    assert message in str(caught.value)
-
-
 def test_a_live_input_on_a_topic_of_the_sessions_own_is_refused():
     wiring = joined(by_hand(**{"observation": ["mood"], "observation.mood.width": 2, "observation.mood.topic": "/tf"}))
     with pytest.raises(InputError, match="live input 'mood': its topic is /tf, which a session uses itself"):

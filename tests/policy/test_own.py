@@ -102,13 +102,22 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
         ("phase: 3", "phase: is 3, expected a mapping"),
         ("observation: [{name: joint_pos, history: long}]", "history"),
         ("source: !!python/name:os.system x", "YAML"),
+        ("joint_stiffness: stiff", "joint_stiffness: is stiff: expected a number"),
+        ("joint_stiffness: {nose: 1.0}", "unknown joint 'nose'"),
+        ("joint_stiffness: [1.0, 2.0, -3.0]", "joint_stiffness: is -3.0 for c"),
+        ("policy_dt: fast", "policy_dt: is fast"),
+        ("action_joint_names: [7]", "expected places of 3 joints"),
+        ("action_joint_names: ['[']", "is no pattern"),
+        ("terms: {mood: {scale: 2.0}}", "of no observation term, expected one of joint_pos, joint_vel"),
+        ("terms: {joint_pos: {colour: 1}}", "colour"),
+        ("position_clip: {a: [0, 1], b: 2}", "position_clip"),
     ],
 )
 def test_a_contract_yaml_that_is_wrong_is_one_line(tmp_path, text, message):
     path = tmp_path / "policy.contract.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=r"policy\.contract\.yaml") as caught:
-        join([read_contract_file(path)], "policy.onnx")
+        join([*read_own(write_metadata(contract()), "here"), read_contract_file(path)], "policy.onnx")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 

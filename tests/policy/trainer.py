@@ -8,8 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from models import finished, saved
-from onnx import TensorProto, helper, numpy_helper
+from models import linear_model, saved
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
 from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
@@ -91,15 +90,7 @@ def network() -> np.ndarray:
 def save_checkpoint(path: Path, wiring: PolicyContract | None = None) -> Path:
     """Export the policy with its contract."""
     wiring = contract() if wiring is None else wiring
-    metadata = {**write_metadata(wiring), STAMP_KEY: encode(wiring)}
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
-        "policy",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, WIDTH])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, len(DRIVEN)])],
-        [numpy_helper.from_array(network(), "weights")],
-    )
-    return saved(path, finished(graph, metadata))
+    return saved(path, linear_model({**write_metadata(wiring), STAMP_KEY: encode(wiring)}, matrix=network()))
 
 
 class Run:
