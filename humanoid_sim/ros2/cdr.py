@@ -158,9 +158,7 @@ def _read_text(body: bytes, start: int) -> tuple[str, int]:
 
 def encode(schema: str, *values: Any) -> bytes:
     """Return the message of a type (`package/msg/Type`) with these values, as the module says."""
-    body = bytearray()
-    _write(body, _parts(schema), values)
-    return ENCAPSULATION + body
+    return ENCAPSULATION + encode_fields(schema, 0, *values)
 
 
 def encode_fields(schema: str, first: int, *values: Any) -> bytes:

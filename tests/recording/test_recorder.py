@@ -8,15 +8,7 @@ import numpy as np
 from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
 
-from humanoid_sim.messages import (
-    Event,
-    EventKind,
-    RemoteCommand,
-    SafetyFlag,
-    SafetyLevel,
-    SafetyStatus,
-    TickRecord,
-)
+from humanoid_sim.messages import Event, EventKind, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording.reader import open_recording

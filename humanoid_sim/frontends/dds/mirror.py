@@ -18,14 +18,7 @@ from humanoid_sim.dds_client import JointStates, RobotClient
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Source, Tick, attached
-from humanoid_sim.messages import (
-    SafetyLevel,
-    SafetyStatus,
-    SessionHeader,
-    TickInput,
-    TickOutput,
-    TickRecord,
-)
+from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
