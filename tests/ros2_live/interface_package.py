@@ -59,19 +59,11 @@ def build(package: Path = PACKAGE) -> Path:
 
 def variables_of(*installed: Path) -> Mapping[str, str]:
     """The environment in which ROS 2's Python finds packages, as their `setup.bash` would set it."""
-    python = ".".join(map(str, _version()))
+    packages = (path for folder in installed for path in folder.glob("lib/python3.*/site-packages"))
     return {
-        "PYTHONPATH": ":".join(str(folder / "lib" / f"python{python}" / "site-packages") for folder in installed),
+        "PYTHONPATH": ":".join(map(str, packages)),
         "LD_LIBRARY_PATH": ":".join(str(folder / "lib") for folder in installed),
     }
-
-
-def _version() -> tuple[int, int]:
-    asked = subprocess.run(
-        [str(ROS_PYTHON), "-c", "import sys; print(*sys.version_info[:2])"], capture_output=True, text=True, check=True
-    )
-    major, minor = map(int, asked.stdout.split())
-    return major, minor
 
 
 if __name__ == "__main__":
