@@ -40,6 +40,8 @@ def shown(value: Any, width: int = 60) -> str:
     """Return a value as a person would write it, in at most `width` characters."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "true", False: "false"}[value]
+    if isinstance(value, dict):
+        value = f"values of {list_joints([str(name) for name in value])}"
     if isinstance(value, np.ndarray):
         if value.size > 1 and (value == value.flat[0]).all():
             return f"{value.flat[0]:g} everywhere"
