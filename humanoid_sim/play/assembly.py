@@ -94,7 +94,7 @@ class Run:
                 1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
                 clock=lambda: self.session.time,
                 velocity=plan.velocity if policies.walks else None,
-                live=plan.external,
+                widths=plan.external,
                 timeouts=policies.live_timeouts,
                 tell=self._note,
             )

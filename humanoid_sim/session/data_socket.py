@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,38 +27,29 @@ _MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of i
 _REMEMBERED = 256  # refusals, each of which is reported once
 
 
+@dataclass(eq=False)
 class DataSocket(ExternSource, Sink):
-    """A source of live inputs, of remote commands and a velocity too, and a sink that follows the mode."""
+    """A source of live inputs, of remote commands and a velocity too, and a sink that follows the mode.
 
-    def __init__(
-        self,
-        path: Path,
-        joints: tuple[str, ...],
-        stale_timeout: float,
-        *,
-        clock: Callable[[], float],
-        velocity: VelocityCommand | None = None,
-        live: Mapping[str, int] | None = None,
-        timeouts: Mapping[str, float] | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> None:
-        """Open the socket. Raises `InputError` if it cannot be opened.
+    Raises `InputError` if the socket cannot be opened.
+    """
 
-        Args:
-            joints: the robot's, which remote commands name in this order.
-            stale_timeout: s after which a remote command is stale, and its producer's turn over.
-            velocity: gets velocity commands; None: nothing observes one.
-            live: name and width of the live inputs that are observed.
-            timeouts: of those that state one, s, also infinite.
-            tell: records a line: owners and refusals as they change.
-        """
-        self._mailbox = Mailbox(path)
-        self._joints, self._stale_timeout, self._clock = joints, stale_timeout, clock
-        self._velocity, self._widths, self._timeouts = velocity, live or {}, timeouts or {}
-        self._tell = LimitedLog(tell, clock)
-        self._turns = {"REMOTE": Turn(), **{name: Turn() for name in self._widths}}
-        if velocity is not None:
-            self._turns["velocity"] = velocity.turn
+    path: Path
+    joints: tuple[str, ...]  # the robot's, which remote commands name in this order
+    stale_timeout: float  # s after which a remote command is stale, and its producer's turn over
+    _: KW_ONLY
+    clock: Callable[[], float]  # the robot's, s
+    velocity: VelocityCommand | None = None  # gets velocity commands; None: nothing observes one
+    widths: Mapping[str, int] = field(default_factory=dict)  # of the live inputs that are observed
+    timeouts: Mapping[str, float] = field(default_factory=dict)  # of those that state one, s, also infinite
+    tell: Callable[[str], None] = lambda _: None  # records a line: owners and refusals as they change
+
+    def __post_init__(self) -> None:
+        self._mailbox = Mailbox(self.path)
+        self._tell = LimitedLog(self.tell, self.clock)
+        self._turns = {"REMOTE": Turn(), **{name: Turn() for name in self.widths}}
+        if self.velocity is not None:
+            self._turns["velocity"] = self.velocity.turn
         self._live: dict[str, Extern] = {}
         self._mode, self._entered = Mode.ZERO_TORQUE, 0.0
         self._refused: set[str] = set()
@@ -68,9 +60,9 @@ class DataSocket(ExternSource, Sink):
 
     def latest(self) -> Mapping[str, Extern]:
         """Take in what has come since the last call; return the live inputs that ever came."""
-        time = self._clock()
-        if self._velocity is not None:
-            self._velocity.expire(time)
+        time = self.clock()
+        if self.velocity is not None:
+            self.velocity.expire(time)
         for turn in self._turns.values():
             turn.expire(time)
         newest = {tuple(datagram.split(b"\n", 2)[:2]): datagram for datagram, _ in self._mailbox.take()}
@@ -113,38 +105,38 @@ class DataSocket(ExternSource, Sink):
 
     def _accept_remote(self, message: Message, time: float, arrival_time: float) -> str:
         is_remote, names, values = self._mode is Mode.REMOTE, tuple(message.rest.split("\t")), message.values
-        if time - arrival_time > self._stale_timeout:
-            return f"a remote command that is already stale, expected one younger than {self._stale_timeout:g} s"
+        if time - arrival_time > self.stale_timeout:
+            return f"a remote command that is already stale, expected one younger than {self.stale_timeout:g} s"
         if is_remote and arrival_time <= self._entered:
             return ""  # of before REMOTE was entered: it takes no turn
         if len(values) != 5 * len(names):
             return f"remote command: has {len(values)} values, expected 5 for each of {len(names)} joints"
         command = MITCommand(*values.reshape(5, -1))
-        problem = remote_problem(names, command, self._joints)
+        problem = remote_problem(names, command, self.joints)
         if not problem and is_remote:
-            problem = self._owner_problem("REMOTE", message.producer, arrival_time + self._stale_timeout)
+            problem = self._owner_problem("REMOTE", message.producer, arrival_time + self.stale_timeout)
         if not problem:
             self.remote = RemoteCommand(command, arrival_time)
         return problem
 
     def _accept_velocity(self, message: Message, arrival_time: float) -> str:
-        if self._velocity is None:
+        if self.velocity is None:
             return "a velocity command, which the policy does not observe"
         if len(message.values) != 4 or not np.isfinite(message.values).all():
             return "a velocity command that is not four finite numbers: vx, vy, wz, deliberate"
         velocity, is_deliberate = message.values[:3], bool(message.values[3])
-        is_owner = self._velocity.offer(
+        is_owner = self.velocity.offer(
             message.producer, velocity, arrival_time, timeout=VELOCITY_TIMEOUT, deliberate=is_deliberate
         )
-        return "" if is_owner or not velocity.any() else f"velocity: belongs to {self._velocity.turn.owner or 'nobody'}"
+        return "" if is_owner or not velocity.any() else f"velocity: belongs to {self.velocity.turn.owner or 'nobody'}"
 
     def _accept_live(self, message: Message, arrival_time: float) -> str:
-        name, values, width = message.rest, message.values, self._widths.get(message.rest)
+        name, values, width = message.rest, message.values, self.widths.get(message.rest)
         if width is None:
-            return f"live input '{name[:40]}' is not observed; the policy observes: {', '.join(self._widths) or 'none'}"
+            return f"live input '{name[:40]}' is not observed; the policy observes: {', '.join(self.widths) or 'none'}"
         if len(values) != width or not np.isfinite(values).all():
             return f"live input '{name}': has {len(values)} values, expected {width}, all finite"
-        timeout = self._timeouts.get(name, LIVE_TIMEOUT)
+        timeout = self.timeouts.get(name, LIVE_TIMEOUT)
         # A value may count for ever; its producer owns the input only while it may still be there.
         until = arrival_time + (timeout if math.isfinite(timeout) else LIVE_TIMEOUT)
         problem = self._owner_problem(name, message.producer, until)

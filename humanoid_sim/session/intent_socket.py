@@ -11,6 +11,7 @@ import contextlib
 import math
 import socket
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from humanoid_sim.client import Answer, monotonic_ns
@@ -30,29 +31,25 @@ _OLDEST = 0.5  # s, of CLOCK_MONOTONIC, since what the sender of such a word had
 _MOST_ANSWERS = 64  # senders that are answered in one tick: more are a flood
 
 
+@dataclass(eq=False)
 class IntentSocket(IntentSource, Sink):
-    """A source of intents, and a sink that learns what became of them."""
+    """A source of intents, and a sink that learns what became of them.
 
-    def __init__(
-        self,
-        path: Path,
-        reactivation: Reactivation | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-        safety: OutsideSafety | None = None,
-        push: Callable[[float, float, str], None] | None = None,
-        selection: PolicySelection | None = None,
-    ) -> None:
-        """Open the socket. Raises `InputError` if it cannot be opened.
+    Raises `InputError` if the socket cannot be opened.
+    """
 
-        Args:
-            tell: records a line: who requested what, and marks.
-            push: pushes a simulated robot by vx and vy, m/s, at a body, '' for the base; None for motors.
-        """
-        self._mailbox = Mailbox(path)
-        self._reactivation, self._safety, self._push = reactivation or Reactivation(), safety or OutsideSafety({}), push
-        self._selection = selection or PolicySelection()
+    path: Path
+    reactivation: Reactivation = field(default_factory=Reactivation)
+    tell: Callable[[str], None] = lambda _: None  # records a line: who requested what, and marks
+    safety: OutsideSafety = field(default_factory=lambda: OutsideSafety({}))
+    push: Callable[[float, float, str], None] | None = None
+    """Pushes a simulated robot by vx and vy, m/s, at a body, '' for the base; None for motors."""
+    selection: PolicySelection = field(default_factory=PolicySelection)
+
+    def __post_init__(self) -> None:
+        self._mailbox = Mailbox(self.path)
         self._time = 0.0
-        self._tell = LimitedLog(tell, lambda: self._time)
+        self._tell = LimitedLog(self.tell, lambda: self._time)
         self._waiting: list[Message] = []  # requests that a tick decides
         self._mode, self._entered, self._polled = Mode.ZERO_TORQUE, 0, 0
 
@@ -86,7 +83,7 @@ class IntentSocket(IntentSource, Sink):
 
     def _serve(self, request: Message, intents: list[Intent]) -> Answer | None:
         """Do what was requested, or add it to the tick's intents; the answer, or None if the tick decides it."""
-        is_simulated = self._push is not None
+        is_simulated = self.push is not None
         if request.word in _FRESH:
             self._require_fresh(request)
         match request.word, request.rest:
@@ -95,13 +92,13 @@ class IntentSocket(IntentSource, Sink):
                 self._tell(f"{word.upper()} requested by {request.producer}")
                 return None
             case word, _ if word == REACTIVATE or (word == RESET and is_simulated):
-                self._reactivation.request(is_reset=word == RESET)
+                self.reactivation.request(is_reset=word == RESET)
                 return None
             case "policy", name if name:
-                self._selection.wanted = name
+                self.selection.wanted = name
                 return None
             case "safety", status:
-                return Answer(True, self._safety.report(status))
+                return Answer(True, self.safety.report(status))
             case "push", push if is_simulated:
                 return Answer(True, self._pushed(push, request.producer))
             case "mark", text:
@@ -124,12 +121,12 @@ class IntentSocket(IntentSource, Sink):
             )
 
     def _pushed(self, push: str, producer: str) -> str:
-        assert self._push is not None
+        assert self.push is not None
         first, _, body = push.partition(" ")
         numbers = [number_in(number) for number in first.split(",")]
         if len(numbers) != 2 or any(map(math.isnan, numbers)):
             raise InputError(f"is '{push[:40]}', expected VX,VY in m/s, and a body")
-        self._push(numbers[0], numbers[1], body)
+        self.push(numbers[0], numbers[1], body)
         text = f"pushed{body and f' at {body}'} by {first} m/s"
         self._tell(f"{text}; requested by {producer}")
         return text
@@ -147,7 +144,7 @@ class IntentSocket(IntentSource, Sink):
         output, control = record.output, record.output.control_mode
         match request.word:
             case word if word in (REACTIVATE, RESET):
-                return self._reactivation.answer
+                return self.reactivation.answer
             case Intent.DAMP.value:  # granted if the robot is damped, whatever else came in that tick
                 is_granted = control.mode in (Mode.DAMPING, Mode.ZERO_TORQUE)
             case "policy":

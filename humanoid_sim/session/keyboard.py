@@ -11,6 +11,7 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from time import monotonic
 from typing import Any
 
@@ -47,24 +48,17 @@ def key_of(intent: Intent) -> str:
     return "space" if key == " " else key
 
 
+@dataclass(eq=False)
 class Keyboard(IntentSource):
-    """Reads the terminal in each tick. Restores it on `close`."""
+    """Reads the terminal in each tick. Restores it on `close`. Raises `InputError` without one."""
 
-    def __init__(
-        self,
-        velocity: VelocityCommand | None = None,
-        *,
-        reactivation: Reactivation | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> None:
-        """Take over the terminal. Raises `InputError` if standard input is not a terminal.
+    velocity: VelocityCommand | None = None  # that the velocity keys change; None where the robot does not walk
+    _: KW_ONLY
+    reactivation: Reactivation | None = None
+    tell: Callable[[str], None] = lambda _: None  # shows the operator a line
 
-        Args:
-            velocity: command that the velocity keys change; None where the robot does not walk.
-            tell: shows the operator a line.
-        """
+    def __post_init__(self) -> None:
         self._unfinished = ""  # beginning of an escape sequence
-        self._velocity, self._reactivation, self._tell = velocity, reactivation, tell
         try:
             self._fd = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._fd)
@@ -129,11 +123,11 @@ class Keyboard(IntentSource):
             keys = [key for key in keys if key in _DAMP_KEYS]
         for key in keys:
             if key in ("h", "?"):
-                self._tell(KEY_HELP if self._velocity is None else f"{KEY_HELP}; {VELOCITY_HELP}")
-            elif key in VELOCITY_KEYS and self._velocity is not None:
-                self._velocity.press(key)
-            elif key == REACTIVATE_KEY and self._reactivation is not None:
-                self._reactivation.request()
+                self.tell(KEY_HELP if self.velocity is None else f"{KEY_HELP}; {VELOCITY_HELP}")
+            elif key in VELOCITY_KEYS and self.velocity is not None:
+                self.velocity.press(key)
+            elif key == REACTIVATE_KEY and self.reactivation is not None:
+                self.reactivation.request()
         return [KEYS[key] for key in keys if key in KEYS]
 
     def _keys(self, text: str) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from typing import NamedTuple
 
 from humanoid_sim.errors import InputError, meant, number_in
@@ -49,6 +50,7 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     return tuple(steps)
 
 
+@dataclass(eq=False)
 class Script(IntentSource):
     """Plays steps and finishes after the last one.
 
@@ -57,25 +59,16 @@ class Script(IntentSource):
     it. So do operators' intents, and a fresh start.
     """
 
-    def __init__(
-        self,
-        steps: Sequence[ScriptStep],
-        motion_frames: Mapping[str, int] | None = None,
-        *,
-        selection: PolicySelection | None = None,
-        operators: Sequence[IntentSource] = (),
-    ) -> None:
-        """Begin with the first step.
+    steps: Sequence[ScriptStep]
+    motion_frames: Mapping[str, int] = field(default_factory=lambda: {"": 0})
+    """Length of each policy's motion in policy steps, by the policy's name, the selected one first."""
+    _: KW_ONLY
+    selection: PolicySelection = field(default_factory=PolicySelection)
+    operators: Sequence[IntentSource] = ()  # take over with their first intent; polled in every tick
 
-        Args:
-            motion_frames: length of each policy's motion in policy steps, by the policy's name, the selected one first.
-            operators: sources that take over with their first intent; polled in every tick.
-        """
-        self._steps = list(steps)
-        self._frames = dict(motion_frames or {"": 0})
-        self._policy = next(iter(self._frames))
-        self._selection = selection or PolicySelection()
-        self._operators = operators
+    def __post_init__(self) -> None:
+        self._steps = list(self.steps)
+        self._policy = next(iter(self.motion_frames))
         self._hold_until: float | None = None
         self._is_motion_over = self._was_moving = self._requested_damp = False
         self._is_taken_over = self._has_begun = False
@@ -85,7 +78,7 @@ class Script(IntentSource):
         return not self._steps and not self._is_taken_over
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        intents = [intent for source in self._operators for intent in source.poll(time, output)]
+        intents = [intent for source in self.operators for intent in source.poll(time, output)]
         if intents or (self._has_begun and output is None):
             self._is_taken_over = True
             self._steps.clear()
@@ -97,8 +90,8 @@ class Script(IntentSource):
         step = self._steps.pop(0)
         self._hold_until = None
         if step.kind == "policy":
-            self._selection.wanted = step.policy
-            self._policy = step.policy if step.policy in self._frames else self._policy
+            self.selection.wanted = step.policy
+            self._policy = step.policy if step.policy in self.motion_frames else self._policy
         if step.intent is None:
             return intents
         self._is_motion_over, self._requested_damp = False, step.intent is Intent.DAMP
@@ -111,7 +104,7 @@ class Script(IntentSource):
 
     def _follow(self, output: TickOutput) -> None:
         if output.policy_step is not None:
-            self._is_motion_over = output.policy_step.frame >= self._frames[self._policy] - 1
+            self._is_motion_over = output.policy_step.frame >= self.motion_frames[self._policy] - 1
         is_moving = output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
         fell = self._was_moving and not is_moving and not self._requested_damp
         self._was_moving = is_moving

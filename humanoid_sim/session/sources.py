@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Protocol
 
 import numpy as np
@@ -114,33 +114,26 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
     return np.array(values)
 
 
+@dataclass(eq=False)
 class VelocityCommand:
     """A velocity for policies that walk. What the keyboard set holds; what another producer set, until it is silent."""
 
-    def __init__(self, command: FloatArray, ranges: FloatArray | None = None, *, is_observed: bool = True) -> None:
-        """Start with a command.
+    command: FloatArray  # shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame
+    ranges: FloatArray | None = None  # shape (3, 2), for changes; None: what `parse_velocity` accepts
+    _: KW_ONLY
+    is_observed: bool = True  # the policy takes a command; if not, no tick has one
 
-        Args:
-            command: shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame.
-            ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
-            is_observed: the policy takes a command; if not, no tick has one.
-        """
+    def __post_init__(self) -> None:
         self.turn = Turn()
-        self._ranges = _WIDEST if ranges is None else ranges
-        self._is_observed = is_observed
-        self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
-
-    @property
-    def command(self) -> FloatArray:
-        return self._extern[VELOCITY_COMMAND].value
+        self._set(self.command, 0.0, math.inf)
 
     def latest(self) -> Mapping[str, Extern]:
-        return self._extern if self._is_observed else {}
+        return self._extern if self.is_observed else {}
 
     def press(self, key: str) -> None:
         change = VELOCITY_KEYS[key]
         self.turn.admit(KEYBOARD, math.inf, deliberate=True)
-        self._set(self.command + change if any(change) else np.zeros(3), 0.0, math.inf)
+        self._set(self._clipped(self.command + change if any(change) else np.zeros(3)), 0.0, math.inf)
 
     def offer(self, producer: str, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool) -> bool:
         """Take the command of a producer if it owns the velocity, or takes it over; return True if it does.
@@ -150,14 +143,19 @@ class VelocityCommand:
         if not deliberate and self.turn.owner != producer:
             return False
         self.turn.admit(producer, arrival_time + timeout, deliberate=True)
-        self._set(value, arrival_time, timeout)
+        self._set(self._clipped(value), arrival_time, timeout)
         return True
 
     def expire(self, time: float) -> None:
         """Zero the command of a producer that fell silent; `time` in s, robot's clock."""
         if self.turn.owner and self.turn.expire(time):
-            self._extern = {VELOCITY_COMMAND: Extern(np.zeros(3), 0.0)}
+            self._set(np.zeros(3), 0.0, math.inf)
 
     def _set(self, value: FloatArray, arrival_time: float, timeout: float) -> None:
-        bounded = np.clip(value, self._ranges[:, 0], self._ranges[:, 1])
-        self._extern = {VELOCITY_COMMAND: Extern(np.round(bounded, 6), arrival_time, timeout)}
+        self.command = value
+        self._extern = {VELOCITY_COMMAND: Extern(value, arrival_time, timeout)}
+
+    def _clipped(self, value: FloatArray) -> FloatArray:
+        low, high = np.transpose(_WIDEST if self.ranges is None else self.ranges)
+        clipped: FloatArray = np.clip(value, low, high)
+        return np.round(clipped, 6)

@@ -44,7 +44,7 @@ class LocalSession:
             0.1,
             clock=lambda: self.robot.time,
             velocity=self.velocity,
-            live=takes,
+            widths=takes,
             timeouts={"pose": math.inf},
             tell=tell,
         )
