@@ -9,12 +9,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState
+from humanoid_sim.mit import BoolArray, FloatArray, MITCommand, MITState
 
 _FOLLOWING, _LIMIT, _SPEED = range(3)  # rows of `GuardMemory.held`
 _LONGEST_STEP = 0.05  # s that one tick may add: a jump of the clock is not time that a joint was pressed
@@ -109,14 +109,6 @@ class Guards:
     def tripped(self, memory: GuardMemory) -> BoolArray:
         """Return which robots a guard has tripped for, shape (...)."""
         return np.asarray((memory.held >= self._times).any(axis=(-2, -1)))
-
-    def restarted(self, memory: GuardMemory | None, chosen: IndexArray) -> GuardMemory | None:
-        """Return the memory of a batch in which the robots with indices `chosen`, shape (k,), begin afresh."""
-        if memory is None:
-            return None
-        held = memory.held.copy()
-        held[chosen] = -1.0
-        return replace(memory, held=held)
 
     def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
         """Return the guard that tripped first, and why, for each robot of a batch by its index, 0 for the only one.

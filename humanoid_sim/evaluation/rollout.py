@@ -60,8 +60,8 @@ class ClosedLoop:
         self.state = self._read()
         rows = state_rows(self.state, chosen)
         observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
-        if self.guards is not None:
-            self._watched = self.guards.restarted(self._watched, chosen)
+        if self._watched is not None:  # no condition of theirs holds yet
+            self._watched = replace(self._watched, held=_with_rows(self._watched.held, chosen, -1.0))
         self.command = _with_rows(self.command, chosen, velocity[chosen])
         self.observation = _with_rows(self.observation, chosen, observation)
         self.memory = _with_rows(self.memory, chosen, memory)
