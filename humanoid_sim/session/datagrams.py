@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,9 +35,11 @@ class Mailbox:
     def take(self) -> list[tuple[bytes, object]]:
         """Return everything that has come, with the address of its sender; a flood costs a bounded time."""
         found: list[tuple[bytes, object]] = []
-        with suppress(OSError):  # nothing more
+        try:
             while len(found) < self.capacity:
                 found.append(self._socket.recvfrom(_LONGEST))
+        except OSError:  # nothing more
+            return found
         return found
 
     def close(self) -> None:

@@ -133,6 +133,8 @@ class IntentSocket(IntentSource, Sink):
 
     def tick(self, record: TickRecord) -> None:
         """Answer the requests that this tick decided."""
+        if not self._waiting:
+            return
         # DAMP first: of a flood only so many are answered.
         waiting = sorted(self._waiting, key=lambda request: request.word != Intent.DAMP.value)
         decided = [(request, self._decided(request, record)) for request in waiting]
