@@ -68,7 +68,7 @@ class Script(IntentSource):
 
     def __post_init__(self) -> None:
         self._steps = list(self.steps)
-        self._policy = next(iter(self.motion_frames))
+        self._policy = next(iter(self.motion_frames), "")  # none of a run without a policy
         self._hold_until: float | None = None
         self._is_motion_over = self._was_moving = self._requested_damp = False
         self._is_taken_over = self._has_begun = False

@@ -97,7 +97,7 @@ def test_an_operator_takes_the_scripts_place_until_the_end():
 
 def test_a_fault_that_moves_nothing_drops_the_rest():
     """LOAD_A that fails to start leaves the robot in DAMPING: no fall, but what was planned is off."""
-    script = Script(parse_script("damp; load_a; hold 1; load_b"))
+    script = Script(parse_script("damp; load_a; hold 1; load_b"), {})  # of a run without a policy
     damping = ControlMode(Mode.DAMPING, "damping_controller")
     assert script.poll(0.0, None) == [Intent.DAMP]
     assert script.poll(0.1, TickOutput(MITCommand.zeros(2), damping)) == [Intent.LOAD_A]
