@@ -8,6 +8,7 @@ once; the run goes on.
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
 import math
@@ -208,11 +209,19 @@ def _offered_qos(kind: Topic) -> str:
 
 
 class _UnbufferedFile:
-    """A file that holds nothing back: after a failed write there is no buffer left that closing would try again."""
+    """A file of this session alone, without a buffer: after a failed write closing has nothing to try again."""
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
+        flags = os.O_WRONLY | os.O_CREAT | (0 if overwrite else os.O_EXCL)
         with blaming(f"{path}: cannot be written", OSError):
-            self._raw = io.FileIO(path, "w" if overwrite else "x")
+            self._raw = io.FileIO(os.open(path, flags, 0o666), "w")  # not emptied yet: another session may write it
+        try:
+            fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._raw.close()
+            raise InputError(f"{path}: is being written by another session, choose another name") from None
+        if path.is_file():
+            self._raw.truncate()
         self.tell, self.flush, self.close = self._raw.tell, self._raw.flush, self._raw.close
 
     def write(self, data: bytes) -> int:

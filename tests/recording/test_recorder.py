@@ -5,9 +5,11 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, EventKind, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
@@ -136,3 +138,16 @@ def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeyp
     assert [(entry.text, entry.kind) for entry in entries if isinstance(entry, Event)] == [
         ("recording: 12 ticks left out before tick 20", EventKind.LOSS),
     ]
+
+
+def test_a_file_that_another_session_writes_is_left_alone(tmp_path):
+    path = tmp_path / "run.mcap"
+    first, second = McapRecorder(path), McapRecorder(path)
+    first.start(make_header())
+    with pytest.raises(InputError, match=r"run\.mcap: is being written by another session"):
+        second.start(make_header())
+    first.tick(make_tick(0))
+    first.close()
+    assert len(list(open_recording(path).ticks())) == 1
+    write_recording(path, [make_tick(0), make_tick(1)])
+    assert len(list(open_recording(path).ticks())) == 2
