@@ -206,5 +206,5 @@ def test_connect_may_wait_and_the_end_of_remote_ends_it(tmp_path):
                 robot.send_action(action | {"left_elbow_pitch.pos": np.nan})
             intake.ask("damp")
             with pytest.raises(DeviceNotConnectedError, match="is in DAMPING, expected REMOTE"):
-                robot.send_action(action)
+                wait_for(lambda: robot.send_action(action) is None)  # until that tick has come
         robot.disconnect()
