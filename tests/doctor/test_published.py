@@ -137,7 +137,7 @@ def test_a_planted_mistake_is_named_first_and_a_right_contract_is_clean(tmp_path
     assert result.is_healthy is not bool(plant)
 
 
-WITHOUT_TRACE = {"unitree": 11, "waltz": 10, "holosoma": 11, "berkeley": 9, "playground": 9}
+WITHOUT_TRACE = {"unitree": 10, "waltz": 10, "holosoma": 11, "berkeley": 9, "playground": 9}
 
 
 @pytest.mark.soak
