@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -124,7 +125,10 @@ def _cluster(address: str | None) -> Iterator[Any]:
         import ray  # noqa: PLC0415 - an extra, and slow to import
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     local = {"include_dashboard": False} if address == "local" else {}
-    with blaming(f"--ray: is '{address}', and no cluster answers there", (ConnectionError, ValueError, RuntimeError)):
+    host, _, port = address.rpartition(":")
+    with blaming(f"--ray: is '{address}', and no cluster answers there", (OSError, ValueError, RuntimeError)):
+        if port.isdigit() and "/" not in host:  # Ray itself tries for minutes, and then ends the process
+            socket.create_connection((host, int(port)), timeout=5.0).close()
         ray.init(address, log_to_driver=False, logging_level="error", **local)
     try:
         yield ray
