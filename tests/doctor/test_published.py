@@ -141,6 +141,7 @@ WITHOUT_TRACE = {"unitree": 10, "waltz": 10, "holosoma": 11, "berkeley": 9, "pla
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("policy", WITHOUT_TRACE)
 @pytest.mark.parametrize("with_trace", [True, False])
 def test_how_many_mistakes_are_named_first(tmp_path, policy, with_trace):
