@@ -72,7 +72,7 @@ class RecordDataset:
     def _write(self, library: Any, root: Path, repo_id: str, recordings: list[Recording]) -> list[int]:
         """Write everything below `root`; returns the number of frames of each episode.
 
-        Raises `InputError` if there is no episode, or two have different frame rates.
+        Raises `InputError` without an episode, or where two have different frame rates.
         """
         modes = frozenset(Mode[name.upper()] for name in self.modes)
         header = recordings[0].header

@@ -34,7 +34,7 @@ class PlayedKeys:
 
 
 def song_keys(motion: Motion | None) -> PlayedKeys | None:
-    """Return the keys of a run that follows a motion, none yet; None if that is no song."""
+    """Return an empty score of a run that follows this motion; None if the motion is not a song."""
     return PlayedKeys(motion.frames) if motion is not None and motion.task_type == "piano" else None
 
 

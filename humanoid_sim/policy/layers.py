@@ -157,7 +157,7 @@ class _Names:
 
     def value(self, key: str, value: Any, where: str) -> Any:
         """Return names of joints, and values by their names, in the order of the joints, where these are known."""
-        with blaming(f"{where}: is no pattern of names", re.error):
+        with blaming(f"{where}: is not a pattern of names", re.error):
             if self.joints and value is not None and (key == "action_joint_names" or key.endswith(".joints")):
                 return _chosen(value, self.joints, where)
             if self.joints and isinstance(value, dict):

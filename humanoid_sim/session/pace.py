@@ -16,9 +16,8 @@ class LoopSettings:
 
     control_period: float  # s
     realtime: bool = True  # a simulated robot may run as fast as it can instead
-    simulated: bool = (
-        True  # `write` advances physics, which is no tick's own time; else `real_time`'s measures are taken
-    )
+    simulated: bool = True
+    """Writing advances physics, whose time is not the tick's own; False: the loop takes `real_time`'s measures."""
     duration: float | None = None  # s on the robot's clock; None: until a source says so, or QUIT
     damping_time: float = 3.0  # s at most that the end of a run stays in DAMPING for the joints to come to rest
 

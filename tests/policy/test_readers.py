@@ -164,7 +164,7 @@ SCALED = {"scale": 1.0}
         ({"joint_ids_map": [0, 1, 9], "stiffness": 1.0, "damping": 1.0}, "joint_ids_map is for another robot"),
         ({"joint_ids_map": [0, -1]}, "joint_ids_map: "),
         ({"step_dt": "50 Hz"}, "is 50 Hz"),
-        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["["]}}}, "is no pattern"),
+        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["["]}}}, "is not a pattern"),
         ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["knee"]}}}, "unknown joint 'knee'"),
         ({"actions": {"JointVelocityAction": {}}}, "expected JointPositionAction alone"),
         ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
