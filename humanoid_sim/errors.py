@@ -7,6 +7,7 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
@@ -77,10 +78,17 @@ def require_known(what: str, names: Iterable[str], known: Collection[str], where
 
 def meant(name: str, known: Iterable[str]) -> str:
     """Return ` (did you mean 'elbow'?)`, of the known name that is near; empty if none is."""
-    from humanoid_sim.names import near_miss  # noqa: PLC0415 - only where something is wrong
+    import difflib  # noqa: PLC0415 - only where something is wrong
 
-    near = near_miss(name, known)
-    return f" (did you mean '{near}'?)" if near else ""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
+    # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
+    is_meant = near and _apart(near[0]) == _apart(name)
+    return f" (did you mean '{near[0]}'?)" if is_meant else ""
+
+
+def _apart(name: str) -> list[str]:
+    """Return sides and numbers: what distinguishes things of one kind."""
+    return re.findall(r"left|right|[0-9]+", name)
 
 
 def number_in(text: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import song_keys
 from humanoid_sim.evaluation.run_figures import RunFigures
 from humanoid_sim.evaluation.run_report import describe_spread, print_figures, print_table
-from humanoid_sim.files import finite, output_file, whole_file
+from humanoid_sim.files import json_text, output_file, whole_file
 from humanoid_sim.messages import Event
 from humanoid_sim.record_dataset import RecordDataset
 from humanoid_sim.recording.links import Links
@@ -64,7 +63,7 @@ class Info:
             **figures.summary(),
         }
         if self.json:
-            print(json.dumps(finite(summary), indent=2))
+            print(json_text(summary))
             return
         console = Console(highlight=False)
         rate, lost = 1.0 / header.control_period, f"{figures.overruns} overruns, {figures.missing} missing"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +13,7 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus, parse, run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.run_report import print_table
-from humanoid_sim.files import finite
+from humanoid_sim.files import json_text
 from humanoid_sim.recording.reader import Recording, open_recording
 
 
@@ -49,7 +48,7 @@ def _repeat(recording: Recording, config: ReplayConfig) -> int:
 
     report = repeat_run(recording)
     if config.json:
-        print(json.dumps(finite({"identical": report.is_identical, **asdict(report)}), indent=2))
+        print(json_text({"identical": report.is_identical, **asdict(report)}))
         return ExitStatus.of(report.is_identical)
     verdict = "bit for bit identical" if report.is_identical else "repeated; NOT the same to the end"
     print(f"{report.ticks} ticks, {verdict}")
@@ -74,7 +73,7 @@ def _compare(recording: Recording, config: ReplayConfig, policy: str) -> int:
     checkpoint = load_checkpoint(policy_path(policy), config.contract, recording.header.joint_names)
     report = compare_open_loop(recording, checkpoint)
     if config.json:
-        print(json.dumps(finite({"policy": checkpoint.source, "same": report.is_same, **asdict(report)}), indent=2))
+        print(json_text({"policy": checkpoint.source, "same": report.is_same, **asdict(report)}))
         return ExitStatus.of(report.is_same)
     rows = []
     for joint in report.joints:

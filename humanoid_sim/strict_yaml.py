@@ -32,26 +32,6 @@ class Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  #
         return mapping
 
 
-def _construct_slice(loader: Any, node: yaml.Node) -> slice:
-    """`[start, stop, step]`, as trainers write Python's slices."""
-    bounds = loader.construct_sequence(node, deep=True)
-    if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
-        raise ValueError(f"a slice is {bounds}, expected [start, stop, step], each an integer or null")
-    return slice(*bounds)
-
-
-_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")  # `1e-3`, no number to YAML 1.1
-Loader.add_constructor("tag:yaml.org,2002:python/object/apply:builtins.slice", _construct_slice)
-Loader.add_constructor(
-    "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
-)
-Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
-
-
-class TrainerLoader(Loader):
-    """The loader of files in which a trainer's program dumped its own objects: these come as plain values, uncalled."""
-
-
 def _construct_plain(loader: Any, _tag: str, node: yaml.Node) -> Any:
     if isinstance(node, yaml.ScalarNode):
         return loader.construct_scalar(node)
@@ -59,21 +39,27 @@ def _construct_plain(loader: Any, _tag: str, node: yaml.Node) -> Any:
     return construct(node, deep=True)
 
 
-TrainerLoader.add_multi_constructor("tag:yaml.org,2002:python/", _construct_plain)
+_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")  # `1e-3`, no number to YAML 1.1
+Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+# What a trainer's program dumped of its own objects comes as plain values, uncalled; Python's slices as slices.
+Loader.add_multi_constructor("tag:yaml.org,2002:python/", _construct_plain)
+Loader.add_constructor(
+    "tag:yaml.org,2002:python/object/apply:builtins.slice", lambda loader, node: slice(*loader.construct_sequence(node))
+)
 
 
-def read_yaml(path: Path, what: str = "a YAML file", loader: type[Loader] = Loader) -> Any:
+def read_yaml(path: Path, what: str = "a YAML file") -> Any:
     """Return the document in a YAML file; None if it is empty. Raises `InputError` with the place and what is wrong.
 
     `what` it should be.
     """
     try:
-        return yaml.load(regular_file(path, what).read_text(encoding="utf-8"), loader)
+        return yaml.load(regular_file(path, what).read_text(encoding="utf-8"), Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         raise InputError(f"{path}: {where}not valid YAML: {error.problem or reason_of(error)}") from None
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: not YAML that can be read: {reason_of(error)}") from None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from rich.console import Console
 
 from humanoid_sim.evaluation.run_figures import REMARKS, spread
 from humanoid_sim.evaluation.run_report import describe_effort, describe_spread, print_figures, print_table
-from humanoid_sim.files import finite, whole_file
+from humanoid_sim.files import json_text, whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.session.session import SessionResult
 
@@ -42,7 +41,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
     """Write the summary as JSON, whole or not at all; what is not a number is null."""
     with whole_file(path) as file:
-        file.write((json.dumps(finite(summary), indent=1, allow_nan=False) + "\n").encode())
+        file.write(f"{json_text(summary)}\n".encode())
 
 
 def print_report(console: Console, summary: dict[str, Any]) -> None:

@@ -101,7 +101,7 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
         ("policy_dt: 0.02\npolicy_dt: 0.04", "'policy_dt' is given twice"),
         ("phase: 3", "phase: is 3, expected a mapping"),
         ("observation: [{name: joint_pos, history: long}]", "history"),
-        ("source: !!python/name:os.system x", "YAML"),
+        ("policy_dt: !!python/name:os.system x", "policy_dt: is x"),
         ("joint_stiffness: stiff", "joint_stiffness: is stiff: expected a number"),
         ("joint_stiffness: {nose: 1.0}", "unknown joint 'nose'"),
         ("joint_stiffness: [1.0, 2.0, -3.0]", "joint_stiffness: is -3.0 for c"),

@@ -12,7 +12,7 @@ from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.findings import shown
-from humanoid_sim.strict_yaml import TrainerLoader, read_yaml
+from humanoid_sim.strict_yaml import read_yaml
 
 
 def find_beside(checkpoint: Path, name: str) -> Path | None:
@@ -51,7 +51,7 @@ class Section(dict[str, Any]):
 
 def read_section(path: Path) -> Section:
     """Return a trainer's YAML file."""
-    return Section(read_yaml(path, loader=TrainerLoader), str(path))
+    return Section(read_yaml(path), str(path))
 
 
 def is_group(value: Any) -> bool:
