@@ -5,7 +5,7 @@
             robot.command(MITCommand(state.position, zeros, effort, zeros, damping))
 
 It speaks to the bridge (`humanoid_sim.dds`) with nothing but the topics of the original ROS 2 stack, so it works with
-that stack's robots too. Modes are not on DDS: `RobotClient.ask` asks a session of this machine.
+that stack's robots too. Modes are not on DDS: `Intake.ask` of `humanoid_sim.client` asks a session of this machine.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-from humanoid_sim.client import Answer, Intake, find_session
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.messages import ControlMode, Mode, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
@@ -27,7 +26,7 @@ from humanoid_sim.ros2.dds.endpoints import Reader, Writer
 from humanoid_sim.ros2.messages import decode_safety_status, encode_mit_command, time_ns
 
 _TOPICS = (
-    ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.STANDBY_TOPIC, ros.TF_TOPIC, ros.DESCRIPTION_TOPIC, ros.SAFETY_TOPIC
+    ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, *ros.STANDBY_TOPICS, ros.TF_TOPIC, ros.DESCRIPTION_TOPIC, ros.SAFETY_TOPIC
 )  # fmt: skip
 _DEPTH = 64  # messages that may come between two calls
 
@@ -145,8 +144,9 @@ class RobotClient:
 
     def standby(self) -> StandbyState | None:
         """Return the progress of the latest standby pose; None before the first message."""
-        newest = self._newest(ros.STANDBY_TOPIC)
-        return None if newest is None else StandbyState(*newest[-1])
+        newest = [self._newest(topic) for topic in ros.STANDBY_TOPICS]  # by pose, with a stamp first
+        stamped = [values for values in newest if values is not None]
+        return StandbyState(*max(stamped, key=lambda values: values[0])[-1]) if stamped else None
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level beyond CRITICAL is CRITICAL."""
@@ -168,11 +168,3 @@ class RobotClient:
             if child == frame:
                 return frozen_array("frame_pose", frame, [x, y, z, w, *turn])
         return None
-
-    def ask(self, word: str, timeout: float = 2.0) -> Answer:
-        """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...
-
-        No mode crosses a network. Raises `SessionError` if there is no session here, or several.
-        """
-        with Intake(find_session(), "dds client") as intake:
-            return intake.ask(word, timeout)

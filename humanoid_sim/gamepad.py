@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.cli import ExitStatus, parse, run_program
+from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.frontends.attach import attached, run_steps
 from humanoid_sim.frontends.joy import policy_speeds, read_bindings, stick_velocity
-from humanoid_sim.frontends.pads import Pad, Pads, describe_pads
+from humanoid_sim.frontends.pads import Pad, Pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import FloatArray
 
@@ -35,8 +35,6 @@ class GamepadConfig:
 
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
-    list: bool = False
-    """Show the gamepads that are plugged in, and end; 1 if none can be used."""
     mapping: Path | None = None
     """Buttons (.yaml): joy: {damp_button: 2, load_combo_a: [4, 0], ...}, or a ROS 2 parameter file with joy.* of
     mode_manager."""
@@ -110,16 +108,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GamepadConfig, "gamepad", arguments)
     joy = JoyBindings() if config.mapping is None else read_bindings(config.mapping)
-    with closing(Pads()) as pads:
-        if config.list:
-            is_usable, lines = describe_pads(pads.poll())
-            print(*lines, sep="\n")
-            return ExitStatus.of(is_usable)
-        with attached(config.session, "gamepad") as attachment:
-            speeds, hardware = policy_speeds(attachment.header), attachment.is_hardware
-            driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware)
-            print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
-            run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)
+    with closing(Pads()) as pads, attached(config.session, "gamepad") as attachment:
+        speeds, hardware = policy_speeds(attachment.header), attachment.is_hardware
+        driver = Driver(attachment.intake, joy, speeds=speeds, is_hardware=hardware)
+        print(f"{len(pads.poll())} gamepads are plugged in", flush=True)
+        run_steps(attachment, lambda: driver.step(pads.poll()), _PERIOD)
     return 0
 
 

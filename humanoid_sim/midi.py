@@ -6,14 +6,12 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.client import Intake, monotonic_ns
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, run_steps
-from humanoid_sim.frontends.midi_keyboard import ByteDevice, Keyboard, Port
+from humanoid_sim.frontends.midi_keyboard import Keyboard
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.robots.piano import KEY_COUNT
 
@@ -31,8 +29,6 @@ class MidiConfig:
     """Process id of the session. Default: the only one that runs."""
     port: str = ""
     """Part of the name of the keyboard's MIDI port. Default: the first one."""
-    device: str = ""
-    """A raw MIDI byte stream instead of a port: a device such as /dev/snd/midiC1D0, or a FIFO."""
 
 
 class Sender:
@@ -54,14 +50,11 @@ class Sender:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(MidiConfig, "midi", arguments)
-    if not config.device:
-        require_packages("midi")
-    source = partial(ByteDevice, config.device) if config.device else partial(Port, config.port)
-    with closing(Keyboard(source)) as keyboard, attached(config.session, "midi") as attachment:
+    with closing(Keyboard(config.port)) as keyboard, attached(config.session, "midi") as attachment:
         width = attachment.live_inputs.get(KEY_PRESSED, 0)
         if width != KEY_COUNT:
             raise InputError(f"{attachment}: takes {width} keys from outside, expected {KEY_COUNT}")
-        print(f"the keys of {config.device or 'the MIDI keyboard'}, for {attachment}", flush=True)
+        print(f"the keys of {keyboard.name}, for {attachment}", flush=True)
         period = max(0.5 * attachment.header.control_period, _LEAST_PERIOD)
         run_steps(attachment, Sender(attachment.intake, keyboard).step, period)
     return 0

@@ -18,10 +18,10 @@ import numpy as np
 from mjviser.conversions import merge_geoms
 
 from humanoid_sim.cli import parse, run_program
+from humanoid_sim.errors import needing
 from humanoid_sim.frontends.attach import Source, shown_qpos
 from humanoid_sim.frontends.dds.mirror import Watched
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.rendering.pictures import has_display
 from humanoid_sim.simulation.model import joint_addresses
 
@@ -77,9 +77,6 @@ class RunLog:
         stream.log("plots/command", rerun.Scalars(record.output.command.position))
         stream.log("plots/velocity", rerun.Scalars(state.joint_velocity))
         stream.log("plots/effort", rerun.Scalars(state.joint_effort))
-        keys = state.extern.get(KEY_PRESSED)
-        if keys is not None:
-            stream.log("keys", rerun.BarChart(keys.at(float(state.time))))
 
     def status(self, source: Source) -> None:
         """Write the mode, and the time of day, by which a picture that stands still gives itself away."""
@@ -95,10 +92,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with config.source("rerun", niceness=10) as source, _viewer(is_page=config.web or not has_display()) as viewer:
-        os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+    os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+    with needing("rerun-sdk", "rerun", "rerun's viewer"):
         import rerun  # noqa: PLC0415 - an extra
-
+    with config.source("rerun") as source, _viewer(is_page=config.web or not has_display()) as viewer:
         stream = rerun.RecordingStream("humanoid_sim")
         stream.connect_grpc(f"rerun+http://{_HOST}:{_PORT}/proxy")
         log, reported = RunLog(stream, source), 0.0

@@ -7,8 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from time import monotonic, monotonic_ns
+from time import monotonic
 from typing import NamedTuple
 
 from humanoid_sim.errors import InputError
@@ -26,14 +25,13 @@ class Wanted(NamedTuple):
 
     name: str
     options: tuple[str, ...] = ()  # of its command line; `--session` is added
-    label: str = ""  # of one that runs twice; empty: its name
 
 
 class _Child:
     """A front end's process."""
 
     def __init__(self, wanted: Wanted) -> None:
-        self.name = wanted.label or wanted.name
+        self.name = " ".join((wanted.name, *wanted.options))
         self.last = ""  # line that it printed
         self.is_ready = threading.Event()  # it printed something other than an error, or has ended
         # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
@@ -61,7 +59,6 @@ class FrontEnds(Sink):
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
         is_ending: Callable[[], bool] = lambda: False,
-        clock_waits: bool = False,
     ) -> None:
         """Launch them, with ordinary priority: not within a loop that has another.
 
@@ -69,10 +66,9 @@ class FrontEnds(Sink):
             feed: gets the status twice a second.
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
             note: records a line.
-            clock_waits: the robot's clock begins when they are ready.
         """
         self._feed, self._show, self._note, self._status = feed, show, note, status
-        self._is_ending, self._clock_waits, self._begin = is_ending, clock_waits, monotonic_ns()
+        self._is_ending = is_ending
         self._threads: list[threading.Thread] = []
         self._stop = threading.Event()
         self._children = [_Child(one) for one in wanted]
@@ -82,20 +78,12 @@ class FrontEnds(Sink):
         """Names and process ids of those that run."""
         return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
 
-    def start(self, header: SessionHeader) -> SessionHeader:
-        """Wait until they are ready, which a run that needs a producer does not begin without.
-
-        Returns the header of a run that begins now. Raises `InputError` if one has ended.
-        """
-        self._header = header
+    def start(self, header: SessionHeader) -> None:
+        """Wait until they are ready. Raises `InputError` if one has ended."""
         self._run(self._send_status)  # a child reads there that the session runs
         for child in self._children:
             self._run(self._read_output, child)
         self._wait_until_ready()
-        if self._clock_waits:
-            self._header = replace(header, start_time_ns=header.start_time_ns + monotonic_ns() - self._begin)
-        self._send()
-        return self._header
 
     def close(self) -> None:
         """End them: with SIGTERM, and after a while with SIGKILL."""
@@ -117,11 +105,8 @@ class FrontEnds(Sink):
 
     def _send_status(self) -> None:
         while not self._stop.is_set():
-            self._send()
+            self._feed.status({**self._status(), "front_ends": self.running})
             self._stop.wait(_STATUS_PERIOD)
-
-    def _send(self) -> None:
-        self._feed.status({**self._status(), "front_ends": self.running, "start_time_ns": self._header.start_time_ns})
 
     def _read_output(self, child: _Child) -> None:
         assert child.process.stdout is not None

@@ -114,7 +114,6 @@ class Run:
                 note=self._note,
                 status=self._status,
                 is_ending=lambda: self.session.is_ending,
-                clock_waits=self._sim is not None,
             )
             stack.callback(self.front_ends.close)
             self._open = stack.pop_all()
@@ -178,8 +177,7 @@ class Run:
         self.poses = Poses(ghost) if is_drawn else None
         figures = RunFigures(plan.description, tracking=tracking, keys=keys, base=plan.setup.base)
         self.monitor = Monitor(figures, self._tell)
-        # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The front
-        # ends wait in `start` until they work, and then set the header's time: those behind them get that header.
+        # The last one is closed first: what the monitor finds in the last ticks still reaches the others.
         sinks = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)
         return [sink for sink in sinks if sink is not None]
 

@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.joy import read_bindings
 from humanoid_sim.frontends.launcher import Wanted
 from humanoid_sim.frontends.pads import Pads, describe_pads
@@ -16,7 +15,7 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import Policies
 from humanoid_sim.rendering.pictures import has_display
-from humanoid_sim.ros2.dds.domain import check_network_interface
+from humanoid_sim.ros2.dds.domain import LOOPBACK
 from humanoid_sim.session.keyboard import KEY_HELP
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.sources import VELOCITY_HELP
@@ -30,27 +29,19 @@ def shows_window(config: PlayConfig) -> bool:
 
 
 def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
-    """Return the front ends that a run starts.
-
-    Raises `InputError` if the packages of one are not installed, or the network interface of one is not there.
-    """
+    """Return the front ends that a run starts."""
     interface = _one(config.dds, "--dds", "network interface")
-    if interface:
-        check_network_interface("--dds", interface)
     mapping = _one(config.gamepad, "--gamepad", "file (.yaml)")
     known = (
         (config.remote == "gravity", Wanted("gravity")),
         (config.console, Wanted("console")),
         (config.needs_gamepad, Wanted("gamepad", ("--mapping", mapping) if mapping else ())),
         (config.dds is not None, Wanted("dds")),
-        (bool(interface), Wanted("dds", ("--interface", interface), f"dds {interface}")),
+        (interface not in ("", LOOPBACK), Wanted("dds", ("--interface", interface))),
         (shows_window(config), Wanted("viewer")),
         (config.viewer == "rerun", Wanted("rerun")),
     )
-    wanted = tuple(front_end for is_wanted, front_end in known if is_wanted)
-    for front_end in wanted:
-        require_packages(front_end.name)
-    return wanted
+    return tuple(front_end for is_wanted, front_end in known if is_wanted)
 
 
 def _one(values: tuple[str, ...] | None, option: str, what: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.errors import blaming
 from humanoid_sim.messages import URDF_DOCUMENT, SessionHeader, TickRecord
-from humanoid_sim.mit import FloatArray, IndexArray
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.header import json_document
 
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
@@ -32,11 +32,8 @@ class Links:
         model.body_parentid[:] = 0  # so that MuJoCo leaves each pose in the parent's frame
         self._data = mujoco.MjData(model)
         self.urdf = urdf
-        self._moving, self._fixed = np.flatnonzero(model.body_jntnum), np.flatnonzero(model.body_jntnum == 0)[1:]
-        self.frames, self.fixed_frames = (
-            tuple((names[parents[i]], names[i]) for i in bodies) for bodies in (self._moving, self._fixed)
-        )
-        """Parent and child of each link that moves, and of each that does not."""
+        self.frames = [(names[parents[i]], names[i]) for i in range(1, model.nbody)]
+        """Parent and child of each link."""
         own = {model.joint(i).name: int(model.jnt_qposadr[i]) for i in range(model.njnt)}
         driven = [(own[name], i) for i, name in enumerate(header.joint_names) if name in own]
         self._driven, self._measured = np.array(driven, dtype=np.intp).reshape(-1, 2).T
@@ -47,11 +44,8 @@ class Links:
             self._above_imu.append(link)
             link = int(parents[link])
         is_floating = model.body_jntnum[link] and model.jnt_type[model.body_jntadr[link]] == _FREE
-        self.base = self._moving.tolist().index(link) if is_floating else None
+        self.base = link - 1 if is_floating else None
         """Row of `poses` that is the floating base; None where it is fixed."""
-        mujoco.mj_kinematics(model, self._data)
-        self.fixed_poses = self._of(self._fixed)
-        """Shape (f, 7), m and w x y z, of the links of `fixed_frames`, each in its parent's frame."""
 
     @classmethod
     def of(cls, header: SessionHeader) -> Self | None:
@@ -73,13 +67,10 @@ class Links:
         finite = np.isfinite(measured)
         data.qpos[self._driven[finite]] = measured[finite]
         mujoco.mj_kinematics(model, data)
-        poses = self._of(self._moving)
+        poses = np.concatenate([data.xpos[1:], data.xquat[1:]], axis=1)
         if self.base is not None and not is_simulated:
             quaternion = record.input.state.imu_quaternion
             for link in self._above_imu:
                 quaternion = multiply(quaternion, conjugate(data.xquat[link]))
             poses[self.base, 3:] = quaternion
         return poses
-
-    def _of(self, links: IndexArray) -> FloatArray:
-        return np.concatenate([self._data.xpos[links], self._data.xquat[links]], axis=1)

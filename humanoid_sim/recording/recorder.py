@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import io
-import json
 import math
 import os
 import threading
@@ -29,14 +28,13 @@ from humanoid_sim.recording.codec import encode_event, encode_tick
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.topics import ViewerTopics
 from humanoid_sim.ros2.definitions import SCHEMA_ENCODING, schema_text
-from humanoid_sim.ros2.topics import EVENT_TOPIC, TICK_TOPIC, Topic, topic_kind
+from humanoid_sim.ros2.topics import EVENT_TOPIC, TICK_TOPIC, topic_kind
 
 FLUSH_PERIOD = 0.3  # s after which a chunk is written, full or not
 QUEUE_LIMIT = 4096  # ticks that may wait for the writer (20 s at 200 Hz); further ones are left out, which is recorded
 _LAG = 0.15  # s of robot time that may wait for the writer before a run that need not keep real time waits for it
 _POLL_PERIOD = 0.02  # s between two polls of the queue: waking the writer for every tick would cost the control thread
 _CLOSE_TIMEOUT = 30.0  # s that `close` waits for a disk that does not answer
-_FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 class McapRecorder:
@@ -184,28 +182,10 @@ class _RunWriter:
     def _add(self, topic: str, data: bytes, time_ns: int) -> None:
         channel = self._channels.get(topic)
         if channel is None:
-            kind = topic_kind(topic)
-            text = schema_text(kind.schema).encode()
-            schema_id = self.writer.register_schema(kind.schema, SCHEMA_ENCODING, text)
-            qos = {"offered_qos_profiles": _offered_qos(kind)}
-            channel = self._channels[topic] = self.writer.register_channel(topic, "cdr", schema_id, qos)
+            schema = topic_kind(topic).schema
+            schema_id = self.writer.register_schema(schema, SCHEMA_ENCODING, schema_text(schema).encode())
+            channel = self._channels[topic] = self.writer.register_channel(topic, "cdr", schema_id)
         self.writer.add_message(channel, time_ns, data, time_ns, self._index & 0xFFFFFFFF)
-
-
-def _offered_qos(kind: Topic) -> str:
-    """Return the QoS with which `ros2 bag play` offers a topic, as YAML in the numbers of rmw_qos_profile_t."""
-    profile = {
-        "history": 1,  # keep last
-        "depth": kind.depth,
-        "reliability": 1,
-        "durability": 1 if kind.latched else 2,
-        "deadline": _FOREVER,
-        "lifespan": _FOREVER,
-        "liveliness": 1,
-        "liveliness_lease_duration": _FOREVER,
-        "avoid_ros_namespace_conventions": False,
-    }
-    return json.dumps([profile])
 
 
 class _UnbufferedFile:

@@ -55,22 +55,20 @@ class ViewerTopics:
         self._action = tuple(labels.get("action", ()))
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
-        self._second = max(1, round(1.0 / header.control_period))
         self._last: dict[str, object] = {}
         """What was last sent, by topic."""
         self._inputs: dict[str, Extern] = {}
         self._safety: dict[str, SafetyStatus] = {}
         self._failed: dict[str, SafetyStatus] = {}
-        self._links, self._is_described = Links.of(header), False
+        self._links = Links.of(header)
         self._transforms = ros.TransformEncoder(() if self._links is None else self._links.frames)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the messages of one tick, stamped `time_ns`."""
         state, output, remote = record.input.state, record.output, record.input.remote
         is_due = record.index % self._every == 0
-        if self._links is not None and not self._is_described:
-            self._is_described = True
-            yield from _description(self._links, time_ns)
+        if self._links is not None and self._has_changed(topics.DESCRIPTION_TOPIC, self._links.urdf):
+            yield TopicMessage(topics.DESCRIPTION_TOPIC, encode(STRING, self._links.urdf))
         if is_due or self._every_state:
             measured = state.joint_position, state.joint_velocity, state.joint_effort
             yield TopicMessage(self._joint_topic, ros.encode_joint_state(time_ns, self._joints, *measured))
@@ -78,7 +76,7 @@ class ViewerTopics:
         if is_due:
             command = ros.encode_mit_command(time_ns, self._joints, output.command)
             yield TopicMessage(topics.SENT_TOPIC, command)
-            if self._links is not None and self._links.frames:
+            if self._links is not None:
                 frames = self._transforms.encode(time_ns, self._links.poses(record))
                 yield TopicMessage(topics.TF_TOPIC, frames)
         if self._has_changed(topics.CONTROL_MODE_TOPIC, output.control_mode) or is_due:
@@ -109,7 +107,7 @@ class ViewerTopics:
         return has_changed
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
-        """Yield those that changed, and all once a second for volatile subscribers that come late.
+        """Yield those that changed.
 
         A controller that failed is a source too, until it drives again; a source that reports no more is OK.
         """
@@ -119,9 +117,8 @@ class ViewerTopics:
             self._failed[fault.controller] = status
         statuses = {source: SafetyStatus(source=source) for source in self._safety}
         statuses |= {status.source: status for status in record.input.safety} | self._failed
-        is_due = record.index % self._second == 0
         for source, status in statuses.items():
-            if is_due or self._safety.get(source) != status:
+            if self._safety.get(source) != status:
                 self._safety[source] = status
                 yield TopicMessage(topics.SAFETY_TOPIC, ros.encode_safety_status(time_ns, status), source)
 
@@ -132,11 +129,3 @@ class ViewerTopics:
         ):
             count = min(len(names), len(values))  # the answer of a policy that fails may have any length
             yield TopicMessage(topic, ros.encode_joint_state(time_ns, names[:count], values[:count]))
-
-
-def _description(links: Links, time_ns: int) -> Iterator[TopicMessage]:
-    """Yield the URDF, and the links that do not move."""
-    yield TopicMessage(topics.DESCRIPTION_TOPIC, encode(STRING, links.urdf))
-    if links.fixed_frames:
-        data = ros.TransformEncoder(links.fixed_frames).encode(time_ns, links.fixed_poses)
-        yield TopicMessage(topics.TF_STATIC_TOPIC, data)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 SCHEMA_ENCODING = "ros2msg"
 
-CLOCK = "rosgraph_msgs/msg/Clock"
 FLOAT32_MULTI_ARRAY = "std_msgs/msg/Float32MultiArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"

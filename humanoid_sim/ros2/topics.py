@@ -6,7 +6,6 @@ import re
 from typing import NamedTuple
 
 from humanoid_sim.ros2.definitions import (
-    CLOCK,
     CONTROL_MODE,
     EVENT,
     FLOAT32_MULTI_ARRAY,
@@ -33,10 +32,8 @@ IMU_TOPIC = "/imu/data"
 CONTROL_MODE_TOPIC = "/control_mode"
 SAFETY_TOPIC = "/safety_status"
 DESCRIPTION_TOPIC = "/robot_description"
-TF_TOPIC, TF_STATIC_TOPIC = "/tf", "/tf_static"
-CLOCK_TOPIC = "/clock"
+TF_TOPIC = "/tf"
 COMMAND_TOPIC = "/remote_policy_controller/command"
-STANDBY_TOPIC = "/standby_controller/state"  # of the time when there was one pose; carries the state of either
 STANDBY_TOPICS = ("/standby_controller_a/state", "/standby_controller_b/state")
 TOPICS = {
     IMU_TOPIC: Topic(IMU),
@@ -44,10 +41,8 @@ TOPICS = {
     SAFETY_TOPIC: Topic(SAFETY_STATUS, 1, True),
     DESCRIPTION_TOPIC: Topic(STRING, 1, True),
     TF_TOPIC: Topic(TF_MESSAGE, 100),
-    TF_STATIC_TOPIC: Topic(TF_MESSAGE, 1, True),
-    CLOCK_TOPIC: Topic(CLOCK),
     COMMAND_TOPIC: Topic(MIT_COMMAND, 4),
-    **dict.fromkeys((STANDBY_TOPIC, *STANDBY_TOPICS), Topic(STANDBY_STATE, 1, True)),
+    **dict.fromkeys(STANDBY_TOPICS, Topic(STANDBY_STATE, 1, True)),
 }
 """Those on DDS, by name. Joint states are under a robot's prefix."""
 TICK_TOPIC, EVENT_TOPIC = "/humanoid_sim/tick", "/humanoid_sim/event"

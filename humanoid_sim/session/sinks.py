@@ -19,12 +19,9 @@ class Sink(Protocol):
 
     backlog_limit: int = 2000  # ticks
 
-    def start(self, header: SessionHeader) -> SessionHeader | None:
-        """Start before the first tick. Raises `InputError` if it cannot do its job.
-
-        A sink that waits for others returns the header of a run that begins after that, for the sinks behind it.
-        """
-        return None
+    def start(self, header: SessionHeader) -> None:
+        """Start before the first tick. Raises `InputError` if it cannot do its job."""
+        return
 
     def tick(self, record: TickRecord) -> None:
         return
@@ -52,7 +49,7 @@ class SinkGroup:
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
         for sink in self._sinks:
-            header = sink.start(header) or header
+            sink.start(header)
             stack.callback(sink.close)
 
     def tick(self, record: TickRecord) -> None:

@@ -6,8 +6,8 @@ import pytest
 from local_session import HEADER
 from waiting import until
 
-from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.frontends import launcher, require_packages
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import launcher
 from humanoid_sim.frontends.launcher import FrontEnds, Wanted
 
 pytestmark = pytest.mark.soak
@@ -57,10 +57,3 @@ def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launc
         launch(STAYS, "import sys; print('error: no display', file=sys.stderr); sys.exit(2)")
     with pytest.raises(InputError, match="front end fake_0: ended before the session began: status 3"):
         launch("raise SystemExit(3)")
-
-
-def test_packages_that_are_missing_are_named_with_their_extra(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "rerun_cli" else name)
-    with pytest.raises(MissingPackageError, match=r"'rerun_cli'.*humanoid_sim\[rerun\]"):
-        require_packages("rerun")
-    require_packages("gravity")

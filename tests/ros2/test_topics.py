@@ -5,7 +5,7 @@ from humanoid_sim.ros2.topics import TOPICS, joint_states_topic
 
 def test_what_a_late_subscriber_needs_is_latched():
     latched = {name for name, topic in TOPICS.items() if topic.latched and not name.endswith("/state")}
-    assert latched == {"/safety_status", "/robot_description", "/tf_static"}
+    assert latched == {"/safety_status", "/robot_description"}
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 
 from machines import ROOT, Machine, read_until
 
-LATCHED = ("/safety_status", "/standby_controller_a/state", "/standby_controller_b/state", "/standby_controller/state")
+LATCHED = ("/safety_status", "/standby_controller_a/state", "/standby_controller_b/state", "/robot_description")
 TYPES: Mapping[str, str] = {
     "/lite/joint_states": "sensor_msgs/msg/JointState",
     "/imu/data": "sensor_msgs/msg/Imu",
@@ -16,13 +16,10 @@ TYPES: Mapping[str, str] = {
     "/safety_status": "humanoid_control_msgs/msg/SafetyStatus",
     "/standby_controller_a/state": "humanoid_control_msgs/msg/StandbyState",
     "/standby_controller_b/state": "humanoid_control_msgs/msg/StandbyState",
-    "/standby_controller/state": "humanoid_control_msgs/msg/StandbyState",
     "/robot_description": "std_msgs/msg/String",
     "/tf": "tf2_msgs/msg/TFMessage",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/clock": "rosgraph_msgs/msg/Clock",
 }
-ACROSS = ("/lite/joint_states", "/imu/data", "/control_mode", "/robot_description", "/tf", "/tf_static")
+ACROSS = ("/lite/joint_states", "/imu/data", "/control_mode", "/robot_description", "/tf")
 REMOTE = 4
 COMMAND = "/remote_policy_controller/command"
 _ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
@@ -33,9 +30,8 @@ def listen(
     machine: Machine, messages: Mapping[str, str], seconds: float, *, until: Sequence[str] = (), **environment: str
 ) -> subprocess.Popen[str]:
     """Subscribe to all topics; `heard` gives what came, for some seconds and until certain topics have been heard."""
-    latched = (*LATCHED, "/robot_description", "/tf_static")
     arguments = [
-        word for topic, kind in TYPES.items() for word in (topic, kind, "latched" if topic in latched else "plain")
+        word for topic, kind in TYPES.items() for word in (topic, kind, "latched" if topic in LATCHED else "plain")
     ]
     program = machine.ros(
         "listen.py", str(seconds), ",".join(until), *arguments, environment={**messages, **environment}

@@ -1,7 +1,7 @@
-"""What the operator's page commands of a session: intents, a velocity, and one joint by sliders in REMOTE.
+"""What the operator's page commands of a session: intents, a velocity, and the joints by sliders in REMOTE.
 
 GUI callbacks only leave actions here; `step` does them in the console's own loop and sends what is due. A velocity and
-a joint are commanded only while the page sends heartbeats and shows the present.
+joints are commanded only while the page sends heartbeats and shows the present.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ class Operator:
         self.speeds = policy_speeds(attachment.header)
         self.velocity: FloatArray = np.zeros(3)  # that this console commands, m/s, m/s, rad/s
         self._is_steered = False  # by hand, since the velocity was sent
-        self.sliders: JointSliders | None = None  # of the joint that is moved
-        self._pose = "a"
+        self.sliders: JointSliders | None = None  # while they move the joints
         self._stepped = self._sent = 0
 
     def close(self) -> None:
@@ -76,9 +75,6 @@ class Operator:
         tick = self._attachment.latest
         if tick is None:
             return
-        control = tick.record.output.control_mode
-        if control.mode is Mode.STANDBY:
-            self._pose = control.controller_name[-1]
         try:
             while not self._actions.empty():
                 self._actions.get()()
@@ -126,24 +122,21 @@ class Operator:
         self._intake.velocity(*self.velocity.tolist(), deliberate=deliberate, stamp=self._gate.heartbeat())
         self._is_steered = False
 
-    def take(self, name: str) -> None:
-        """Move this joint by sliders from here on."""
+    def take(self) -> None:
+        """Move the joints by sliders from here on."""
         tick = self._attachment.latest
         assert tick is not None
         problem = self._joint_problem(tick)
         if problem:
             self.answer = f"sliders refused: {problem}"
-            return
-        if self.sliders is None:
-            self.sliders = JointSliders(self._attachment.description, self._pose)
+        elif self.sliders is None:
+            self.sliders = JointSliders(self._attachment.description, tick.record.input.state.joint_position)
             self._stepped = self._sent = monotonic_ns()
-        joint = self._attachment.header.joint_names.index(name)
-        self.sliders.choose(joint, tick.record.input.state.joint_position)
 
-    def set_goal(self, row: int, value: float) -> None:
-        """Set a slider's goal; `row` as in `JointSliders.goals`."""
+    def set_goal(self, joint: int, value: float) -> None:
+        """Set a joint's slider, rad."""
         if self.sliders is not None:
-            self.sliders.goals[row] = value
+            self.sliders.goals[joint] = value
 
     def leave(self, why: str = "the operator let go") -> None:
         """Move no joint any more; REMOTE becomes passive at once, whatever it does with commands that are stale."""

@@ -12,6 +12,7 @@ from humanoid_sim.frontends.attach import Source
 from humanoid_sim.frontends.console.operator import Operator
 from humanoid_sim.frontends.console.plots import Plots
 from humanoid_sim.frontends.console.scene import Scene
+from humanoid_sim.frontends.console.sliders import slider_limits
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.header import json_document
 from humanoid_sim.session.reactivation import REACTIVATE
@@ -35,7 +36,7 @@ class Panel:
         if operator is not None:
             self._add_requests(operator)
             self._add_velocity(operator)
-            self._add_joint(operator)
+            self._add_joints(operator)
         with gui.add_folder("Plots", expand_by_default=False):
             self._plots.add_controls(gui)
 
@@ -62,14 +63,16 @@ class Panel:
                 self._velocity.append(self._slider(name, low, high, operator.steer, axis))
             self._gui.add_button("Stop").on_click(lambda _: operator.do(operator.stop))
 
-    def _add_joint(self, operator: Operator) -> None:
-        gui = self._gui
-        with gui.add_folder("Move one joint in REMOTE", expand_by_default=False):
-            joint = gui.add_dropdown("Joint", self._source.header.joint_names)
-            gui.add_button("Move this joint").on_click(lambda _: operator.do(operator.take, joint.value))
+    def _add_joints(self, operator: Operator) -> None:
+        gui, robot = self._gui, self._source.description
+        with gui.add_folder("Joints in REMOTE", expand_by_default=False):
+            gui.add_button("Move the joints").on_click(lambda _: operator.do(operator.take))
             gui.add_button("Let go").on_click(lambda _: operator.do(operator.leave))
-            names = ("position, rad", "K_p, N·m/rad", "K_d, N·m·s/rad")
-            self._goals = [self._slider(name, -1.0, 1.0, operator.set_goal, row) for row, name in enumerate(names)]
+            limits = zip(robot.joint_names, slider_limits(robot).tolist(), strict=True)
+            self._goals = [
+                self._slider(name, low, high, operator.set_goal, joint)
+                for joint, (name, (low, high)) in enumerate(limits)
+            ]
 
     def _slider(self, name: str, low: float, high: float, action: Callable[..., None], index: int) -> Any:
         """Add a slider that calls `action(index, value)` when an operator moves it."""
@@ -131,10 +134,7 @@ class Panel:
         for slider, value in zip(self._velocity, operator.velocity, strict=False):
             _follow(slider, value)
         if operator.sliders is not None:
-            goals, limits = operator.sliders.goals, operator.sliders.limits
-            for slider, goal, (low, high) in zip(self._goals, goals, limits, strict=True):
-                if (slider.min, slider.max) != (low, high):
-                    slider.min, slider.max = float(low), float(high)
+            for slider, goal in zip(self._goals, operator.sliders.goals, strict=True):
                 _follow(slider, goal)
 
 

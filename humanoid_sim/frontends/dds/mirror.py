@@ -16,7 +16,6 @@ import numpy as np
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.dds_client import JointStates, RobotClient
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
@@ -119,7 +118,6 @@ class Watched:
     @contextmanager
     def source(self, name: str, niceness: int = 5) -> Iterator[Source]:
         """Attach the front end of that name. Raises `InputError`."""
-        require_packages(name)
         if not self.dds:
             with attached(self.session, name, niceness=niceness) as attachment:
                 yield attachment

@@ -8,11 +8,10 @@ sockets are bound to the interface's device as well, and the kernel keeps to tha
 from __future__ import annotations
 
 import os
-import socket
 from typing import Any, Self
 
 from humanoid_sim.client import network_on
-from humanoid_sim.errors import InputError, needing, require_known
+from humanoid_sim.errors import InputError, needing
 
 LOOPBACK = "lo"
 _LARGEST_DOMAIN = 232  # beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)
@@ -35,12 +34,6 @@ def _named_domain() -> int:
     if not (text.isascii() and text.isdigit() and int(text) <= _LARGEST_DOMAIN):
         raise InputError(f"ROS_DOMAIN_ID: is '{text}', expected a whole number from 0 to {_LARGEST_DOMAIN}")
     return int(text)
-
-
-def check_network_interface(option: str, name: str) -> None:
-    """Refuse an interface that this machine lacks, or that leads to no other machine."""
-    others = [label for _, label in socket.if_nameindex() if label != LOOPBACK]
-    require_known("network interface to another machine", (name,), others, f"{option}: ")
 
 
 class Participant:

@@ -16,6 +16,7 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.testing.healthy import healthy_state
 
 LITE = load_robot("lite")
+ELBOW = LITE.joint_names.index("left_elbow_pitch")
 POSE = np.array(LITE.standby_controller_a.pose_segments[-1])
 CONTROLLERS = {Mode.REMOTE: "remote_policy_controller", Mode.STANDBY: "standby_controller_b"}
 SPEEDS = np.array([[-0.5, 0.8], [-0.4, 0.4], [-1.0, 1.0]])
@@ -96,8 +97,8 @@ def desk(monkeypatch):
     return desk
 
 
-def moving(desk, name="left_elbow_pitch"):
-    desk.operator.do(desk.operator.take, name)
+def moving(desk):
+    desk.operator.do(desk.operator.take)
     desk.step(Mode.REMOTE)
     return desk
 
@@ -153,16 +154,15 @@ def test_a_velocity_ends_with_its_page_and_with_the_mode_and_does_not_come_back(
     assert len(desk.intake.velocities) == count
 
 
-def test_a_joint_is_moved_in_remote_with_the_gains_of_the_pose_before(desk):
-    desk.operator.do(desk.operator.take, "left_elbow_pitch")
+def test_a_joint_is_moved_in_remote_alone(desk):
+    desk.operator.do(desk.operator.take)
     desk.step(Mode.STANDBY)
     assert desk.operator.answer == "sliders refused: requires REMOTE, mode is STANDBY"
-    assert desk.operator._pose == "b"
     moving(desk)
-    desk.operator.do(desk.operator.set_goal, 1, 30.0)
+    desk.operator.do(desk.operator.set_goal, ELBOW, -1.6)
     desk.run(Mode.REMOTE, 1.0)
-    joint = LITE.joint_names.index("left_elbow_pitch")
-    assert desk.commands[-1].stiffness[joint] == pytest.approx(30.0)
+    assert desk.commands[-1].position[ELBOW] == pytest.approx(-1.6)
+    assert desk.commands[-1].position[0] == POSE[0]
 
 
 @pytest.mark.parametrize(

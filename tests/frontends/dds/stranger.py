@@ -40,7 +40,6 @@ Quaternion = struct("geometry_msgs/Quaternion", x=float64, y=float64, z=float64,
 Transform = struct("geometry_msgs/Transform", translation=Vector3, rotation=Quaternion)
 TransformStamped = struct("geometry_msgs/TransformStamped", header=Header, child_frame_id=str, transform=Transform)
 TFMessage = struct("tf2_msgs/TFMessage", transforms=sequence[TransformStamped])
-Clock = struct("rosgraph_msgs/Clock", clock=Time)
 JointState = struct(
     "sensor_msgs/JointState", header=Header, name=sequence[str], position=numbers, velocity=numbers, effort=numbers
 )
@@ -79,18 +78,15 @@ TYPES: dict[str, Any] = {
     "rt/imu/data": Imu,
     "rt/control_mode": ControlMode,
     "rt/safety_status": SafetyStatus,
-    "rt/standby_controller/state": StandbyState,
     "rt/standby_controller_a/state": StandbyState,
     "rt/standby_controller_b/state": StandbyState,
     "rt/robot_description": String,
     "rt/tf": TFMessage,
-    "rt/tf_static": TFMessage,
-    "rt/clock": Clock,
     "rt/piano/key_state": Float32MultiArray,
     "rt/remote_policy_controller/command": MITCommand,
 }
 """By topic; joint states under any prefix."""
-_LATCHED = ("rt/safety_status", "rt/robot_description", "rt/tf_static")
+_LATCHED = ("rt/safety_status", "rt/robot_description")
 
 
 def type_of(topic: str) -> Any:

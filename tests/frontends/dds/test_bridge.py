@@ -119,10 +119,9 @@ def test_what_the_robot_does_is_seen(robot):
     assert (imu.header.frame_id, imu.orientation.w, imu.linear_acceleration.z) == ("imu", 1.0, pytest.approx(9.81))
     mode = newest(robot.client.reader("rt/control_mode"))
     assert (mode.mode, mode.controller_name) == (4, "remote_policy_controller")
-    assert newest(robot.client.reader("rt/clock")).clock.sec >= 10, "the robot's, which began at 10 s after the epoch"
-    for pose in ("standby_controller", "standby_controller_a"):  # latched: the pose was reached before we came
-        standby = newest(robot.client.reader(f"rt/{pose}/state"))
-        assert (standby.is_finished, standby.current_segment, standby.total_segments) == (True, 1, 2)
+    assert abs(mode.header.stamp.sec - time.time()) < 60.0
+    standby = newest(robot.client.reader("rt/standby_controller_a/state"))  # latched: it was reached before we came
+    assert (standby.is_finished, standby.current_segment, standby.total_segments) == (True, 1, 2)
 
 
 def test_commands_of_one_client_are_obeyed_and_end(robot):
