@@ -32,7 +32,7 @@ class Keyboard:
 
     def __init__(self, part: str) -> None:
         """Open the first port whose name has this part; '' for any. Raises `InputError` if there is none."""
-        self._part = part
+        self._part, self._checked = part, 0.0
         self._port: Any = None  # mido's; None while the keyboard is gone
         self._held: set[tuple[int, int]] = set()  # channel and key
         self._open()
