@@ -17,9 +17,10 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter, sleep
+from time import perf_counter
 from typing import Any
 
 import gymnasium
@@ -41,6 +42,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.regress.episodes import EpisodeBatch
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import load_suite
@@ -48,7 +50,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.model import SimConfig
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -201,16 +202,11 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
     with (
         tempfile.TemporaryDirectory() as folder,
         _feed() as feed,
-        closing(McapRecorder(Path(folder) / "bench.mcap", encoded=feed.encoded)) as recorder,
+        closing(McapRecorder(Path(folder) / "bench.mcap", inline=True)) as recorder,
         _playing(feed, recorder) as (session, _, robot),
     ):
         data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)
         observation = np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
-
-        def ticks() -> None:
-            _run(session)
-            while recorder.backlog:
-                sleep(0.0005)
 
         def bare() -> None:
             mujoco.mj_copyData(data, robot.model, robot.data)
@@ -219,7 +215,7 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
                 if tick % decimation == 0:
                     checkpoint.policy(observation, 0)
 
-        yield Figure("control tick of play at 200 Hz", *compare(ticks, bare, repetitions, _TICKS), 2.5)
+        yield Figure("control tick of play at 200 Hz", *compare(partial(_run, session), bare, repetitions, _TICKS), 2.5)
 
 
 def publishing(repetitions: int) -> Iterator[Figure]:

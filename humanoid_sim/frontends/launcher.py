@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.session.feed import FeedWriter
-from humanoid_sim.session.sinks import Sink
 
 _STATUS_PERIOD = 0.5  # s
 _READY = 30.0  # s that children get to print their first line; the session begins without those that do not

@@ -18,6 +18,7 @@ from humanoid_sim.messages import Event, EventKind, SafetyStatus, TickRecord
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.recording.sink import Sink, WorkerSink
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.session.data_socket import DataSocket
@@ -31,7 +32,6 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sinks import Sink, WorkerSink
 from humanoid_sim.session.sources import IntentSource, PolicySelection
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -41,10 +41,10 @@ _STANDSTILL = 0.1  # s without a tick after which a loop that drives motors stoo
 
 
 class Monitor(WorkerSink):
-    """Keeps the figures of the final table, and tells of a fall when it happens, on this sink's thread."""
+    """Keeps the figures of the final table, and tells of a fall when it happens."""
 
-    def __init__(self, figures: RunFigures, tell: Callable[[Event], None]) -> None:
-        super().__init__("monitor")
+    def __init__(self, figures: RunFigures, tell: Callable[[Event], None], *, inline: bool) -> None:
+        super().__init__("monitor", inline=inline)
         self.figures, self._tell = figures, tell
 
     def handle_tick(self, record: TickRecord) -> None:
@@ -171,12 +171,12 @@ class Run:
             self.recorder = McapRecorder(
                 outputs.record,
                 overwrite=plan.config.overwrite,
-                encoded=self.feed.encoded,
+                inline=not plan.realtime,
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.poses = Poses(ghost) if is_drawn else None
         figures = RunFigures(plan.description, tracking=tracking, keys=keys, base=plan.setup.base)
-        self.monitor = Monitor(figures, self._tell)
+        self.monitor = Monitor(figures, self._tell, inline=not plan.realtime)
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others.
         sinks = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)
         return [sink for sink in sinks if sink is not None]

@@ -13,9 +13,9 @@ from humanoid_sim.controllers.fsm import merge_safety, why_refused
 from humanoid_sim.evaluation.run_report import MODE_STYLES
 from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND
+from humanoid_sim.recording.sink import WorkerSink
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import REACTIVABLE
-from humanoid_sim.session.sinks import WorkerSink
 
 _CLEAR = "\r\x1b[2K"
 
@@ -33,8 +33,6 @@ class PlayConsole(Console):
 
 class ConsoleSink(WorkerSink):
     """Prints transitions, refusals and events; keeps a line of status at the bottom where the output is a terminal."""
-
-    backlog = 0  # a terminal that takes nothing holds no run up
 
     def __init__(
         self,

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.rendering.ghost import ReferenceGhost
-from humanoid_sim.session.sinks import Sink
 
 _MOST = 5000  # poses, beyond which every second one is dropped
 

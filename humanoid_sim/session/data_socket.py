@@ -19,8 +19,8 @@ import numpy as np
 from humanoid_sim.client import LIVE_TIMEOUT, VELOCITY_TIMEOUT
 from humanoid_sim.messages import Mode, RemoteCommand, TickRecord
 from humanoid_sim.mit import Extern, MITCommand
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
-from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, Turn, VelocityCommand, remote_problem
 
 _MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of its producer and topic

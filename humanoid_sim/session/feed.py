@@ -17,10 +17,10 @@ from humanoid_sim.errors import blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import header_fields
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.ros2.definitions import TICK as TICK_MESSAGE
 from humanoid_sim.ros2.definitions import schema_text
 from humanoid_sim.session.datagrams import Mailbox
-from humanoid_sim.session.sinks import Sink
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
@@ -59,7 +59,6 @@ class FeedWriter(Sink):
         self._mailbox = Mailbox(folder / "ticks")
         self._subscribers: dict[str, socket.socket] = {}
         self._number, self._event_numbers = 0, count(1)
-        self._latest: tuple[TickRecord, bytes] | None = None
         self._events: deque[tuple[int, float, str, int]] = deque(maxlen=_EVENTS)
         self._status = b"{}"
 
@@ -68,13 +67,7 @@ class FeedWriter(Sink):
         if not self._subscribers or self._number % _ACCEPT_EVERY == 0:
             self._accept()
         if self._subscribers:
-            message = encode_tick(record)
-            self._latest = record, message
-            self._send(TICK, self._number, message)
-
-    def encoded(self, record: TickRecord) -> bytes | None:
-        """Return the message of the latest tick if it was sent, so that a recorder need not encode it again."""
-        return self._latest[1] if self._latest is not None and self._latest[0] is record else None
+            self._send(TICK, self._number, encode_tick(record))
 
     def event(self, event: Event) -> None:
         """Keep an event for the next status; may be called from any thread."""

@@ -18,10 +18,10 @@ from humanoid_sim.client import Answer, monotonic_ns
 from humanoid_sim.controllers.fsm import refused
 from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, RESET, Reactivation
-from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import IntentSource, PolicySelection
 
 _INTENTS = {intent.value: intent for intent in Intent}

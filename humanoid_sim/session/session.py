@@ -27,16 +27,15 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.recording.sink import Sink
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector
-from humanoid_sim.session.sinks import Sink, SinkGroup
+from humanoid_sim.session.sinks import SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection
-
-_PATIENCE = 0.001  # s between two polls of a sink that lags
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +220,6 @@ class Session:
         self._ticks += 1
         if self.settings.realtime:
             self._pace.wait()
-            return
-        while self._group.lags() and not self._stop_reason:
-            sleep(_PATIENCE)
 
     def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
         state, safety = self.robot.read()

@@ -13,6 +13,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, EventKind, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
+from humanoid_sim.recording import sink
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 
@@ -104,7 +105,6 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
     assert recorder.error == f"{tmp_path / 'run.mcap'}: recording stopped: No space left on device"
     recorder.tick(make_tick(index))
     recorder.event(Event(0.0, "still running"))
-    assert recorder.backlog == 0
     recorder.close()
     assert told == [recorder.error]
     recorder.close()
@@ -115,28 +115,31 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
 
 def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeypatch):
     may_write = threading.Event()
-    original = recorder_module._RunWriter.write
+    begun = threading.Event()
+    original = McapRecorder.handle_tick
 
-    def slow(self, item):
+    def slow(self, record):
+        begun.set()
         may_write.wait(60.0)
-        original(self, item)
+        original(self, record)
 
-    monkeypatch.setattr(recorder_module._RunWriter, "write", slow)
-    monkeypatch.setattr(recorder_module, "QUEUE_LIMIT", 8)
+    monkeypatch.setattr(McapRecorder, "handle_tick", slow)
+    monkeypatch.setattr(sink, "QUEUE_LIMIT", 8)
     recorder = McapRecorder(tmp_path / "run.mcap")
     recorder.start(make_header())
-    for index in range(20):
+    recorder.tick(make_tick(0))
+    begun.wait(60.0)
+    for index in range(1, 20):
         recorder.tick(make_tick(index))
-    assert recorder.backlog == 8
-    assert recorder.lost == 12
+    assert recorder.lost == 11
     may_write.set()
-    wait_until(lambda: recorder.backlog == 0)
+    wait_until(lambda: not recorder._queue)
     recorder.tick(make_tick(20))
     recorder.close()
     entries = list(open_recording(tmp_path / "run.mcap").entries())
-    assert [entry.index for entry in entries if isinstance(entry, TickRecord)] == [*range(8), 20]
+    assert [entry.index for entry in entries if isinstance(entry, TickRecord)] == [*range(9), 20]
     assert [(entry.text, entry.kind) for entry in entries if isinstance(entry, Event)] == [
-        ("recording: 12 ticks left out before tick 20", EventKind.LOSS),
+        ("recording: 11 ticks left out before tick 20", EventKind.LOSS),
     ]
 
 

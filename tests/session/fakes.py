@@ -58,11 +58,8 @@ class FakeSink:
     log: list[str] = field(default_factory=list)
     on_tick: Callable[[TickRecord], None] = lambda _: None
     name: str = "sink"
-    waiting: list[int] = field(default_factory=lambda: [0])
-    """Backlogs to report, one per question; the last one again."""
     records: list[TickRecord] = field(default_factory=list)
     events: list[tuple[str, EventKind]] = field(default_factory=list)
-    backlog_limit = 2000
 
     def start(self, header: SessionHeader) -> None:
         self.log.append(f"start {self.name}")
@@ -73,10 +70,6 @@ class FakeSink:
 
     def event(self, event: Event) -> None:
         self.events.append((event.text, event.kind))
-
-    @property
-    def backlog(self) -> int:
-        return self.waiting.pop(0) if len(self.waiting) > 1 else self.waiting[0]
 
     def close(self) -> None:
         self.log.append(f"close {self.name}")

@@ -31,14 +31,13 @@ def test_a_subscriber_gets_ticks_files_and_what_interprets_them(local):
         assert (feed.blob("model.mjb"), feed.blob("motion.mcap")) == (b"model", b"motion")
         with pytest.raises(KeyError):
             feed.blob("none")
-        record = local.tick(Intent.DAMP)
+        local.tick(Intent.DAMP)
         sample = feed.wait(0, 10.0)
         assert (sample.number, feed.latest(), feed.since(1), feed.since(2)) == (2, sample, [sample], [])
         assert feed.wait(2, 0.001) is None
         assert local.sent <= sample.stamp
         assert feed.decode(sample)["mode"] == 1
         np.testing.assert_array_equal(decode_tick(sample.data).input.state.joint_position, [0.4, 0.5, 0.6])
-        assert local.feed.encoded(record) == sample.data
         assert feed.is_running()
         local.stack.close()
         assert not feed.is_running()

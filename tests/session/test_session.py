@@ -3,7 +3,6 @@ from fakes import FakeRobot, FakeSink, session
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import EventKind
-from humanoid_sim.session import session as loop
 
 
 def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated():
@@ -26,10 +25,3 @@ def test_a_robot_that_does_not_confirm_its_end_makes_the_run_a_failure():
     summary = session(Unconfirmed(), duration=0.1, sinks=[sink]).run()
     assert summary.failures == ("robot: left: not known to be off",)
     assert sink.events[-1] == ("failed to close the robot: left: not known to be off", EventKind.FAILURE)
-
-
-def test_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch):
-    slept = []
-    monkeypatch.setattr(loop, "sleep", slept.append)
-    session(FakeRobot(), duration=0.02, sinks=[FakeSink(waiting=[5000, 4000, 2001, 2000])]).run()
-    assert slept == [0.001] * 3

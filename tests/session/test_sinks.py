@@ -5,8 +5,8 @@ from fakes import HEADER, FakeRobot, FakeSink, session
 from waiting import until
 
 from humanoid_sim.messages import Event, TickRecord
-from humanoid_sim.session import sinks
-from humanoid_sim.session.sinks import WorkerSink
+from humanoid_sim.recording import sink as sinks
+from humanoid_sim.recording.sink import WorkerSink
 
 
 def tick(number):
@@ -16,8 +16,8 @@ def tick(number):
 class Kept(WorkerSink):
     """Keeps what it is called with."""
 
-    def __init__(self, fail_at=None):
-        super().__init__("kept", 0.001)
+    def __init__(self, fail_at=None, *, inline=False):
+        super().__init__("kept", 0.001, inline=inline)
         self.calls, self._fail_at = [], fail_at
 
     def _note(self, call):
@@ -48,16 +48,28 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where):
     until(lambda: sink.error is not None)
     sink.tick(tick(2))
     sink.event(Event(1.0, "late"))
-    assert sink.backlog == 0
     sink.close()
-    assert str(sink.error) == f"at {where}"
+    assert sink.error == f"at {where}"
     assert not {2, "late"} & set(sink.calls)
+
+
+@pytest.mark.parametrize("where", [None, 1])
+def test_one_that_works_inline_deals_with_everything_in_order_on_the_control_thread(where, monkeypatch):
+    monkeypatch.setattr(sinks, "_BATCH", 3)
+    sink = Kept(where, inline=True)
+    sink.event(Event(0.0, "early"))
+    sink.start(HEADER)
+    for number in range(3):
+        sink.tick(tick(number))
+        sink.event(Event(0.0, f"after {number}"))
+    assert sink.calls[:5] == ["early", 0, "after 0", 1, *(["after 1"] if where is None else [])]
+    sink.close()
+    assert sink.error == (None if where is None else "at 1")
+    assert (2 in sink.calls) == ("close" in sink.calls) == (where is None)
 
 
 class Stuck(Kept):
     """Does not come back from its first tick until it is let go: a console whose pipe nobody reads."""
-
-    backlog = 0
 
     def __init__(self):
         super().__init__()
@@ -72,7 +84,7 @@ class Stuck(Kept):
 @pytest.fixture
 def stuck(monkeypatch):
     """A sink that is stuck from its first tick on; let go in the end."""
-    monkeypatch.setattr(sinks, "_STUCK_AFTER", 0.2)
+    monkeypatch.setattr(Stuck, "stuck_after", 0.2)
     sink = Stuck()
     yield sink
     sink.let_go.set()
@@ -81,9 +93,9 @@ def stuck(monkeypatch):
 
 def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck):
     other = FakeSink()
-    result = session(FakeRobot(), duration=60.0, sinks=[stuck, other]).run()  # longer than the backlog of a run
+    result = session(FakeRobot(), duration=60.0, sinks=[stuck, other]).run()
     assert len(other.records) == result.ticks > 2000
-    assert str(stuck.error) == "did not finish within 0.2 s"
+    assert stuck.error == "did not finish within 0.2 s"
     assert not {0, "close"} & set(stuck.calls)
 
 
