@@ -6,7 +6,6 @@ down. What the terms of an observation mean is in `terms`.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +15,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from humanoid_sim.controllers.parameters import one_of, per_joint, require, require_fields, require_names
-from humanoid_sim.controllers.terms import TERM_KINDS, TERM_NAMES, TermKind, live_kind, may_be_sent, term_kind
+from humanoid_sim.controllers.terms import TERM_NAMES, TermKind, term_kind
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     BASE,
+    BASE_LINEAR_VELOCITY,
     EXTERN_WIDTHS,
     HEIGHT_SCAN,
     VELOCITY_COMMAND,
@@ -34,8 +34,6 @@ TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 QuaternionOrder = Literal["wxyz", "xyzw"]
 JOINT_LIMITS = "joint_limits"
-
-_MOST_RAYS = 2000  # as many values fit into one message of another program
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +62,6 @@ class HeightScan:
             "grid": (len(self.grid) == 2 and all(0.0 <= side < np.inf for side in self.grid), "two lengths, m >= 0"),
         }
         require_fields("HeightScan", self, checks)
-        rays = f"{self.resolution:g}, {self.count} rays"
-        require(self.count <= _MOST_RAYS, "HeightScan.resolution", rays, f"at most {_MOST_RAYS}")
 
     @property
     def missed(self) -> float:
@@ -73,19 +69,15 @@ class HeightScan:
         return self.range if self.miss is None else self.miss
 
     @property
-    def _sides(self) -> tuple[int, int]:
-        """Points along x and y: those within the grid, however a multiple of the resolution is rounded."""
-        return int(self.grid[0] / self.resolution + 1e-6) + 1, int(self.grid[1] / self.resolution + 1e-6) + 1
-
-    @property
     def count(self) -> int:
         """Number of rays."""
-        return math.prod(self._sides)
+        return len(self.points)
 
     @property
     def points(self) -> FloatArray:
         """Shape (count, 2), m, x and y from the grid's middle, in the order of the values."""
-        x, y = (np.arange(n) * self.resolution - 0.5 * side for n, side in zip(self._sides, self.grid, strict=True))
+        # Those within the grid, however a multiple of the resolution is rounded.
+        x, y = (np.arange(int(side / self.resolution + 1e-6) + 1) * self.resolution - 0.5 * side for side in self.grid)
         if self.ray_order == "xy":
             return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
         return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
@@ -121,8 +113,10 @@ class Term:
         has_scan = self.kind == HEIGHT_SCAN and self.width is None
         if has_scan and self.scan is None:
             put("scan", HeightScan())
-        is_sent = may_be_sent(self.kind, is_declared=self.width is not None)
-        is_topic = self.topic is not None and re.fullmatch(r"(/[A-Za-z_]\w*)+", self.topic, re.ASCII)
+        usual = term_kind(self.kind, is_declared=self.width is not None)
+        is_reported = self.kind in EXTERN_WIDTHS or self.kind.startswith(BASE_LINEAR_VELOCITY)
+        is_sent = usual.topic and not is_reported  # else it is the robot's, or made of its state: nobody else's to send
+        is_topic = re.fullmatch(r"(/[A-Za-z_]\w*)+", self.topic or usual.topic, re.ASCII)
         live = "of a live input; a width declares one, as in width: 2"
         checks = {
             "scale": (np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
@@ -130,7 +124,7 @@ class Term:
             "history": (self.history >= 1, "a whole number >= 1"),
             "scan": (self.scan is None or has_scan, "none: only a height_scan has one"),
             "width": (self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),
-            "topic": (self.topic is None or (is_sent and is_topic), f"a ROS 2 name such as '/foot_contact', {live}"),
+            "topic": (is_topic if is_sent else self.topic is None, f"a ROS 2 name such as '/foot_contact', {live}"),
             "timeout": (self.timeout is None or (is_sent and self.timeout > 0.0), f"seconds > 0, or .inf, {live}"),
         }
         require_fields(where, self, checks)
@@ -295,7 +289,7 @@ class PolicyContract:
 
     def kind(self, term: Term) -> TermKind:
         """Return what a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
-        return live_kind(term.kind) if term.width is not None else term_kind(term.kind, self.command_names)
+        return term_kind(term.kind, self.command_names, is_declared=term.width is not None)
 
     def requires(self, name: str) -> bool:
         """Return whether the observation has a term that means nothing without this field."""
@@ -323,16 +317,11 @@ class PolicyContract:
         return {term.kind: term.width for term in self.terms if term.width is not None}
 
     @property
-    def sent_inputs(self) -> Mapping[str, int]:
-        """Name and width of the live inputs that a program may send: declared ones, and a height scan."""
-        scan = self.height_scan
-        return dict(self.live_inputs) if scan is None else {**self.live_inputs, HEIGHT_SCAN: scan.count}
-
-    @property
     def extern_widths(self) -> Mapping[str, int]:
         """Name and width of the live inputs that such a policy can have: of a robot in a simulation, and declared."""
         points = {point_velocity(point): 3 for point in self.velocity_points}
-        return {**EXTERN_WIDTHS, **points, **self.sent_inputs}
+        scan = {} if self.height_scan is None else {HEIGHT_SCAN: self.height_scan.count}
+        return {**EXTERN_WIDTHS, **points, **self.live_inputs, **scan}
 
     @property
     def live_topics(self) -> Mapping[str, LiveTopic]:
@@ -353,10 +342,3 @@ def _bounds(name: str, value: Any, rows: int, *, may_be_one: bool = False) -> Fl
     is_accepted = is_accepted and bool((pairs[:, 0] <= pairs[:, 1]).all())
     require(is_accepted, f"PolicyContract.{name}", pairs.tolist(), f"[least, greatest] {rows} times")
     return frozen_array("PolicyContract", name, np.broadcast_to(pairs, (rows, 2)))
-
-
-def live_topic(contract: PolicyContract | None, name: str) -> LiveTopic | None:
-    """Return the topic of a live input, observed or not; None for one that no other program publishes."""
-    usual = TERM_KINDS.get(name)
-    default = LiveTopic(usual.topic) if usual is not None and usual.topic else None
-    return default if contract is None else contract.live_topics.get(name, default)

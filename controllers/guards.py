@@ -106,26 +106,24 @@ class Guards:
         start = np.where(follows | (advance < 0.0), position, memory.start)
         return GuardMemory(time, np.where(condition, held, -1.0), side, start)
 
-    def tripped(self, memory: GuardMemory) -> BoolArray:
-        """Return which robots a guard has tripped for, shape (...)."""
-        return np.asarray((memory.held >= self._times).any(axis=(-2, -1)))
-
     def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
         """Return the guard that tripped first, and why, for each robot of a batch by its index, 0 for the only one.
 
         The memory is that of `watch` with this state and command.
         """
-        if memory is None or not self.tripped(memory).any():
+        if memory is None or not (late := memory.held >= self._times).any():
             return {}
         n = len(self.joints)
-        late = (memory.held >= self._times).reshape(-1, 3, n)
-        arrays = state.joint_position, state.joint_velocity, command.position, command.stiffness, command.effort
-        judged = memory.held[..., _FOLLOWING, :], self._spring(state, command)
+        late = late.reshape(-1, 3, n)
+        arrays = (
+            *(state.joint_position, state.joint_velocity, command.position, command.stiffness, command.effort),
+            *(memory.held[..., _FOLLOWING, :], self._spring(state, command)),
+        )
+        values = np.array([array.reshape(-1, n) for array in arrays])
         found: dict[int, str] = {}
         for i in np.flatnonzero(late.any(axis=(1, 2))).tolist():
             guard, j = np.argwhere(late[i])[0].tolist()
-            at, speed, wanted, stiffness, effort = (array.reshape(-1, n)[i, j] for array in arrays)
-            held, pull = (array.reshape(-1, n)[i, j] for array in judged)
+            at, speed, wanted, stiffness, effort, held, pull = values[:, i, j].tolist()
             name = self.joints[j]
             if guard == _FOLLOWING:
                 found[i] = (

@@ -7,14 +7,14 @@ for bit what its robots give one by one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract, Term
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.terms import BoundTerm, TermInput, check_sources
+from humanoid_sim.controllers.terms import BoundTerm, TermInput
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Float32Array
 
@@ -72,11 +72,10 @@ def resolve_observation(
         is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
         zero = pose if kind.is_relative(term) else 0.0
         bound = BoundTerm(term, kind, contract, reference, extern, order, zero, is_plain, start)
-        check_sources(bound)
-        width, size = bound.step_width(), np.size(term.scale)
+        width, size = bound.stop - start, np.size(term.scale)
         if size not in (1, width):
             raise FieldError(f"observation term '{term.name}': scale has {size} values, expected 1 or {width}")
-        terms.append(replace(bound, stop=start + width))
+        terms.append(bound)
     return ObservationLayout(tuple(terms), contract.history_layout)
 
 

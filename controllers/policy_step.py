@@ -17,11 +17,9 @@ from humanoid_sim.controllers.contract import JOINT_LIMITS, PhaseRule, PolicyCon
 from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
-from humanoid_sim.controllers.terms import TermInput, anchor_quaternion, live_command
+from humanoid_sim.controllers.terms import TermInput, anchor_pose, live_command
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
-    ANCHOR_ORIENTATION,
-    ANCHOR_POSE,
     BoolArray,
     Float32Array,
     FloatArray,
@@ -72,12 +70,11 @@ class PolicyWiring:
         """Start with no last action, and with the first frame of the reference aligned with the robot."""
         batch = state.joint_position.shape[:-1]
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
-        pose = _anchor_pose(state) if aligns else None
         return PolicyMemory(
             frame=np.zeros(batch, dtype=np.int64) if batch else 0,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
             walked=np.zeros(batch) if batch else 0.0,
-            alignment=None if pose is None else self.reference.align(pose),
+            alignment=self.reference.align(anchor_pose(state)) if aligns else None,
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
@@ -144,16 +141,6 @@ def advance_phase(
     phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
     value = np.nan if rule.standing_value is None else rule.standing_value
     return np.where(standing & rule.standing_restarts, 0.0, after), np.where(standing[..., None], value, phase)
-
-
-def _anchor_pose(state: MITState) -> FloatArray | None:
-    """Return the anchor body's pose, shape (..., 7), at the origin where only its orientation is known; or None."""
-    if ANCHOR_POSE in state.extern:
-        return state.extern[ANCHOR_POSE].value
-    if ANCHOR_ORIENTATION not in state.extern:
-        return None
-    quaternion = anchor_quaternion(state)
-    return np.concatenate([np.zeros((*quaternion.shape[:-1], 3)), quaternion], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,9 +6,8 @@ Exporters give the same quantity different names, and `command` stands for the c
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -60,7 +59,7 @@ class TermInput:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundTerm:
-    """A term on a robot, everything looked up once."""
+    """A term on a robot, everything looked up once. Raises `FieldError` if its source is missing."""
 
     term: Term
     kind: TermKind
@@ -71,7 +70,12 @@ class BoundTerm:
     zero: FloatArray | float  # rad, of these joints: subtracted from positions
     is_plain: bool  # neither clipped nor scaled: most terms are, and a multiplication by 1 in every step is not free
     start: int  # place of the first value within one step's values
-    stop: int = 0
+    stop: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        check_sources(self)
+        width = self.kind.width if isinstance(self.kind.width, int) else _WIDTHS[self.kind.width](self)
+        object.__setattr__(self, "stop", self.start + width)
 
     @property
     def name(self) -> str:
@@ -82,11 +86,6 @@ class BoundTerm:
     def width(self) -> int:
         """Number of values that the policy sees, all steps of its history together."""
         return (self.stop - self.start) * self.term.history
-
-    def step_width(self) -> int:
-        """Return the number of values of one step."""
-        width = self.kind.width
-        return width if isinstance(width, int) else _WIDTHS[width](self)
 
 
 _WIDTHS: Mapping[str, Callable[[BoundTerm], int]] = {
@@ -174,22 +173,23 @@ def _motion_command(bound: BoundTerm, now: TermInput) -> FloatArray:
     return np.concatenate([position, bound.reference.term("reference_joint_vel", now.frame)], axis=-1)
 
 
-def anchor_quaternion(state: MITState) -> FloatArray:
-    """Return the anchor body's orientation, shape (..., 4), w x y z: of its pose, or else by itself; NaN without."""
-    if ANCHOR_POSE in state.extern:
-        return _live_or_nan(state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])[..., 3:]
-    return _live_or_nan(state, ANCHOR_ORIENTATION, 4)
+def anchor_pose(state: MITState) -> FloatArray:
+    """Return the anchor body's pose, shape (..., 7); a position of NaN where only its orientation is known."""
+    if ANCHOR_POSE in state.extern or ANCHOR_ORIENTATION not in state.extern:
+        return _live_or_nan(state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
+    quaternion = _live_or_nan(state, ANCHOR_ORIENTATION, 4)
+    return np.concatenate([np.full((*quaternion.shape[:-1], 3), np.nan), quaternion], axis=-1)
 
 
 def _anchor_position(bound: BoundTerm, now: TermInput) -> FloatArray:
-    pose = _live_or_nan(now.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
+    pose = anchor_pose(now.state)
     offset = bound.reference.anchor(now.frame, now.alignment)[0] - pose[..., :3]
     return offset if bound.term.frame == "world" else rotate_inverse(pose[..., 3:], offset)
 
 
 def _anchor_orientation(bound: BoundTerm, now: TermInput) -> FloatArray:
     target = bound.reference.anchor(now.frame, now.alignment)[1]
-    relative = multiply(conjugate(anchor_quaternion(now.state)), target)
+    relative = multiply(conjugate(anchor_pose(now.state)[..., 3:]), target)
     rotation = matrix(conjugate(relative) if bound.term.inverse else relative)
     if bound.term.layout == "rows":
         return rotation_6d(rotation)
@@ -212,7 +212,6 @@ class TermKind:
     _: KW_ONLY
     names: tuple[str, ...] = ()  # names that exporters use for it, beside its own
     reads: str = ""  # field of `MITState`, or live input, that it is made of; empty: the policy's memory, or its motion
-    estimate: str = ""  # part of it that a simulation knows and a robot has to estimate
     tables: tuple[str, ...] = ()  # tables of the motion that it needs
     conventions: tuple[Convention, ...] = ()  # conventions that may be mistaken: options of `Term`, or its `sign`
     relative: bool = False  # True if positions are relative to the default pose unless the term says otherwise
@@ -227,6 +226,11 @@ class TermKind:
             return "piano"
         return "tracking" if self.tables else ""
 
+    @property
+    def is_estimate(self) -> bool:
+        """Whether it is made of what a simulation knows and a robot has to estimate."""
+        return self.reads in (BASE_LINEAR_VELOCITY, ANCHOR_POSE)
+
     def is_relative(self, term: Term) -> bool:
         """Return whether the positions of such a term are less the default pose."""
         return self.relative if term.relative is None else term.relative
@@ -239,8 +243,7 @@ class TermKind:
 _ANCHOR = ("anchor_pos",)
 _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
     TermKind("base_lin_vel", "velocity of the base, m/s: needs an estimator", 3, _linear_velocity,
-             reads=BASE_LINEAR_VELOCITY, estimate="the velocity of the base", conventions=("frame", "at"),
-             scales=(1.0, 2.0)),
+             reads=BASE_LINEAR_VELOCITY, conventions=("frame", "at"), scales=(1.0, 2.0)),
     TermKind("base_ang_vel", "angular velocity of the IMU, rad/s", 3, _angular_velocity,
              names=("imu_ang_vel", "imu_angular_velocity"), reads="imu_angular_velocity", conventions=("frame",),
              scales=(1.0, 0.25, 0.2)),
@@ -260,12 +263,10 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
              tables=("reference_joint_pos", "reference_joint_vel"), conventions=("relative",)),
     TermKind("motion_anchor_pos", "reference's anchor body from the robot's, m: needs an estimator", 3,
              _anchor_position, names=("motion_anchor_pos_b",), reads=ANCHOR_POSE,
-             estimate="the position of the anchor body", tables=_ANCHOR, conventions=("frame",),
-             requires="anchor_body"),
+             tables=_ANCHOR, conventions=("frame",), requires="anchor_body"),
     TermKind("motion_anchor_ori", "reference's anchor orientation from the robot's, two columns of the matrix", 6,
              _anchor_orientation, names=("motion_anchor_ori_b", "motion_ref_ori_b"), reads=ANCHOR_POSE,
-             estimate="the orientation of the anchor body", tables=_ANCHOR, conventions=("layout", "inverse"),
-             requires="anchor_body"),
+             tables=_ANCHOR, conventions=("layout", "inverse"), requires="anchor_body"),
     TermKind("joint_pos", "joint positions, rad", "joints", _joint_position,
              names=("joint_pos_rel", "dof_pos"), reads="joint_position", conventions=("relative",), relative=True),
     TermKind("joint_vel", "joint velocities, rad/s", "joints",
@@ -297,37 +298,20 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
 TERM_KINDS: Mapping[str, TermKind] = {kind.name: kind for kind in _KINDS}  # every kind by its name
 TERM_NAMES: Mapping[str, str] = {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
 """Every known name of a term, and its kind's."""
+USUAL_TOPICS: Mapping[str, str] = {kind.reads: kind.topic for kind in _KINDS if kind.topic}
+"""Topics of live inputs, where a contract has no others."""
 
 
-def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
+def term_kind(name: str, command_names: tuple[str, ...] = (), *, is_declared: bool = False) -> TermKind:
     """Return the kind of a term by a name of it or of the kind; any other name is that of a live input.
 
-    By `command_names` of the contract: mjlab and Isaac Lab call motion and velocity commands alike.
+    By `command_names` of the contract: mjlab and Isaac Lab call motion and velocity commands alike. A live input of
+    which a term declares the width has a topic of its name.
     """
     if name == _COMMAND:
         name = "motion_command" if "motion" in command_names else "velocity_command"
     known = TERM_KINDS.get(TERM_NAMES.get(name, name))
-    return known or TermKind(name, "live input", "input", _live, reads=name)
-
-
-def live_kind(name: str) -> TermKind:
-    """Return the kind of a live input of that name, whose width a term declares."""
-    usual = TERM_KINDS.get(name)
-    if usual is not None and usual.topic:
-        return usual
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return replace(term_kind(name), topic=f"/{plain}" if plain.isidentifier() else f"/_{plain}")
-
-
-def may_be_sent(name: str, *, is_declared: bool) -> bool:
-    """Return whether other programs may send a live input of this name: a term's `kind`, which may declare its width.
-
-    What a robot reports, and what the table makes of a state, is nobody else's to send.
-    """
-    usual = TERM_KINDS.get(TERM_NAMES.get(name, name))
-    if usual is not None or name == _COMMAND:
-        return usual is not None and usual.topic != ""
-    return is_declared and name not in EXTERN_WIDTHS and not name.startswith(BASE_LINEAR_VELOCITY)
+    return known or TermKind(name, "live input", "input", _live, reads=name, topic=f"/{name}" if is_declared else "")
 
 
 def check_sources(bound: BoundTerm) -> None:
@@ -342,9 +326,9 @@ def check_sources(bound: BoundTerm) -> None:
     if lacking or (kind.name == "progress" and not tables):
         raise FieldError(f"{where} needs a motion{' with ' if lacking else ''}{', '.join(lacking)}, {none}")
     inputs = {kind.input(term), ANCHOR_ORIENTATION if kind.name == "motion_anchor_ori" else ""}
-    if kind.estimate and not inputs & set(extern):
+    if kind.is_estimate and not inputs & set(extern):
         known = "a simulation knows it, a robot needs an estimator for it"
-        raise FieldError(f"{where} needs {kind.estimate}: {known}, {none}")
+        raise FieldError(f"{where} needs the {kind.input(term)}: {known}, {none}")
     if kind.width != "input":
         return
     declared = term.width if term.scan is None else term.scan.count

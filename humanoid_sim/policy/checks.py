@@ -157,8 +157,8 @@ def _term_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Find
         kind, field = contract.kind(term), f"observation term {term.name}"
         if hardware and kind.name == "motion_anchor_ori":
             yield Finding("info", field, "needs an orientation alone, which the IMU and the joints give")
-        elif kind.estimate and kind.name != "motion_anchor_ori":
-            message = f"needs {kind.estimate}, which a simulation knows and a robot has to estimate"
+        elif kind.is_estimate and kind.name != "motion_anchor_ori":
+            message = f"needs the {kind.input(term)}, which a simulation knows and a robot has to estimate"
             remark = "; there is no estimator" if hardware else ""
             yield Finding("error" if hardware else "info", field, f"{message}{remark}")
 

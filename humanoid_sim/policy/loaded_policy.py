@@ -37,10 +37,8 @@ class LoadedPolicy:
 
     def live_inputs(self, reported: Container[str]) -> Mapping[str, int]:
         """Name and width of the live inputs that a session takes from outside, less those that the robot reports."""
-        live = self.contract.sent_inputs
-        if "target_keys" in self.reference.terms:  # the score of a run needs the keys, observed or not
-            live = {**live, KEY_PRESSED: self.extern[KEY_PRESSED]}
-        return {name: width for name, width in live.items() if name not in reported}
+        live = {*self.contract.live_topics, KEY_PRESSED}  # the score of a run needs the keys, observed or not
+        return {name: width for name, width in self.extern.items() if name in live and name not in reported}
 
     @property
     def layout(self) -> ObservationLayout:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from humanoid_sim.controllers.terms import TERM_KINDS
+from humanoid_sim.controllers.terms import USUAL_TOPICS
 from humanoid_sim.messages import PolicyStep, SafetyLevel, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.mit import Extern
 from humanoid_sim.recording.header import LABELS_DOCUMENT, json_document
@@ -42,7 +42,7 @@ class ViewerTopics:
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
-        self.live = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
+        self.live = dict(USUAL_TOPICS)
         """Topics of live inputs, by name: the usual ones, and those of the recorded contracts."""
         for contract in recorded_contracts(header):
             self.live |= {name: topic.name for name, topic in contract.live_topics.items()}

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from time import monotonic
 
 from humanoid_sim.client import Intake, SessionError, monotonic_ns
-from humanoid_sim.controllers.contract import live_topic
+from humanoid_sim.controllers.contract import LiveTopic
+from humanoid_sim.controllers.terms import USUAL_TOPICS
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.messages import SafetyStatus
@@ -85,9 +86,10 @@ class CommandReader:
         self._statuses = _readers(participant, SAFETY_TOPIC, topic_kind(SAFETY_TOPIC)) if is_local else []
         self._live: list[tuple[str, int, bool, Reader]] = []
         contract = next(iter(recorded_contracts(attachment.header)), None)
+        topics = {name: LiveTopic(topic) for name, topic in USUAL_TOPICS.items()}
+        topics |= {} if contract is None else contract.live_topics
         for name, width in attachment.live_inputs.items() if is_local else ():
-            topic = live_topic(contract, name)
-            if topic is not None:
+            if topic := topics.get(name):
                 kind = LIVE_INPUT._replace(latched=topic.timeout == math.inf)  # one from before the bridge counts too
                 self._live += [(name, width, kind.latched, one) for one in _readers(participant, topic.name, kind)]
         self.live_topics = frozenset(reader.topic for *_, reader in self._live)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from humanoid_sim.controllers.contract import LiveTopic
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.dds import commands as module
 from humanoid_sim.frontends.dds.commands import CommandReader, StatusForwarder, read_command
@@ -85,8 +86,8 @@ def test_what_came_while_the_bridge_was_suspended_is_dropped_unless_it_is_latche
 
     monkeypatch.setattr(module, "Reader", FakeReader)
     monkeypatch.setattr(module, "monotonic_ns", lambda: now[0])
-    monkeypatch.setattr(module, "recorded_contracts", lambda _: ())
-    monkeypatch.setattr(module, "live_topic", lambda *_: SimpleNamespace(name="/goal", timeout=timeout))
+    contract = SimpleNamespace(live_topics={"goal": LiveTopic("/goal", timeout)})
+    monkeypatch.setattr(module, "recorded_contracts", lambda _: (contract,))
     intake = SimpleNamespace(live=lambda *_, stamp: sent.append(stamp))
     header = SimpleNamespace(joint_names=JOINTS)
     attachment = SimpleNamespace(session=None, intake=intake, header=header, live_inputs={"goal": 2})
