@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -197,25 +197,25 @@ def _feed() -> Iterator[FeedWriter]:
 
 
 def control_tick(repetitions: int) -> Iterator[Figure]:
-    """One simulated control tick of `play`, published and recorded, over the `mj_step`s and inference in it."""
+    """One simulated control tick of `play`, recorded, over the `mj_step`s and inference in it."""
     checkpoint = load_checkpoint(SAMPLE_POLICY)
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        _feed() as feed,
-        closing(McapRecorder(Path(folder) / "bench.mcap", inline=True)) as recorder,
-        _playing(feed, recorder) as (session, _, robot),
-    ):
-        data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)
-        observation = np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
+    for name, limit in (("control tick of play at 200 Hz", 2.5), ("control tick of play, one subscriber", None)):
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            feeds = [] if limit else [stack.enter_context(_feed())]
+            recorder = stack.enter_context(closing(McapRecorder(folder / "bench.mcap", inline=True)))
+            session, _, robot = stack.enter_context(_playing(*feeds, recorder))
+            data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)
+            observation = np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
 
-        def bare() -> None:
-            mujoco.mj_copyData(data, robot.model, robot.data)
-            for tick in range(_TICKS):
-                mujoco.mj_step(robot.model, data, robot.physics_steps)
-                if tick % decimation == 0:
-                    checkpoint.policy(observation, 0)
+            def bare(robot: SimRobot = robot, data: Any = data, decimation: int = decimation) -> None:
+                mujoco.mj_copyData(data, robot.model, robot.data)
+                for tick in range(_TICKS):
+                    mujoco.mj_step(robot.model, data, robot.physics_steps)
+                    if tick % decimation == 0:
+                        checkpoint.policy(observation, 0)  # noqa: B023
 
-        yield Figure("control tick of play at 200 Hz", *compare(partial(_run, session), bare, repetitions, _TICKS), 2.5)
+            yield Figure(name, *compare(partial(_run, session), bare, repetitions, _TICKS), limit)
 
 
 def publishing(repetitions: int) -> Iterator[Figure]:
