@@ -18,7 +18,7 @@ from humanoid_sim.envs.tasks import Task
 from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, required_contract, zero_policy
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.layers import join
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.own import read_contract_file
@@ -165,7 +165,7 @@ def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str
         return load_checkpoint(path, None, joints)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"policy: is '{source}', expected a checkpoint (.onnx) or a contract (.yaml)")
-    contract = required_contract(join([read_contract_file(path)], str(path)), path)
+    contract = join([read_contract_file(path)], path).required_contract()
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 

@@ -5,33 +5,30 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import FieldError, InputError, blaming
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import MALFORMED, Layer, Reading, join
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import Header, OnnxModel, OnnxPolicy, external_file, read_header
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, read_metadata
 from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, unitree
 from humanoid_sim.policy.readers.trainer_files import find_beside
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
-_ANCHOR_QUATERNION = "ref_quat_xyzw"  # holosoma's output
 _METADATA = (own.read_stamp, own.read_own, mjlab.read_mjlab, holosoma.read_holosoma)  # the first whose keys are there
-_FILES: tuple[tuple[Callable[[Path], Path | None], Callable[..., list[Layer]]], ...] = (
-    (partial(find_beside, name="env.yaml"), isaaclab.read_env),
-    (partial(find_beside, name="deploy.yaml"), unitree.read_deploy),
-    (berkeley.find_berkeley, berkeley.read_berkeley),
-)
+_FILES: Mapping[str, Callable[[Path, tuple[str, ...] | None], list[Layer]]] = {
+    "env.yaml": isaaclab.read_env,
+    "deploy.yaml": unitree.read_deploy,
+    "{stem}.yaml": berkeley.read_berkeley,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +39,6 @@ class Checkpoint:
     policy: Policy
     source: str  # path, or `placeholder`
     sha256: str = ""  # of the file and of the external tensors beside it
-    observation_width: int | None = None  # N as the model declares it; None if any width will do
     motion: Motion | None = None  # in the model's graph
     contract_file: Path | None = None  # that took part, beside the model or named
     golden: str = ""  # worth of the golden vectors that were computed again, in words
@@ -56,7 +52,12 @@ class Checkpoint:
     @property
     def metadata(self) -> Mapping[str, str]:
         """The model's metadata; empty for a policy without one."""
-        return {} if self.model is None else self.model.header.metadata
+        return {} if self.model is None else self.model.metadata
+
+    @property
+    def observation_width(self) -> int | None:
+        """N as the model declares it; None if any width will do."""
+        return self.policy.observation_width if isinstance(self.policy, OnnxPolicy) else None
 
     def limit_inference(self, seconds: float) -> None:
         """End an inference after so many s, where the graph can loop: it is then a fault of the policy controller."""
@@ -77,17 +78,16 @@ def load_checkpoint(
     `robot_joints` are for joints named by their places; `verify`: refuse a model whose golden vectors do not come out.
     """
     model = OnnxModel(path)
-    reading = read_checkpoint(model.header, contract_file, robot_joints)
-    contract = required_contract(reading, path)
+    reading = read_checkpoint(path, model.metadata, contract_file, robot_joints)
+    contract = reading.required_contract()
     policy = OnnxPolicy(model, contract.tensors)
     with blaming(f"{path}: the model fails on an observation of zeros", Exception):  # operators may fit only in shape
         width = len(policy(np.zeros(policy.observation_width, dtype=np.float32), 0))
     if not width == policy.action_width == contract.action_count:
         expected = f"{contract.action_count}, one for each of action_joint_names"
         raise InputError(f"{path}: the model's output is {width} wide, expected {expected}")
-    file = own.find_contract(path) if contract_file is None else contract_file
-    motion, width = sweep_motion(policy, contract), policy.observation_width
-    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), width, motion, file, reading=reading)
+    file, motion = own.find_contract(path) if contract_file is None else contract_file, sweep_motion(policy, contract)
+    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), motion, file, reading=reading)
     if not verify or own.GOLDEN_KEY not in checkpoint.metadata:
         return checkpoint
     from humanoid_sim.policy.traces import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
@@ -99,59 +99,34 @@ def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
     """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it."""
-    return required_contract(read_checkpoint(read_header(path), contract_file, robot_joints), path)
+    return read_checkpoint(path, read_metadata(path), contract_file, robot_joints).required_contract()
 
 
 def read_checkpoint(
-    header: Header, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
+    path: Path,
+    metadata: Mapping[str, str],
+    contract_file: Path | None = None,
+    robot_joints: tuple[str, ...] | None = None,
 ) -> Reading:
     """Return what everything that speaks about a checkpoint states together, a `contract.yaml` beside it, too.
 
-    A stamped one needs no trainer's file; a trainer's file of another network is recognised by the model's width.
+    A stamped one needs no trainer's file.
     """
-    path, where = header.path, str(header.path)
     layers: list[Layer] = []
-    if _ANCHOR_QUATERNION in header.output_names:
-        layers.append(Layer(f"assumed (output {_ANCHOR_QUATERNION})", {"reference_quaternion": "xyzw"}))
     with blaming(f"{path}: metadata", MALFORMED):
-        layers += next((found for read in _METADATA if (found := read(header.metadata, where))), [])
-    files: list[Layer] = []
-    if own.STAMP_KEY not in header.metadata:
-        for find, read_file in _FILES:
-            if file := find(path):
-                with blaming(file, MALFORMED):
-                    files += read_file(file, robot_joints)
+        layers += next((found for read in _METADATA if (found := read(metadata, str(path)))), [])
+    for name, read_file in _FILES.items() if own.STAMP_KEY not in metadata else ():
+        if file := find_beside(path, name.format(stem=path.stem)):
+            with blaming(file, MALFORMED):
+                layers += read_file(file, robot_joints)
     chosen = own.find_contract(path) if contract_file is None else contract_file
-    hand = [] if chosen is None else [own.read_contract_file(chosen)]
-    reading = join([*layers, *files, *hand], where)
-    if header.width is not None and reading.differences and _width(reading) != header.width:
-        inside = join([*layers, *hand], where)
-        if _width(inside) == header.width:
-            names = ", ".join(layer.source for layer in files if "observation" in layer.values)
-            line = f"{names} is of another network than this model of {header.width} inputs, and is not read"
-            return replace(inside, unused=(*inside.unused, line))
-    return reading
-
-
-def _width(reading: Reading) -> int | None:
-    with suppress(FieldError):
-        return None if reading.outline is None else contract_layout(reading.outline).width
-    return None
-
-
-def required_contract(reading: Reading, path: Path) -> PolicyContract:
-    """Return the contract. Raises `InputError` with everything that keeps it from being one."""
-    problems = reading.problems(own.own_contract(path).name)
-    if problems or reading.contract is None:
-        lines = (text if field == "contract" else f"{field}: {text}" for field, text in problems.items())
-        raise InputError(f"{path}: {'; '.join(lines)}")
-    return reading.contract
+    return join(layers if chosen is None else [*layers, own.read_contract_file(chosen)], path)
 
 
 def file_digest(path: Path) -> str:
     """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
     digest = hashlib.sha256(path.read_bytes())
-    external = external_file(path)
+    external = path.with_name(f"{path.name}.data")
     if os.path.isfile(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()

@@ -14,8 +14,6 @@ from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
-_ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
-"""holosoma gives the anchor body alone; trackers that do not observe its position, without that."""
 _HELD = 50  # equal frames in a row after which the end is looked for: graphs hold their last frame
 _PROBE = 25  # stride, frames, that distinguishes a pause from the end
 _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends
@@ -23,37 +21,31 @@ _LONGEST = 90_000  # frames, half an hour at 50 Hz: whatever goes on beyond is n
 
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph."""
-    available = set(policy.model.header.output_names)
+    available = {tensor.name for tensor in policy.model.outputs}
     if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
         return None
-    bodies, (place, turn) = contract.body_names, _BODIES
-    if not available.issuperset(_BODIES):
-        place, turn = _ANCHOR
-        bodies = (contract.anchor_body,) if contract.anchor_body and turn in available else ()
-    sizes = dict.fromkeys(_JOINTS, len(contract.joint_names))
-    sizes |= {place: 3 * len(bodies), turn: 4 * len(bodies)} if bodies else {}
-    outputs, observation = [*(sizes.keys() & available)], np.zeros(policy.observation_width, dtype=np.float32)
+    joints, bodies = contract.joint_names, contract.body_names if available.issuperset(_BODIES) else ()
+    sizes = dict.fromkeys(_JOINTS, len(joints))
+    sizes |= dict(zip(_BODIES, (3 * len(bodies), 4 * len(bodies)), strict=True)) if bodies else {}
+    observation = np.zeros(policy.observation_width, dtype=np.float32)
 
     def frame(index: int) -> Float32Array | None:
         try:
-            answer = policy.run(outputs, observation, index)
+            answer = policy.run(list(sizes), observation, index)
         except Exception as error:  # onnxruntime's own types
             if index == 0 or isinstance(error, TimeoutError):
                 raise FieldError(f"the motion in its graph cannot be read: {reason_of(error)}") from None
             return None  # a graph that does not hold its last frame has none beyond it
-        values = {name: np.zeros(size, dtype=np.float32) for name, size in sizes.items()}
-        values |= {name: np.asarray(value, np.float32).ravel() for name, value in zip(outputs, answer, strict=True)}
-        for name, size in sizes.items():
-            if values[name].size != size:
-                raise FieldError(f"output '{name}' has {values[name].size} values, expected {size}")
+        values = [np.asarray(value, np.float32).ravel() for value in answer]
+        for (name, size), value in zip(sizes.items(), values, strict=True):
+            if value.size != size:
+                raise FieldError(f"output '{name}' has {value.size} values, expected {size}")
         if bodies and contract.reference_quaternion == "xyzw":
-            values[turn] = values[turn].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
-        return np.concatenate([values[name] for name in sizes])
+            values[-1] = values[-1].reshape(-1, 4)[:, [3, 0, 1, 2]].ravel()
+        return np.concatenate(values)
 
     with blaming(policy.model.path):
-        if bodies and place not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
-            raise FieldError(f"observes the anchor's position, but its model has no output '{place}'")
-        rows, joints = np.stack(_rows(frame)), contract.joint_names
+        rows = np.stack(_rows(frame))
         return Motion(rows, bodies, contract.policy_dt, layout="joints_bodies_w", joint_names=joints)
 
 

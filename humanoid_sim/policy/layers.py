@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
@@ -31,11 +32,6 @@ _REQUIRED = {
 _NEUTRAL: Mapping[str, Any] = {**_REQUIRED, "anchor_body": "?", "lookahead_steps": (1,), "phase.period": 1.0}
 """In the place of missing values: the observation's width is known all the same."""
 _MAY_DIFFER = ("command_ranges", "command_names", "dataset_repo_id")  # between a trainer and its deployment
-_NAMES = ("joint_names", "body_names", "command_names", "observation", "action_joint_names", "joints")
-_NUMBERS = (
-    *("joint_stiffness", "joint_damping", "default_joint_pos", "effort_limit", "action_scale", "action_offset"),
-    *("position_clip", "command_ranges", "scale", "offsets"),
-)
 _OWNERS = {"": PolicyContract, "phase": PhaseRule, "tensors": TensorNames, "observation": Term}
 
 
@@ -63,13 +59,14 @@ class Layer:
 class Reading:
     """All that the sources of a checkpoint state."""
 
+    path: Path  # of the checkpoint
     values: Mapping[str, Any]  # by field, as in `Layer.values`, in the order of the joints
     source: Mapping[str, str]
     replaced: Mapping[str, tuple[Statement, ...]]
     differences: Mapping[str, str]  # by field, between the trainer's own sources
     missing: tuple[str, ...]
     unused: tuple[str, ...]
-    outline: PolicyContract | None = None
+    outline: PolicyContract | None
     """The contract, with something harmless in the place of what is missing; None without joints or terms."""
 
     @property
@@ -77,45 +74,49 @@ class Reading:
         """None where something is missing."""
         return None if self.missing else self.outline
 
-    def problems(self, hand: str) -> dict[str, str]:
-        """Return by field what keeps the contract from being used; `hand`: the contract.yaml that decides."""
-        decided = f"(the right value in {hand} decides)"
+    @property
+    def problems(self) -> dict[str, str]:
+        """What keeps the contract from being used, by field."""
+        hand = f"{self.path.stem}.contract.yaml"
+        found = {field: f"{text} (the right value in {hand} decides)" for field, text in self.differences.items()}
         lacking = f"lacks {', '.join(self.missing)}: give what is missing in {hand}"
-        found = {"contract": lacking} if self.missing else {}
-        return found | {field: f"{text} {decided}" for field, text in self.differences.items()}
+        return {"contract": lacking, **found} if self.missing else found
+
+    def required_contract(self) -> PolicyContract:
+        """Return the contract. Raises `InputError` with everything that keeps it from being one."""
+        if self.problems or self.contract is None:
+            lines = (text if field == "contract" else f"{field}: {text}" for field, text in self.problems.items())
+            raise InputError(f"{self.path}: {'; '.join(lines)}")
+        return self.contract
 
 
-def join(layers: Sequence[Layer], where: str) -> Reading:
-    """Join what several sources of the checkpoint `where` state. Raises `InputError` for a value that cannot be."""
+def join(layers: Sequence[Layer], path: Path) -> Reading:
+    """Join what the sources of the checkpoint at `path` state. Raises `InputError` for a value that cannot be."""
     implied = [layer for layer in layers if is_assumed(layer.source)]
     # Of assumptions the first source's count: the model's own metadata knows its dialect best.
     ordered = [*reversed(implied), *(layer for layer in layers if layer not in implied)]
-    given = [(layer, name, f"{where}: {layer.source}: {name}") for layer in ordered for name in layer.values]
-    values = [(layer, name, checked(name, layer.values[name], place), place) for layer, name, place in given]
-    names = _Names({name: (value, place) for _, name, value, place in values})
-    statements: dict[str, list[tuple[Statement, Layer]]] = {}
-    for layer, name, value, place in values:
-        key = names.key(name)
-        if key:
-            statement = Statement(names.value(key, value, place), layer.source)
-            statements.setdefault(key, []).append((statement, layer))
-        elif layer.is_decisive:
-            raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
+    places = [(layer, name, f"{path}: {layer.source}: {name}") for layer in ordered for name in layer.values]
+    given = [(layer, name, checked(name, layer.values[name], place), place) for layer, name, place in places]
+    names = _Names({name: (value, place) for _, name, value, place in given})
     found: dict[str, Statement] = {}
     replaced: dict[str, tuple[Statement, ...]] = {}
     differences: dict[str, str] = {}
-    for key, stated in statements.items():
-        for statement, layer in stated:
-            new, old = statement, found.get(key)
-            if old is not None and not is_assumed(old.source):
-                difference = names.difference(key, old, new)
-                if difference:
-                    replaced[key], differences[key] = (*replaced.get(key, ()), old), difference
-                elif key != "observation":  # options of terms stand under the later names
-                    new = _exact(old, new)
-            if layer.is_decisive or key in _MAY_DIFFER:
-                differences.pop(key, None)
-            found[key] = new
+    for layer, name, value, place in given:
+        key = names.key(name)
+        if not key:
+            if layer.is_decisive:
+                raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
+            continue
+        old, new = found.get(key), Statement(names.value(key, value, place), layer.source)
+        if old is not None and not is_assumed(old.source):
+            difference = names.difference(key, old, new)
+            if difference:
+                replaced[key], differences[key] = (*replaced.get(key, ()), old), difference
+            elif key != "observation":  # options of terms stand under the later names
+                new = _exact(old, new)
+        if layer.is_decisive or key in _MAY_DIFFER:
+            differences.pop(key, None)
+        found[key] = new
     missing = names.complete(found)
     fields = {key: statement.value for key, statement in found.items()}
     source = {key: statement.source for key, statement in found.items()}
@@ -125,9 +126,9 @@ def join(layers: Sequence[Layer], where: str) -> Reading:
             outline = build({**fields, **{name: _NEUTRAL[name] for name in missing if name in _NEUTRAL}}, source)
         except FieldError as error:
             field = str(error).partition(":")[0].removeprefix("PolicyContract.")
-            raise InputError(f"{where}: {error} ({source.get(field, 'its sources together')})") from None
+            raise InputError(f"{path}: {error} ({source.get(field, 'its sources together')})") from None
     unused = tuple(line for layer in ordered for line in layer.unused)
-    return Reading(fields, source, replaced, differences, missing, unused, outline)
+    return Reading(path, fields, source, replaced, differences, missing, unused, outline)
 
 
 class _Names:
@@ -172,9 +173,7 @@ class _Names:
         a, b = old.value, new.value
         both = f"{shown(a)} in {old.source}, {shown(b)} in {new.source}"
         if isinstance(a, tuple) and isinstance(b, tuple):
-            ours, theirs = (
-                [self.kind(name).name if key == "observation" else name for name in names] for names in (a, b)
-            )
+            ours, theirs = ([self.kind(x).name if key == "observation" else x for x in names] for names in (a, b))
             what = "the order differs" if sorted(ours) == sorted(theirs) else "differs"
             for i, (one, other) in enumerate(zip_longest(ours, theirs)):
                 if one != other:
@@ -219,7 +218,8 @@ def checked(name: str, value: Any, where: str) -> Any:
     types = get_type_hints(_OWNERS[owner.partition(".")[0]])
     if option not in types:
         raise InputError(f"{where}: {known_names('field', option, types)}")
-    if value is None and type(None) in get_args(types[option]):
+    kinds = (types[option], *get_args(types[option]))
+    if value is None and type(None) in kinds:
         return None
     is_places = isinstance(value, list) and len(value) > 0 and all(type(item) is int for item in value)
     if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
@@ -227,9 +227,9 @@ def checked(name: str, value: Any, where: str) -> Any:
     with blaming(f"{where}: is {shown(value)}", (msgspec.ValidationError, TypeError, ValueError)):
         if option == "position_clip" and isinstance(value, str):
             return value
-        if option in _NUMBERS:
+        if FloatArray in kinds:
             return _numbers(option, value)
-        if option in _NAMES and owner != "tensors":
+        if name == "observation" or tuple[str, ...] in kinds:
             return msgspec.convert([value] if isinstance(value, str) else value, tuple[str, ...])
         return msgspec.convert(value, types[option])
 

@@ -40,20 +40,11 @@ class Tensor(NamedTuple):
         return f"'{self.name}' is {self.type} of shape {list(self.shape)}"
 
 
-class Header(NamedTuple):
-    """What a file says of its model, as far as it is known without loading it."""
-
-    metadata: Mapping[str, str]
-    output_names: tuple[str, ...]
-    path: Path
-    width: int | None = None  # N of the widest input; None if no input is (1, N)
-
-
 class OnnxModel:
     """A model that is loaded and can be run."""
 
     def __init__(self, path: Path) -> None:
-        check_file(path)
+        _check_file(path)
         onnxruntime = onnx_runtime()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # no spinning workers beside the control loop
@@ -66,9 +57,7 @@ class OnnxModel:
             tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in nodes)
             for nodes in (self._session.get_inputs(), self._session.get_outputs())
         )
-        width = max((tensor.width for tensor in self.inputs if tensor.width is not None), default=None)
-        metadata = dict(self._session.get_modelmeta().custom_metadata_map)
-        self.header = Header(metadata, tuple(tensor.name for tensor in self.outputs), path, width)
+        self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self.time_limit = 10.0  # s after which an inference is ended, where the graph can loop
         content = path.read_bytes()
         self._can_loop = any(name in content for name in _LOOPS)
@@ -101,7 +90,8 @@ class OnnxModel:
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
-        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in self.header.output_names]
+        outputs = [tensor.name for tensor in self.outputs]
+        fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
         if state := fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
 
@@ -109,8 +99,8 @@ class OnnxModel:
 def onnx_runtime() -> Any:
     """Import ONNX Runtime, which is heavy and may be missing, with its telemetry and its database in $HOME off."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime  # noqa: PLC0415 - see above
-
+    with blaming("a policy needs onnxruntime: pip install onnxruntime", ImportError):
+        import onnxruntime  # noqa: PLC0415 - see above
     onnxruntime.set_default_logger_severity(_SILENT)  # it would warn of a graphics card that it does not find
     return onnxruntime
 
@@ -119,31 +109,24 @@ def has_onnxruntime() -> bool:
     """Return True if ONNX Runtime can be imported on this machine."""
     try:
         onnx_runtime()
-    except ImportError:
+    except InputError:
         return False
     return True
 
 
-def read_header(path: Path) -> Header:
-    """Return the header of a checkpoint without ONNX Runtime, and so without the width."""
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """Return the metadata of a checkpoint without ONNX Runtime."""
     import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
 
-    check_file(path)
+    _check_file(path)
     with blaming(f"{path}: is not an ONNX model", Exception):  # protobuf's own types
-        model = onnx.load(str(path), load_external_data=False)
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
-    return Header(metadata, tuple(tensor.name for tensor in model.graph.output), path)
+        return {entry.key: entry.value for entry in onnx.load(str(path), load_external_data=False).metadata_props}
 
 
-def check_file(path: Path) -> None:
+def _check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file."""
     if regular_file(path, "an ONNX file").stat().st_size == 0 or path.suffix.lower() in (".pt", ".pth", ".zip"):
         raise InputError(f"{path}: is no ONNX file: export the policy as ONNX")
-
-
-def external_file(path: Path) -> Path:
-    """Return where exporters put a model's external tensors; there need be no such file."""
-    return path.with_name(f"{path.name}.data")
 
 
 class OnnxPolicy:

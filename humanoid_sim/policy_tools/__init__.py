@@ -15,7 +15,6 @@ import tyro
 from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import parse
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.errors import InputError
 
 _CONTRACT = "A contract.yaml with what the checkpoint does not say. Default: the one beside it."
 _Checkpoint = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="ONNX file, or a shipped policy.")]
@@ -71,14 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
     # Heavy modules, which `--help` does without.
     from humanoid_sim.doctor.report import doctor  # noqa: PLC0415
-    from humanoid_sim.policy.onnx_policy import check_file, has_onnxruntime  # noqa: PLC0415
     from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
     from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
     from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
 
-    check_file(command.checkpoint)
-    if not has_onnxruntime():
-        raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
     if isinstance(command, Show):
         return show(command)
     if isinstance(command, Check):

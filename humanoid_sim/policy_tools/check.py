@@ -21,7 +21,7 @@ from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
-from humanoid_sim.policy.readers.own import GOLDEN_KEY, own_contract
+from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import verify_golden
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
@@ -59,12 +59,12 @@ def check_checkpoint(
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
     try:
-        reading = read_checkpoint(model.header, contract_file, description.joint_names)
+        reading = read_checkpoint(path, model.metadata, contract_file, description.joint_names)
         names = {name.partition(".")[2]: value for name, value in reading.values.items() if name.startswith("tensors.")}
         policy = OnnxPolicy(model, TensorNames(**names))
     except InputError as error:
         return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
-    findings = list(_source_findings(reading, policy, own_contract(path).name))
+    findings = list(_source_findings(reading, policy))
     contract = reading.contract
     if contract is not None and policy.action_width == contract.action_count:
         findings += _model_findings(contract, policy)
@@ -75,7 +75,7 @@ def check_checkpoint(
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
-def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterator[Finding]:
+def _source_findings(reading: Reading, policy: OnnxPolicy) -> Iterator[Finding]:
     contract, width = reading.outline, policy.observation_width
     if contract is not None:
         try:
@@ -87,7 +87,7 @@ def _source_findings(reading: Reading, policy: OnnxPolicy, hand: str) -> Iterato
         if policy.action_width != contract.action_count:
             message = f"is {contract.action_count} wide, the model's output {policy.action_width}"
             yield Finding("error", "action_joint_names", message)
-    yield from (Finding("error", field, text) for field, text in reading.problems(hand).items())
+    yield from (Finding("error", field, text) for field, text in reading.problems.items())
     yield from (Finding("warning", "not used", line) for line in reading.unused)
 
 
@@ -98,10 +98,10 @@ def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Fi
         joint = contract.action_joint_names[int(np.argmax(action))]
         message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
         yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
-    source, has_samples = str(policy.model.path), GOLDEN_KEY in policy.model.header.metadata
+    source, has_samples = str(policy.model.path), GOLDEN_KEY in policy.model.metadata
     try:
         motion = sweep_motion(policy, contract) if has_samples else None
-        proof = verify_golden(Checkpoint(contract, policy, source, observation_width=width, motion=motion))
+        proof = verify_golden(Checkpoint(contract, policy, source, motion=motion))
         none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
         yield Finding("info", "golden vectors", proof or none)
     except InputError as error:

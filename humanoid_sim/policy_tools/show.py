@@ -31,7 +31,7 @@ def show(options: Show) -> int:
     if options.contract is not None:
         regular_file(options.contract, "a contract.yaml")
     model = OnnxModel(options.checkpoint)
-    reading = read_checkpoint(model.header, options.contract, joints)
+    reading = read_checkpoint(model.path, model.metadata, options.contract, joints)
     golden = refusal = ""
     try:
         golden = load_checkpoint(options.checkpoint, options.contract, joints).golden

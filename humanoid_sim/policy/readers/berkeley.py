@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +25,11 @@ _TERMS = ("velocity_commands", "base_ang_vel", "projected_gravity", "joint_pos",
 _ACTION_LIMIT = 1e4  # the project's default clip of raw actions, which are in the hundreds where torque limits bind
 
 
-def find_berkeley(checkpoint: Path) -> Path | None:
-    """Return the file with the model's stem beside it, or in `configs/`, there or one up."""
-    folder = checkpoint.absolute().parent
-    places = (folder, folder / "configs", folder.parent / "configs")
-    for path in (place / f"{checkpoint.stem}.yaml" for place in places):
-        with suppress(InputError):  # some other file
-            if os.path.isfile(path) and read_section(path).keys() >= _KNOWN_BY:
-                return path
-    return None
-
-
 def read_berkeley(path: Path, _: object) -> list[Layer]:
-    """Return what the file states, and the terms that come with the dialect."""
+    """Return what the file states, and the terms that come with the dialect; nothing if it is some other file."""
     file = read_section(path)
+    if not file.keys() >= _KNOWN_BY:
+        return []
     values = file.fields(_FIELDS)
     if file.get("action_limit_upper") is not None:
         values["action_clip"] = file.number("action_limit_upper")

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import blaming
 from humanoid_sim.policy.layers import Layer
-from humanoid_sim.policy.readers.own import GOLDEN_KEY, csv_numbers
+from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.readers.trainer_files import Section
 
 _FIELDS = {"dof_names": "joint_names", "kp": "joint_stiffness", "kd": "joint_damping", "action_scale": "action_scale"}
@@ -66,9 +66,5 @@ def _experiment(config: Section, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _json(key: str, text: str, where: str) -> Any:
-    if key == "action_scale" and not text.strip().strip('"').startswith("["):  # CSV within quotes
-        return csv_numbers(key, text.strip().strip('"'), where)
-    try:
-        return json.loads(text.strip('"') if key == "action_scale" else text)
-    except ValueError:
-        raise InputError(f"{where}: {key} is {text[:80]!r}, expected JSON") from None
+    with blaming(f"{where}: {key} is {text[:80]!r}, expected JSON", ValueError):
+        return json.loads(text)

@@ -7,7 +7,7 @@ from typing import Any
 
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.layers import COMMAND_AXES, MALFORMED, Layer
-from humanoid_sim.policy.readers.trainer_files import Section, is_group, isaac_scans, observation_fields, read_section
+from humanoid_sim.policy.readers.trainer_files import Section, is_group, observation_fields, read_section
 
 _GAINS = {"stiffness": "joint_stiffness", "damping": "joint_damping", "effort_limit": "effort_limit"}
 _ACTION = {"scale": "action_scale", "clip": "position_clip", "joint_names": "action_joint_names"}
@@ -25,7 +25,6 @@ def read_env(path: Path, _: object) -> list[Layer]:
 def _layers(path: Path) -> list[Layer]:
     file = read_section(path)
     values: dict[str, Any] = {}
-    scans: dict[str, Any] = {}
     physics, key = (file.at("sim"), "dt") if "dt" in file.at("sim") else (file.at("sim", "mujoco"), "timestep")
     if physics.get(key) is not None and file.get("decimation") is not None:
         values["policy_dt"] = physics.number(key) * file.number("decimation")
@@ -44,13 +43,12 @@ def _layers(path: Path) -> list[Layer]:
         if is_group(group):
             terms = group.at("terms")
             values |= observation_fields(Section({**group, **terms, "terms": None}, group.where))
-            scans |= {} if terms else isaac_scans(group)  # mjlab's are its own
     ranges = file.at("commands", "base_velocity", "ranges")
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = [ranges[axis] for axis in COMMAND_AXES]
     order = f"{path.name} does not state the order of the joints (Isaac Lab's is breadth first)"
     unused = (order,) if "joint_stiffness" in values else ()
-    return [Layer("assumed (Isaac Lab)", scans), Layer(path.name, values, unused=unused)]
+    return [Layer(path.name, values, unused=unused)]
 
 
 def _by_pattern(group: Section, key: str) -> dict[str, Any]:

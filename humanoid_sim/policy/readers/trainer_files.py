@@ -7,18 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.strict_yaml import read_yaml
 
 
 def find_beside(checkpoint: Path, name: str) -> Path | None:
-    """Return the file beside the model, in `params/` there, or in `params/` beside the folder `exported/` around it."""
+    """Return a file beside the model, or in `params/` or `configs/` there or one folder up."""
     folder = checkpoint.absolute().parent
-    places = [folder, folder / "params", *([folder.parent / "params"] if folder.name == "exported" else [])]
+    places = [folder, *(above / place for above in (folder, folder.parent) for place in ("params", "configs"))]
     return next((place / name for place in places if os.path.isfile(place / name)), None)
 
 
@@ -94,17 +92,3 @@ def observation_fields(group: Section) -> dict[str, Any]:
         if kind.requires == "phase" and params.get("period") is not None:
             found["phase.period"] = params.number("period")
     return found | ({"command_names": list(dict.fromkeys(commands))} if commands else {})
-
-
-def isaac_scans(group: Section) -> dict[str, Any]:
-    """Return what a group's height scans are with Isaac Lab's scanner in unitree_rl_lab's scenes, which no file says.
-
-    A ray (`RayCasterCfg`, `GridPatternCfg`) that hits nothing counts as endlessly high ground; the clip bounds it.
-    """
-    found: dict[str, Any] = {}
-    for name, term in group.items():
-        if term_kind(name).name == HEIGHT_SCAN and isinstance(term, dict):
-            offset = group.at(name, "params").get("offset")
-            scan = HeightScan("torso_link", offset=0.5 if offset is None else offset, range=1e6, miss=-1e6, above=20.0)
-            found[f"observation.{name}.scan"] = scan
-    return found

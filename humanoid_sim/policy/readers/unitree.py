@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
@@ -13,7 +13,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.findings import shown
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
-from humanoid_sim.policy.readers.trainer_files import is_group, isaac_scans, observation_fields, read_section
+from humanoid_sim.policy.readers.trainer_files import is_group, observation_fields, read_section
 
 _ACTION = {"scale": "action_scale", "offset": "action_offset", "clip": "position_clip"}
 
@@ -46,7 +46,7 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
     driven = action.get("joint_names") if action.get("joint_ids") is None else action["joint_ids"]
     if driven not in (None, slice(None)):
         values["action_joint_names"] = driven
-    assumed = isaac_scans(group)
+    assumed: dict[str, Any] = {}
     kinds = [term_kind(name) for name in values.get("observation", ())]
     if any(kind.task == "tracking" for kind in kinds):
         assumed["reference_quaternion"] = "wxyz"
