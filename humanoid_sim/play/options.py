@@ -25,8 +25,8 @@ class PlayConfig:
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the only checkpoint does not say about itself. Default: the one beside it."""
     motion: str | None = None
-    """Motion to follow: a sample motion, such as wave, an .mcap file or a rosbag2 folder of MCAP; of a piano policy a
-    sample song, such as ode_to_joy, or a MIDI file (.mid). Default with the sample policies: wave, and ode_to_joy."""
+    """Motion to follow: a sample motion, such as wave, or an .mcap file; of a piano policy a sample song, such as
+    ode_to_joy, or a MIDI file (.mid). Default with the sample policies: wave, and ode_to_joy."""
     robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""

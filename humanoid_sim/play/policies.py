@@ -170,7 +170,7 @@ def _motion(
         raise InputError(f"--motion: is '{given}', but {source} follows no motion")
     if given is None and not is_shipped:
         raise InputError(f"--motion: is missing; {source} is a {task} policy and follows one")
-    if task == "piano" and (given is None or not (given.endswith(".mcap") or Path(given).is_dir())):
+    if task == "piano" and (given is None or not given.endswith(".mcap")):
         song = load_song(given or SAMPLE_SONG, description, what="--motion")
         why = "left out of the song, beyond reach or more notes at a time than fingers"
         notes = (f"{why}: {song.names_left_out}",) if song.left_out else ()

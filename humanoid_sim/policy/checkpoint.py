@@ -23,7 +23,7 @@ from humanoid_sim.policy.readers.trainer_files import find_beside
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
-_METADATA = (own.read_stamp, own.read_own, mjlab.read_mjlab, holosoma.read_holosoma)  # the first whose keys are there
+_METADATA = (own.read_stamp, mjlab.read_csv, holosoma.read_holosoma)  # the first whose keys are there
 _FILES: Mapping[str, Callable[[Path, tuple[str, ...] | None], list[Layer]]] = {
     "env.yaml": isaaclab.read_env,
     "deploy.yaml": unitree.read_deploy,

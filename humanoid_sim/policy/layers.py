@@ -19,7 +19,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames, Term
 from humanoid_sim.controllers.terms import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import HEIGHT_SCAN, FloatArray
 from humanoid_sim.policy.findings import is_assumed, list_joints, shown
 
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
@@ -207,6 +207,9 @@ class _Names:
                 found.setdefault(name, Statement(value, "follows from observation"))
         needed = [*_REQUIRED, *(kind.requires.replace("phase", "phase.period") for kind in kinds if kind.requires)]
         needed += ["command_names"] if "command" in self.terms else []
+        for name, kind in zip(self.terms, kinds, strict=True):
+            if kind.name == HEIGHT_SCAN and f"observation.{name}.width" not in found:
+                needed.append(f"observation.{name}.scan")  # its usual one is mjlab's alone
         needed += ["phase.period"] if any(name.startswith("phase.") for name in found) else []
         given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value]
         return tuple(dict.fromkeys(name for name in needed if name not in given))

@@ -13,7 +13,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -86,31 +85,24 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
-    """Read a motion file, the motion of a recording, or a folder of rosbag2."""
-    path = Path(path)
-    # rosbag2 numbers its files; the shorter name is the lower number.
-    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
-    if not files:
-        files = [regular_file(path, "a motion file (.mcap) or a folder of rosbag2 with MCAP files")]
-    first, *more = [file.read_bytes() for file in files]
-    return parse_motion(first, str(path), *more)
+    """Read a motion file, or the motion of a recording."""
+    return parse_motion(regular_file(path, "a motion file (.mcap)").read_bytes(), str(path))
 
 
-def parse_motion(data: bytes, name: str, *more: bytes) -> Motion:
-    """Return a motion from the bytes of its file, or of several; `name` is what to call them in messages."""
+def parse_motion(data: bytes, name: str) -> Motion:
+    """Return a motion from the bytes of its file; `name` is what to call it in messages."""
     messages: dict[str, list[Message]] = {}
     metadata: Mapping[str, str] = {}
     with blaming(f"{name}: is not a whole MCAP file", Exception):  # the library raises whatever it meets
-        for content in (data, *more):
-            reader = make_reader(BytesIO(content))
-            for attachment in reader.iter_attachments():
-                if attachment.name == MOTION_ATTACHMENT:  # of a recording
-                    return parse_motion(attachment.data, name)
-            for record in reader.iter_metadata():
-                metadata = record.metadata if record.name == "motion" else metadata
-            for schema, channel, message in reader.iter_messages(log_time_order=False):
-                if schema is not None and schema.name == FLOAT32_MULTI_ARRAY:
-                    messages.setdefault(channel.topic, []).append(message)
+        reader = make_reader(BytesIO(data))
+        for attachment in reader.iter_attachments():
+            if attachment.name == MOTION_ATTACHMENT:  # of a recording
+                return parse_motion(attachment.data, name)
+        for record in reader.iter_metadata():
+            metadata = record.metadata if record.name == "motion" else metadata
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if schema is not None and schema.name == FLOAT32_MULTI_ARRAY:
+                messages.setdefault(channel.topic, []).append(message)
     with blaming(name):
         if len(messages) != 1:
             listed = ", ".join(messages) or "none"

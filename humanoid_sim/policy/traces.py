@@ -23,7 +23,7 @@ from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.files import read_arrays
-from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.layers import MALFORMED
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -119,20 +119,15 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
         qvel = _table(given, "qvel", steps, max(free - 1, 0) + count)
         joints = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
         given = {**joints, **bodies(qpos, qvel, hinges), **given}  # what the file says itself counts
-    live = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, mit.KEY_PRESSED: None}
-    live |= {point_velocity(point): 3 for point in contract.velocity_points}
-    if contract.height_scan is not None:
-        live[mit.HEIGHT_SCAN] = contract.height_scan.count
-    for term in contract.terms:
-        array = contract.kind(term).input(term)
-        if array in live and array not in given:
-            raise FieldError(f"{array} is missing, expected it, as the policy observes {term.name}, or --robot")
     given = {"imu_linear_acceleration": np.zeros((steps, 3)), **given}
+    observed = {contract.kind(term).input(term) for term in contract.terms}
     widths: dict[str, int | None] = dict(zip(STATE_ARRAYS, (count, count, 4, 3, 3), strict=True))
     widths |= {"observation": None, "action": contract.action_count}
     widths |= {"target": count} if "target" in given else {}
     arrays: dict[str, npt.NDArray[Any]] = {key: _table(given, key, steps, width) for key, width in widths.items()}
-    arrays |= {EXTERN + key: _table(given, key, steps, width) for key, width in live.items() if key in given}
+    for key, width in {**contract.extern_widths, mit.KEY_PRESSED: None}.items():
+        if key in given or key in observed:
+            arrays[EXTERN + key] = _table(given, key, steps, width)
     columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
     for key in {"joint_position", "joint_velocity", "target"} & arrays.keys():
         arrays[key] = arrays[key][:, columns]
@@ -146,7 +141,7 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
 
 def _table(arrays: Arrays, name: str, steps: int, width: int | None) -> FloatArray:
     if name not in arrays:
-        raise FieldError(f"{name} is missing, expected a row for each step")
+        raise FieldError(f"{name} is missing, expected a row for each step, or qpos and --robot")
     values: FloatArray = arrays[name].astype(np.float64)
     if values.ndim == 1 and len(values) == width:
         values = np.broadcast_to(values, (steps, width))

@@ -16,6 +16,7 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import parse
 from humanoid_sim.doctor import DoctorConfig
 
+_ROBOT = "A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF"
 _CONTRACT = "A contract.yaml with what the checkpoint does not say. Default: the one beside it."
 _Checkpoint = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="ONNX file, or a shipped policy.")]
 _Contract = Annotated[Path | None, tyro.conf.arg(help=_CONTRACT)]
@@ -27,9 +28,7 @@ class Show:
 
     checkpoint: _Checkpoint
     contract: _Contract = None
-    robot: str | None = None
-    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
-    name the joints by their places on the robot."""
+    robot: Annotated[str | None, tyro.conf.arg(help=f"{_ROBOT}: for contracts that name joints by place.")] = None
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,7 @@ class Check:
     """Check a checkpoint against a robot without running it there. Exit status 1 if anything is an error."""
 
     checkpoint: _Checkpoint
-    robot: str
-    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF."""
+    robot: Annotated[str, tyro.conf.arg(help=f"{_ROBOT}.")]
     contract: _Contract = None
     hardware: bool = False
     """For the real robot: what only a simulation knows is an error."""
@@ -52,9 +50,7 @@ class Stamp:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
     contract: _Contract = None
-    robot: str | None = None
-    """A shipped robot, robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
-    place, and for a trace's anchor poses."""
+    robot: Annotated[str | None, tyro.conf.arg(help=f"{_ROBOT}: for joints given by place, and a trace's qpos.")] = None
     trace: Path | None = None
     """The trainer's run (.npz) to take golden vectors from. Default: those that the checkpoint has already."""
     motion: Path | None = None

@@ -51,29 +51,30 @@ def stamp_copy(options: Stamp) -> int:
 
 
 def stamp(
-    path: Path,
-    output: Path,
+    checkpoint: str | Path,
+    output: str | Path,
     *,
     contract_file: Path | None = None,
     description: RobotDescription | None = None,
-    trace: Path | None = None,
-    motion: Path | None = None,
+    trace: str | Path | None = None,
+    motion: str | Path | None = None,
     overwrite: bool = False,
 ) -> Trace | None:
     """Stamp a copy of a checkpoint, and return its samples: of the trainer's run in `trace`, or those that it has.
 
     `motion` is what that run followed; `description` is for joints named by place, and what follows from `qpos`.
     """
+    path = Path(checkpoint)
     output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names
-    checkpoint = load_checkpoint(path, contract_file, joints, verify=trace is None)
-    contract, samples = checkpoint.contract, stored_samples(checkpoint)
+    loaded = load_checkpoint(path, contract_file, joints, verify=trace is None)
+    contract, samples = loaded.contract, stored_samples(loaded)
     if trace is not None:
         if contract.live_inputs:
             raise InputError(f"--trace: {path} observes live inputs, {', '.join(contract.live_inputs)}: no samples")
         bodies = None if description is None else body_reader(description, contract)
         followed = None if motion is None else read_motion(motion)
-        samples = trainer_samples(checkpoint, read_trace(trace, contract, bodies), followed)
+        samples = trainer_samples(loaded, read_trace(Path(trace), contract, bodies), followed)
     with blaming(path):
         metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
     if samples is not None:

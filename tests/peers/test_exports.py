@@ -13,7 +13,7 @@ from humanoid_sim import prepare
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.onnx_policy import read_metadata
 
 pytestmark = pytest.mark.peers
 
@@ -59,7 +59,7 @@ def export(exports, task):
 
 @pytest.mark.parametrize("task", KNOWN)
 def test_the_metadata_is_what_the_other_tests_take_for_mjlabs(exports, task):
-    assert read_header(exports / task / f"{task}.onnx")[0] == KNOWN[task]
+    assert read_metadata(exports / task / f"{task}.onnx") == KNOWN[task]
 
 
 def test_nothing_is_missing_that_mjlab_knows(export, task):

@@ -7,7 +7,7 @@ from trainer import JOINTS, contract, terms
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.onnx_policy import read_metadata
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, STAMP_KEY, encode, write_metadata
 from humanoid_sim.policy_tools.stamp import add_metadata
 
@@ -44,7 +44,7 @@ def test_wrong_wiring_is_refused_at_load(stamped, mistake):
 
 @pytest.mark.parametrize("changes", [{"version": 7}, {"arrays": {}}, {"joint_names": ["a", "b", "c", "d"]}])
 def test_broken_samples_are_one_line(stamped, changes):
-    text = json.dumps({**json.loads(read_header(stamped)[0][GOLDEN_KEY]), **changes})
+    text = json.dumps({**json.loads(read_metadata(stamped)[GOLDEN_KEY]), **changes})
     for content in (text, text[:-9]):
         stamped.write_bytes(add_metadata(stamped, {GOLDEN_KEY: content}))
         with pytest.raises(InputError, match=r"golden vectors[^\n]+$"):

@@ -1,7 +1,5 @@
 """Motions inside a model's graph: read to their end, pauses included, and laid out for the policy."""
 
-from pathlib import Path
-
 import models
 import numpy as np
 import pytest
@@ -9,9 +7,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import load_checkpoint, read_checkpoint
-from humanoid_sim.policy.onnx_policy import Header
-from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode
 
 pytestmark = pytest.mark.usefixtures("near_ends")
 
@@ -81,20 +78,6 @@ def test_a_motion_is_read_as_the_graph_has_it_and_its_anchor_followed(saved, cla
 def test_a_pause_is_not_the_end(saved):
     paused = {name: np.repeat(table, [1, 1, 130, 1, 1, 60, 1], axis=0) for name, table in MOTION.items()}
     assert len(load_checkpoint(saved(paused, contract())).motion.frames) == 195
-
-
-def test_a_model_that_gives_the_anchor_alone(saved):
-    """holosoma's trackers: the orientation of one body, x y z w as the output's name says."""
-    alone = {name: MOTION[name] for name in ("joint_pos", "joint_vel")}
-    alone["ref_quat_xyzw"] = MOTION["body_quat_w"][:, 1, [1, 2, 3, 0]]
-    checkpoint = load_checkpoint(saved(alone, contract(body_names=(), reference_quaternion="xyzw")))
-    reference = checkpoint.with_motion().reference
-    assert np.array_equal(reference.term("anchor_quat", 4), MOTION["body_quat_w"][4, 1])
-    reading = read_checkpoint(Header(write_metadata(contract()), ("ref_quat_xyzw",), Path("t.onnx")))
-    assert reading.source["reference_quaternion"] == "assumed (output ref_quat_xyzw)"
-    needy = contract(body_names=(), observation=("motion_anchor_pos_b", "joint_pos", "motion_command", "base_ang_vel"))
-    with pytest.raises(InputError, match="its model has no output 'ref_pos_xyz'"):
-        load_checkpoint(saved(alone, needy))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Layers of a contract: the later one wins, and two trainer's sources that differ are both named, joint by joint."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.policy.layers import Layer, join
 from humanoid_sim.policy.loaded_policy import contract_layout, load_policy
 
+PATH = Path("policy.onnx")
 JOINTS = ("hip", "knee", "waist")
 WHOLE = {
     "joint_names": JOINTS,
@@ -21,7 +24,7 @@ WHOLE = {
 
 
 def joined(*layers, **changes):
-    return join([Layer("metadata", {**WHOLE, **changes}), *layers], "policy.onnx")
+    return join([Layer("metadata", {**WHOLE, **changes}), *layers], PATH)
 
 
 def deploy(**values):
@@ -53,7 +56,7 @@ def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_used():
 )
 def test_a_difference_names_the_joints_and_no_rounded_neighbour(field, other, named):
     reading = joined(deploy(**{field: other}))
-    ((name, line),) = reading.problems("x.yaml").items()
+    ((name, line),) = reading.problems.items()
     assert name == field
     for text in named:
         assert text in line
@@ -73,7 +76,7 @@ def test_all_fields_that_differ_are_named_together_and_a_person_decides_between_
 
 def test_what_is_stated_comes_before_what_a_dialect_implies():
     implied = Layer("assumed (mjlab)", {"policy_dt": 0.02, "action_limit": 10.0})
-    reading = join([deploy(**{**WHOLE, "policy_dt": 0.04}), implied], "policy.onnx")
+    reading = join([deploy(**{**WHOLE, "policy_dt": 0.04}), implied], PATH)
     assert (reading.contract.policy_dt, reading.contract.action_limit) == (0.04, 10.0)
     assert (reading.source["policy_dt"], reading.source["action_limit"]) == ("deploy.yaml", "assumed (mjlab)")
     assert reading.differences == {}
@@ -81,13 +84,13 @@ def test_what_is_stated_comes_before_what_a_dialect_implies():
 
 def test_everything_that_is_missing_is_named_at_once_and_widths_are_known_all_the_same():
     given = {"joint_names": JOINTS, "observation": ("motion_anchor_ori_b", "joint_pos", "gait_phase", "command")}
-    reading = join([deploy(**given)], "policy.onnx")
+    reading = join([deploy(**given)], PATH)
     assert reading.contract is None
     assert set(reading.missing) == {
         *("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt"),
         *("anchor_body", "phase.period", "command_names"),
     }
-    reading = join([deploy(**given, command_names=["twist"])], "policy.onnx")
+    reading = join([deploy(**given, command_names=["twist"])], PATH)
     assert contract_layout(reading.outline).width == 6 + 3 + 4 + 3
     assert joined(by_hand(**{"phase.offsets": [0.0]})).missing == ("phase.period",)  # that no term needs
 

@@ -84,17 +84,6 @@ def test_a_bad_file_is_one_line(name):
         parse_motion(data, "bad.mcap")
 
 
-def test_a_folder_of_rosbag2_with_other_topics(tmp_path):
-    (tmp_path / "bag_0.mcap").write_bytes(foreign(VALUES[:4]))
-    (tmp_path / "bag_1.mcap").write_bytes(foreign(VALUES[4:], range(80_000_000, 140_000_000, 20_000_000)))
-    (tmp_path / "bag_2.mcap").write_bytes(foreign(VALUES, schema="rcl_interfaces/msg/Log"))
-    motion = read_motion(tmp_path)
-    assert (motion.frames.tobytes(), motion.policy_dt) == (VALUES.tobytes(), 0.02)
-    assert (motion.body_names, motion.task_type) == ((), "")  # it does not say
-    with pytest.raises(InputError, match="is a directory, expected a motion file"):
-        read_motion(tmp_path.parent)
-
-
 def test_a_policy_follows_its_own_order_of_the_files_joints():
     wiring = models.contract(
         task_type="tracking",

@@ -14,6 +14,7 @@ from models import contract
 from humanoid_sim.controllers.contract import HeightScan, PhaseRule, TensorNames, Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import join
+from humanoid_sim.policy.readers.mjlab import read_csv
 from humanoid_sim.policy.readers.own import (
     METADATA_KEYS,
     STAMP_KEY,
@@ -21,11 +22,11 @@ from humanoid_sim.policy.readers.own import (
     encode,
     find_contract,
     read_contract_file,
-    read_own,
     read_stamp,
     write_metadata,
 )
 
+HERE = Path("policy.onnx")
 PAGE = Path(__file__).parents[2] / "docs" / "contract.md"
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 THIRD = 1.0 / 3.0
@@ -78,9 +79,9 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
     metadata = write_metadata(made)
     assert (tuple(metadata), len(metadata)) == (METADATA_KEYS, 13)
     stamp = {STAMP_KEY: encode(replace(made, source={})), **metadata}
-    assert stated(join(read_stamp(stamp, "here"), "here").contract) == stated(made)
+    assert stated(join(read_stamp(stamp, "here"), HERE).contract) == stated(made)
 
-    values = join(read_own(metadata, "here"), "here").values
+    values = join(read_csv(metadata, "here"), HERE).values
     for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
         assert np.broadcast_to(values[name], getattr(made, name).shape).tobytes() == getattr(made, name).tobytes()
     assert (values["joint_names"], values["lookahead_steps"]) == (made.joint_names, made.lookahead_steps)
@@ -91,7 +92,7 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
         document["command_ranges"] = dict(zip(axes, document["command_ranges"], strict=True))
     path = tmp_path / "contract.yaml"
     path.write_text(yaml.dump(document, sort_keys=False))
-    assert stated(join([read_contract_file(path)], "here").contract) == stated(made)
+    assert stated(join([read_contract_file(path)], HERE).contract) == stated(made)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +118,7 @@ def test_a_contract_yaml_that_is_wrong_is_one_line(tmp_path, text, message):
     path = tmp_path / "policy.contract.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=r"policy\.contract\.yaml") as caught:
-        join([*read_own(write_metadata(contract()), "here"), read_contract_file(path)], "policy.onnx")
+        join([*read_csv(write_metadata(contract()), "here"), read_contract_file(path)], HERE)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -140,4 +141,4 @@ def test_every_example_of_the_page_is_read(tmp_path, text):
     joints = document.get("joint_names", ["left_hip", "left_knee"])
     terms = list(dict.fromkeys([*document.get("terms", {}), "joint_pos"]))
     (tmp_path / "base.yaml").write_text(yaml.safe_dump({"joint_names": joints, "observation": terms}))
-    assert join([read_contract_file(tmp_path / "base.yaml"), read_contract_file(path)], "policy.onnx").values
+    assert join([read_contract_file(tmp_path / "base.yaml"), read_contract_file(path)], HERE).values

@@ -51,7 +51,7 @@ def test_a_file_that_is_no_song_is_one_line(write, tmp_path):
     for data, reason in {
         b"MThd\x00\x00": "is not a MIDI file that can be read: ",
         write([MetaMessage("track_name", name="a")]).read_bytes(): "has no notes",
-        write(struck(60, 1), type=2).read_bytes(): "is of type 2",
+        write(struck(60, 1), type=2).read_bytes(): "type 2",
     }.items():
         (tmp_path / "bad.mid").write_bytes(data)
         with pytest.raises(InputError, match=rf"bad\.mid: .*{reason}"):

@@ -10,7 +10,7 @@ from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.onnx_policy import read_metadata
 from humanoid_sim.policy.readers.own import GOLDEN_KEY, METADATA_KEYS, STAMP_KEY, encode
 from humanoid_sim.robots.description import load_robot
 
@@ -47,9 +47,9 @@ def test_stamped_again_without_a_trace_it_keeps_the_samples(cli, stamped, tmp_pa
     again = tmp_path / "again.onnx"
     status, _, error = cli("stamp", stamped, "-o", again)
     assert status == 0, error
-    metadata = read_header(again)[0]
+    metadata = read_metadata(again)
     assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY}
-    assert metadata == read_header(stamped)[0]
+    assert metadata == read_metadata(stamped)
     assert load_checkpoint(again).golden == "8 samples of the trainer's run (trace.npz)"
 
 

@@ -1,4 +1,4 @@
-"""Metadata of models from mjlab and whole_body_tracking: comma-separated lists, three decimals."""
+"""Metadata as comma-separated lists: the thirteen keys, or those of mjlab and whole_body_tracking, three decimals."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from humanoid_sim.controllers.terms import term_kind
 from humanoid_sim.errors import InputError, meant
 from humanoid_sim.mit import HEIGHT_SCAN, IMU
 from humanoid_sim.policy.layers import Layer
-from humanoid_sim.policy.readers.own import GOLDEN_KEY, csv, csv_field, csv_numbers
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, METADATA_KEYS, csv, csv_field, csv_numbers
 
-_FIELDS = {
-    **{name: name for name in ("joint_names", "command_names", "body_names")},
-    **{name: name for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")},
-    **{"observation_names": "observation", "anchor_body_name": "anchor_body"},
-}
+_FIELDS = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS}
+_FIELDS["anchor_body_name"] = "anchor_body"
 """Key of the metadata to field of the contract."""
+_OWN = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}
+"""Those of the thirteen keys that mjlab does not write."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY = "observation_terms_history_length"
 _OF_TERMS = (_SCALE, _CLIP, _HISTORY)
@@ -38,11 +37,14 @@ GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
 stands; while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 
 
-def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
+def read_csv(metadata: Mapping[str, str], where: str) -> list[Layer]:
     """Return the keys that are there, and what mjlab implies: the rate, and before mjlab 1.6 the options of terms."""
-    if "joint_names" not in metadata or not {"joint_stiffness", "observation_names"} & metadata.keys():
+    is_own = bool(_OWN & metadata.keys())
+    if not is_own and ("joint_names" not in metadata or not {"joint_stiffness", "observation_names"} & metadata.keys()):
         return []
-    values = {name: csv_field(name, key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
+    values = {name: csv_field(key, metadata[key], where) for key, name in _FIELDS.items() if key in metadata}
+    if is_own:
+        return [Layer("metadata", values)]
     names = values.get("observation", ())
     rows = {key: _rows(key, metadata[key], len(names), where) for key in _OF_TERMS if key in metadata}
     assumed: dict[str, Any] = {"policy_dt": 0.02}
@@ -55,9 +57,8 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> list[Layer]:
         if kind.name == HEIGHT_SCAN:
             assumed[f"{field}.scan"] = HeightScan()
         elif kind.name == "base_lin_vel" and _SCALE in metadata:
-            assumed[f"{field}.at"] = (
-                IMU  # mjlab 1.6 observes the velocimeter there, whole_body_tracking the base itself
-            )
+            # mjlab 1.6 observes the velocimeter there, whole_body_tracking the base itself.
+            assumed[f"{field}.at"] = IMU
         elif kind.requires == "phase":  # in training, the first observation shows the clock as it starts
             assumed |= {**GAIT_CLOCK, "phase.advance_first": False}
         if _SCALE in own:

@@ -21,14 +21,11 @@ STAMP_KEY = "humanoid_sim_contract"  # metadata key under which a stamped checkp
 GOLDEN_KEY = "humanoid_sim_golden"  # of the golden vectors
 _VERSION = 2
 _NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt")
-_TEXTS = ("task_type", "dataset_repo_id", "anchor_body")
 METADATA_KEYS = (
     *("task_type", "joint_names", "action_joint_names", *_NUMBERS[:3], "observation_names", "command_names"),
     *("action_scale", "policy_dt", "body_names", "dataset_repo_id", "lookahead_steps"),
 )
 """The thirteen keys of a self-describing checkpoint. Lists are CSV, as mjlab's exporter writes them."""
-_UNIQUE = {"task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps"}
-"""Keys of no other dialect."""
 
 
 def csv(text: str) -> list[str]:
@@ -42,22 +39,14 @@ def csv_numbers(key: str, text: str, where: str) -> list[float]:
         return [float(item) for item in csv(text) or [""]]
 
 
-def csv_field(name: str, key: str, text: str, where: str) -> Any:
+def csv_field(key: str, text: str, where: str) -> Any:
     """Return a field of the contract from the text of a metadata key."""
-    if name in _NUMBERS:
+    if key in _NUMBERS:
         numbers = csv_numbers(key, text, where)
         return numbers[0] if len(numbers) == 1 else numbers
-    if name == "lookahead_steps":
+    if key == "lookahead_steps":
         return [int(number) for number in csv_numbers(key, text, where)] if text.strip() else []
-    return text.strip() if name in _TEXTS else csv(text)
-
-
-def read_own(metadata: Mapping[str, str], where: str) -> list[Layer]:
-    """Return what the thirteen keys state, if one is there that no other dialect has."""
-    if not _UNIQUE & metadata.keys():
-        return []
-    names = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS if key in metadata}
-    return [Layer("metadata", {name: csv_field(name, key, metadata[key], where) for key, name in names.items()})]
+    return text.strip() if key in ("task_type", "dataset_repo_id", "anchor_body_name") else csv(text)
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
@@ -111,7 +100,7 @@ def read_stamp(metadata: Mapping[str, str], where: str) -> list[Layer]:
     usual = flattened(plain(PolicyContract(**{**given, "observation": made.observation_names, "phase": phase})), where)
     layers: dict[str, dict[str, Any]] = {}
     for name, value in flattened(plain(made), where).items():
-        is_stated = value and name in (*given, "phase.period")
+        is_stated = value and (name in (*given, "phase.period") or name.endswith(".scan"))
         origin = made.source.get(name, "stamp" if is_stated or value != usual.get(name) else "")
         if origin and not origin.startswith("follows from"):
             layers.setdefault(origin, {})[name] = value
