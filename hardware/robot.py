@@ -31,7 +31,7 @@ from humanoid_sim.hardware.sito.motors import SitoMotors
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import ANCHOR_ORIENTATION, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
+from humanoid_sim.session.requests import HOW_TO_REACTIVATE, flattened
 from humanoid_sim.session.rest import RestDetector
 from humanoid_sim.simulation.kinematics import AnchorOrientation
 

@@ -17,7 +17,7 @@ from humanoid_sim.hardware.joints import JointTracker
 from humanoid_sim.hardware.motor_link import Finding, Motor
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
+from humanoid_sim.session.requests import HOW_TO_REACTIVATE
 
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME  # by themselves; the others are a FAULT
 

@@ -322,7 +322,7 @@ class Intake(_Connection):
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Request something, and wait `timeout` s for what became of it in the session's next tick.
 
-        `word` is an intent, `reactivate` (which takes longer), `policy NAME` or `mark TEXT`; in simulation alone
+        `word` is an intent, `reactivate` (which takes longer) or `policy NAME`; in simulation alone
         `push VX,VY [BODY]` or `reset`. `seen` is the stamp of the tick that was shown, ns; None: now. Raises
         `SessionError` if the session has ended or does not answer.
         """
@@ -348,7 +348,7 @@ class Intake(_Connection):
     def post(self, word: str, *, seen: int | None = None) -> str:
         """Request as `ask` does without waiting; returns what `answer` takes."""
         token = str(next(_NAMES))
-        line = " ".join(word.splitlines())[:_LONGEST_WORD]  # a mark's text is a line
+        line = " ".join(word.splitlines())[:_LONGEST_WORD]
         try:
             self._socket.settimeout(None)
             # Not connected: it takes answers from whatever socket the session sends them by.

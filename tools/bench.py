@@ -446,7 +446,7 @@ def hardware_loop(_: int) -> Iterator[Figure]:
         subprocess.run(command, check=True, cwd=folder, stdout=subprocess.DEVNULL)
         summary = json.loads(Path(folder, "s.json").read_text(encoding="utf-8"))
     loop = summary["loop"]
-    fifo = next((line for line in loop["measures"] if "SCHED_FIFO" in line), "no SCHED_FIFO")
+    fifo = next((one["message"] for one in summary["events"] if "SCHED_FIFO" in one["message"]), "no SCHED_FIFO")
     detail = f"of {loop['ticks']} ticks; tick {1e3 * summary['tick_time']['p99']:.1f} ms at 99 %; {fifo}"
     yield Figure(f"14 mock motors at 50 Hz, {_SECONDS} s: missed", float(loop["overruns"]), detail, 0.0)
 

@@ -28,11 +28,11 @@ from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.losses import DeviceWatch, Interruption
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.pace import LoopSettings
-from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
+from humanoid_sim.session.requests import Requests
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sources import IntentSource, PolicySelection
+from humanoid_sim.session.sources import IntentSource
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.sim_robot import SimRobot
 from humanoid_sim.stack import run_header
@@ -68,7 +68,7 @@ class Run:
         self.plan = plan
         self._sim = setup.robot if isinstance(setup.robot, SimRobot) else None
         self._outside_safety = OutsideSafety(plan.watchdogs)
-        reactivation, selection = Reactivation(setup.warnings), PolicySelection()
+        requests = Requests(setup.warnings)
         since_zero = float(setup.robot.read()[0].time)  # a real robot's clock runs already
         header = run_header(
             plan.description,
@@ -86,14 +86,14 @@ class Run:
         with ExitStack() as stack:
             registration = stack.enter_context(closing(Registration()))
             folder, push = registration.path, None if self._sim is None else self._sim.push
-            intents = IntentSocket(folder / "intents", reactivation, self._note, self._outside_safety, push, selection)
+            intents = IntentSocket(folder / "intents", requests, self._note, self._outside_safety, push)
             stack.callback(intents.close)
             self.data = DataSocket(
                 folder / "data",
                 plan.description.joint_names,
                 1e-3 * plan.description.remote_policy_controller.stale_command_timeout_ms,
                 clock=lambda: self.session.time,
-                velocity=plan.velocity if policies.walks else None,
+                velocity=plan.velocity,
                 widths=plan.external,
                 timeouts=policies.live_timeouts,
                 tell=self._note,
@@ -104,8 +104,7 @@ class Run:
             registration.register(robot=plan.description.name, policy=policies.label, hardware=config.hardware or "")
             self.keyboard = None
             if config.has_keys:
-                velocity = plan.velocity if policies.walks else None
-                self.keyboard = Keyboard(velocity, reactivation=reactivation, tell=self._show)
+                self.keyboard = Keyboard(plan.velocity, requests=requests, tell=self._show)
                 stack.callback(self.keyboard.close)
             self.front_ends = FrontEnds(
                 plan.front_ends,
@@ -128,7 +127,7 @@ class Run:
         self.script = None
         if plan.steps is not None:
             frames = {choice.name: choice.motion_frames for choice in policies.choices}
-            self.script = Script(plan.steps, frames, selection=selection, operators=sources)
+            self.script = Script(plan.steps, frames, requests=requests, operators=sources)
         self.session = Session(
             setup.robot,
             plan.supervisor,
@@ -143,12 +142,11 @@ class Run:
             remote=lambda: self.data.remote,
             sinks=[*self._sinks(console), intents, self.data],
             safety_filter=self._with_other_safety,
-            externs=(self.data, plan.velocity),
+            externs=(self.data,) if plan.velocity is None else (self.data, plan.velocity),
             qpos=lambda: setup.qpos(self.session.state),
             mode_listener=setup.enter,
-            reactivation=reactivation,
+            requests=requests,
             interruption=self.interruption,
-            selection=selection,
         )
 
     def _sinks(self, console: Console) -> list[Sink]:
@@ -200,7 +198,6 @@ class Run:
         recorder = self.recorder
         return {
             "owners": self.data.owners,
-            "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
             "simulation": self._sim and {"bodies": list(self._sim.pushable)},
         }

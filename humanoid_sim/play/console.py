@@ -15,7 +15,7 @@ from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.recording.sink import WorkerSink
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
-from humanoid_sim.session.reactivation import REACTIVABLE
+from humanoid_sim.session.requests import REACTIVABLE
 
 _CLEAR = "\r\x1b[2K"
 

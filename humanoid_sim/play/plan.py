@@ -72,7 +72,7 @@ class Plan:
         """Name and width of the live inputs that come from other programs."""
         ranges = next((one.command_ranges for one in contracts if one.takes_velocity_command), None)
         command = parse_velocity(config.command, ranges)
-        self.velocity = VelocityCommand(command, ranges, is_observed=self.policies.walks)
+        self.velocity = VelocityCommand(command, ranges) if self.policies.walks else None
         self.supervisor = build_supervisor(
             description,
             self.control_period,

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from humanoid_sim.evaluation.run_figures import REMARKS, spread
+from humanoid_sim.evaluation.run_figures import REMARKS
 from humanoid_sim.evaluation.run_report import describe_effort, describe_spread, print_figures, print_table
 from humanoid_sim.files import json_text, whole_file
 from humanoid_sim.play.assembly import Run
@@ -30,8 +30,6 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
             "real_time_factor": result.duration / result.wall_time,
             "overruns": result.overruns,
             "skipped_deadlines": result.skipped,
-            "lateness": spread(result.lateness),
-            "measures": list(result.measures),
         },
         "hardware": plan.setup.figures(),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
@@ -57,10 +55,6 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         ("policy steps", str(summary["inferences"])),
         ("largest joint effort", describe_effort(summary["effort"])),
     ]
-    if loop["lateness"]:
-        rows.append(("ticks began late by", describe_spread(loop["lateness"])))
-    if loop["measures"]:
-        rows.append(("real-time settings", "\n".join(loop["measures"])))
     print_table(console, "Loop", rows)
     if summary["hardware"]:
         print_table(console, "Buses and motors", [(line,) for line in summary["hardware"]["lines"]])

@@ -20,7 +20,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.poses import Poses
-from humanoid_sim.session.reactivation import flattened
+from humanoid_sim.session.requests import flattened
 from humanoid_sim.session.session import SessionResult
 
 

@@ -1,7 +1,7 @@
 """Remote commands, velocities, live inputs and heartbeats from other programs: a Unix datagram socket.
 
-Only the newest sample of each producer counts, and a flood costs a bounded time per tick. What is accepted becomes part
-of a tick's input, so the recording holds everything that entered. `humanoid_sim.client.Intake` is the other end.
+Only the newest sample of each producer counts. What is accepted becomes part of a tick's input, so the recording holds
+everything that entered. `humanoid_sim.client.Intake` is the other end.
 
 A sample arrives when its producer stamped it: what waited in a queue is as old as it is. A stamp in the future is
 refused, because such a command would stay fresh too long.
@@ -9,7 +9,6 @@ refused, because such a command would stay fresh too long.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -20,11 +19,10 @@ from humanoid_sim.client import LIVE_TIMEOUT, VELOCITY_TIMEOUT
 from humanoid_sim.messages import Mode, RemoteCommand, TickRecord
 from humanoid_sim.mit import Extern, MITCommand
 from humanoid_sim.recording.sink import Sink
-from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
+from humanoid_sim.session.datagrams import Mailbox, Message, read_message
 from humanoid_sim.session.sources import ExternSource, Turn, VelocityCommand, remote_problem
 
-_MOST_SAMPLES = 32  # samples that are read in one tick; each is the newest of its producer and topic
-_REMEMBERED = 256  # refusals, each of which is reported once
+_REMEMBERED = 256  # refusals, each of which is reported once until an owner changes
 
 
 @dataclass(eq=False)
@@ -46,8 +44,7 @@ class DataSocket(ExternSource, Sink):
 
     def __post_init__(self) -> None:
         self._mailbox = Mailbox(self.path)
-        self._tell = LimitedLog(self.tell, self.clock)
-        self._turns = {"REMOTE": Turn(), **{name: Turn() for name in self.widths}}
+        self._turns = {"REMOTE": Turn()}
         if self.velocity is not None:
             self._turns["velocity"] = self.velocity.turn
         self._live: dict[str, Extern] = {}
@@ -55,7 +52,7 @@ class DataSocket(ExternSource, Sink):
         self._refused: set[str] = set()
         self.remote: RemoteCommand | None = None  # the latest accepted command
         self.owners = dict.fromkeys(self._turns, "")
-        """Name and process id of who commands `REMOTE`, `velocity`, and each live input at present; '' for nobody."""
+        """Name and process id of who commands `REMOTE` and `velocity` at present; '' for nobody."""
         self.heartbeats: dict[str, float] = {}  # arrival of the latest by producer's name, s, robot's clock
 
     def latest(self) -> Mapping[str, Extern]:
@@ -63,16 +60,18 @@ class DataSocket(ExternSource, Sink):
         time = self.clock()
         if self.velocity is not None:
             self.velocity.expire(time)
-        for turn in self._turns.values():
-            turn.expire(time)
+        self._turns["REMOTE"].expire(time)
         newest = {tuple(datagram.split(b"\n", 2)[:2]): datagram for datagram, _ in self._mailbox.take()}
-        messages = [read_message(datagram) for datagram in list(newest.values())[:_MOST_SAMPLES]]
-        refusals = [(message.producer, self._accept(message, time)) for message in messages]
+        refusals = []
+        for message in map(read_message, newest.values()):
+            problem = self._accept(message, time)
+            if problem:
+                refusals.append(f"refused of {message.producer}: {problem}")
         self._show_owners()
-        for producer, problem in refusals:
-            text = f"refused of {producer}: {problem[:1000]}"
-            if problem and text not in self._refused and len(self._refused) < _REMEMBERED and self._tell(text):
+        for text in refusals:
+            if text not in self._refused and len(self._refused) < _REMEMBERED:
                 self._refused.add(text)
+                self.tell(text)
         return self._live
 
     def tick(self, record: TickRecord) -> None:
@@ -111,13 +110,14 @@ class DataSocket(ExternSource, Sink):
             return ""  # of before REMOTE was entered: it takes no turn
         if len(values) != 5 * len(names):
             return f"remote command: has {len(values)} values, expected 5 for each of {len(names)} joints"
-        command = MITCommand(*values.reshape(5, -1))
+        command, turn = MITCommand(*values.reshape(5, -1)), self._turns["REMOTE"]
         problem = remote_problem(names, command, self.joints)
-        if not problem and is_remote:
-            problem = self._owner_problem("REMOTE", message.producer, arrival_time + self.stale_timeout)
-        if not problem:
-            self.remote = RemoteCommand(command, arrival_time)
-        return problem
+        if problem:
+            return problem
+        if is_remote and not turn.admit(message.producer, arrival_time + self.stale_timeout):
+            return f"REMOTE: belongs to {turn.owner}"
+        self.remote = RemoteCommand(command, arrival_time)
+        return ""
 
     def _accept_velocity(self, message: Message, arrival_time: float) -> str:
         if self.velocity is None:
@@ -136,23 +136,13 @@ class DataSocket(ExternSource, Sink):
             return f"live input '{name[:40]}' is not observed; the policy observes: {', '.join(self.widths) or 'none'}"
         if len(values) != width or not np.isfinite(values).all():
             return f"live input '{name}': has {len(values)} values, expected {width}, all finite"
-        timeout = self.timeouts.get(name, LIVE_TIMEOUT)
-        # A value may count for ever; its producer owns the input only while it may still be there.
-        until = arrival_time + (timeout if math.isfinite(timeout) else LIVE_TIMEOUT)
-        problem = self._owner_problem(name, message.producer, until)
-        if not problem:
-            self._live = {**self._live, name: Extern(values, arrival_time, timeout)}
-        return problem
-
-    def _owner_problem(self, name: str, producer: str, until: float) -> str:
-        """Take the turn for a producer, or return whose it is."""
-        turn = self._turns[name]
-        return "" if turn.admit(producer, until) else f"{name}: belongs to {turn.owner}"
+        self._live = {**self._live, name: Extern(values, arrival_time, self.timeouts.get(name, LIVE_TIMEOUT))}
+        return ""
 
     def _show_owners(self) -> None:
         for name, turn in self._turns.items():
             before = self.owners[name]
             if turn.owner != before:
                 self.owners[name] = turn.owner
-                self._tell(f"{name}: belongs to {turn.owner}" if turn.owner else f"{name}: left by {before}")
+                self.tell(f"{name}: belongs to {turn.owner}" if turn.owner else f"{name}: left by {before}")
                 self._refused.clear()

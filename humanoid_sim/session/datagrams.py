@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.sources import printable
 
 _LONGEST = 1 << 14  # bytes; no message is longer
-_MOST_LINES = 10  # events in a second
 
 
 class Mailbox:
@@ -72,19 +70,3 @@ def read_message(datagram: bytes, sender: object = None) -> Message:
     address = sender if isinstance(sender, str) else ""
     seen = int(stamp[:20]) if stamp.isdecimal() else 0
     return Message(word, rest, producer[:80] or "?", token, seen, values, address)
-
-
-class LimitedLog:
-    """Records at most so many lines a second: what other programs do may be worth one in every tick."""
-
-    def __init__(self, tell: Callable[[str], object], clock: Callable[[], float]) -> None:
-        self._tell, self._clock = tell, clock
-        self._second, self._count = 0, 0
-
-    def __call__(self, text: str) -> bool:
-        second = int(self._clock())
-        self._count = self._count + 1 if second == self._second else 1
-        self._second = second
-        if self._count <= _MOST_LINES:
-            self._tell(text)
-        return self._count <= _MOST_LINES

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import json
 import socket
-from collections import deque
 from collections.abc import Mapping
-from itertools import count
 from pathlib import Path
 
 from humanoid_sim.client import FEED_HEAD, STATUS, TICK, monotonic_ns
 from humanoid_sim.errors import blaming
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.recording.codec import encode_tick
 from humanoid_sim.recording.header import header_fields
 from humanoid_sim.recording.sink import Sink
@@ -24,10 +22,6 @@ from humanoid_sim.session.datagrams import Mailbox
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
-_EVENTS = 64  # newest events that a status holds
-_LONGEST_EVENT = 300  # characters
-_MOST_SUBSCRIBERS = 32
-_ACCEPT_EVERY = 8  # ticks, while there are subscribers
 
 
 class FeedWriter(Sink):
@@ -58,25 +52,18 @@ class FeedWriter(Sink):
             (folder / "header.json").write_text(json.dumps(described), encoding="utf-8")
         self._mailbox = Mailbox(folder / "ticks")
         self._subscribers: dict[str, socket.socket] = {}
-        self._number, self._event_numbers = 0, count(1)
-        self._events: deque[tuple[int, float, str, int]] = deque(maxlen=_EVENTS)
+        self._number = 0
         self._status = b"{}"
 
     def tick(self, record: TickRecord) -> None:
         self._number += 1
-        if not self._subscribers or self._number % _ACCEPT_EVERY == 0:
-            self._accept()
+        self._accept()
         if self._subscribers:
             self._send(TICK, self._number, encode_tick(record))
 
-    def event(self, event: Event) -> None:
-        """Keep an event for the next status; may be called from any thread."""
-        self._events.append((next(self._event_numbers), event.time, event.text[:_LONGEST_EVENT], int(event.kind)))
-
     def status(self, fields: Mapping[str, object]) -> None:
-        """Send what is not in ticks, and the latest events; from one thread."""
-        self._status = json.dumps({**fields, "stamp": monotonic_ns(), "events": list(self._events)}).encode()
-        self._accept()
+        """Send what is not in ticks; from one thread."""
+        self._status = json.dumps(fields).encode()
         self._send(STATUS, 0, self._status)
 
     def close(self) -> None:
@@ -86,7 +73,7 @@ class FeedWriter(Sink):
 
     def _accept(self) -> None:
         for _, path in self._mailbox.take():
-            if not isinstance(path, str) or len(self._subscribers) >= _MOST_SUBSCRIBERS:
+            if not isinstance(path, str):
                 continue
             subscriber = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
             try:

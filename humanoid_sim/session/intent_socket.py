@@ -1,7 +1,7 @@
 """Intents from other programs on the machine: a Unix datagram socket that only its user can reach.
 
-It carries intents, `reactivate`, selections of a policy, pushes of a simulated robot, safety statuses and marks alone,
-so that no flood of data keeps a DAMP waiting: it is drained completely in every tick before anything else comes in.
+It carries intents, `reactivate`, selections of a policy, pushes of a simulated robot and safety statuses alone, so that
+no flood of data keeps a DAMP waiting: it is drained completely in every tick before anything else comes in.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
 
@@ -19,16 +19,15 @@ from humanoid_sim.controllers.fsm import refused
 from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.recording.sink import Sink
-from humanoid_sim.session.datagrams import LimitedLog, Mailbox, Message, read_message
+from humanoid_sim.session.datagrams import Mailbox, Message, read_message
 from humanoid_sim.session.outside_safety import OutsideSafety
-from humanoid_sim.session.reactivation import REACTIVATE, RESET, Reactivation
-from humanoid_sim.session.sources import IntentSource, PolicySelection
+from humanoid_sim.session.requests import REACTIVATE, RESET, Requests
+from humanoid_sim.session.sources import IntentSource
 
 _INTENTS = {intent.value: intent for intent in Intent}
 _FRESH = frozenset({*_INTENTS, REACTIVATE, RESET, "policy", "push"}) - {Intent.DAMP.value}
 """Words that count only if they were meant for the robot as it is."""
 _OLDEST = 0.5  # s, of CLOCK_MONOTONIC, since what the sender of such a word had seen
-_MOST_ANSWERS = 64  # senders that are answered in one tick: more are a flood
 
 
 @dataclass(eq=False)
@@ -39,23 +38,19 @@ class IntentSocket(IntentSource, Sink):
     """
 
     path: Path
-    reactivation: Reactivation = field(default_factory=Reactivation)
-    tell: Callable[[str], None] = lambda _: None  # records a line: who requested what, and marks
+    requests: Requests = field(default_factory=Requests)
+    tell: Callable[[str], None] = lambda _: None  # records a line: who requested what
     safety: OutsideSafety = field(default_factory=lambda: OutsideSafety({}))
     push: Callable[[float, float, str], None] | None = None
     """Pushes a simulated robot by vx and vy, m/s, at a body, '' for the base; None for motors."""
-    selection: PolicySelection = field(default_factory=PolicySelection)
 
     def __post_init__(self) -> None:
         self._mailbox = Mailbox(self.path)
-        self._time = 0.0
-        self._tell = LimitedLog(self.tell, lambda: self._time)
         self._waiting: list[Message] = []  # requests that a tick decides
         self._mode, self._entered, self._polled = Mode.ZERO_TORQUE, 0, 0
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Return all intents since the last call; what else was requested is done, or waits for the tick."""
-        self._time = time
         self._note_mode(output)
         intents: list[Intent] = []
         answers: list[tuple[Message, Answer]] = []
@@ -65,7 +60,7 @@ class IntentSocket(IntentSource, Sink):
                 answer = self._serve(request, intents)
             except (FieldError, InputError) as error:
                 answer = Answer(False, f"{request.word[:40].upper()} refused: {error}")
-                self._tell(f"{answer.text}; requested by {request.producer}")
+                self.tell(f"{answer.text}; requested by {request.producer}")
             if answer is None:
                 self._waiting.append(request)
             else:
@@ -89,23 +84,20 @@ class IntentSocket(IntentSource, Sink):
         match request.word, request.rest:
             case word, "" if word in _INTENTS:
                 intents.append(_INTENTS[word])
-                self._tell(f"{word.upper()} requested by {request.producer}")
+                self.tell(f"{word.upper()} requested by {request.producer}")
                 return None
             case word, _ if word == REACTIVATE or (word == RESET and is_simulated):
-                self.reactivation.request(is_reset=word == RESET)
+                self.requests.reactivate(is_reset=word == RESET)
                 return None
             case "policy", name if name:
-                self.selection.wanted = name
+                self.requests.policy = name
                 return None
             case "safety", status:
                 return Answer(True, self.safety.report(status))
             case "push", push if is_simulated:
                 return Answer(True, self._pushed(push, request.producer))
-            case "mark", text:
-                is_recorded = self._tell(f"mark of {request.producer}: {text}".rstrip(": "))
-                return Answer(is_recorded, "marked" if is_recorded else "not marked: too many lines in a second")
         simulated = ("push", RESET) if is_simulated else ()
-        known = ", ".join([*_INTENTS, REACTIVATE, "policy NAME", "safety", "mark", *simulated])
+        known = ", ".join([*_INTENTS, REACTIVATE, "policy NAME", "safety", *simulated])
         raise InputError(f"means nothing, expected one of {known}")
 
     def _require_fresh(self, request: Message) -> None:
@@ -128,16 +120,14 @@ class IntentSocket(IntentSource, Sink):
             raise InputError(f"is '{push[:40]}', expected VX,VY in m/s, and a body")
         self.push(numbers[0], numbers[1], body)
         text = f"pushed{body and f' at {body}'} by {first} m/s"
-        self._tell(f"{text}; requested by {producer}")
+        self.tell(f"{text}; requested by {producer}")
         return text
 
     def tick(self, record: TickRecord) -> None:
         """Answer the requests that this tick decided."""
         if not self._waiting:
             return
-        # DAMP first: of a flood only so many are answered.
-        waiting = sorted(self._waiting, key=lambda request: request.word != Intent.DAMP.value)
-        decided = [(request, self._decided(request, record)) for request in waiting]
+        decided = [(request, self._decided(request, record)) for request in self._waiting]
         self._waiting = [request for request, answer in decided if answer is None]
         _send([(request, answer) for request, answer in decided if answer is not None])
 
@@ -146,7 +136,7 @@ class IntentSocket(IntentSource, Sink):
         output, control = record.output, record.output.control_mode
         match request.word:
             case word if word in (REACTIVATE, RESET):
-                return self.reactivation.answer
+                return self.requests.answer
             case Intent.DAMP.value:  # granted if the robot is damped, whatever else came in that tick
                 is_granted = control.mode in (Mode.DAMPING, Mode.ZERO_TORQUE)
             case "policy":
@@ -160,7 +150,6 @@ class IntentSocket(IntentSource, Sink):
 
     def close(self) -> None:
         _send([(request, Answer(True, "the session has ended")) for request in self._waiting])
-        self._waiting.clear()
         self._mailbox.close()
 
 
@@ -169,6 +158,6 @@ def _send(answers: Sequence[tuple[Message, Answer]]) -> None:
     if not answers:
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as end:
-        for request, answer in [one for one in answers if one[0].sender][:_MOST_ANSWERS]:
-            with contextlib.suppress(OSError):  # the sender did not wait
+        for request, answer in answers:
+            with contextlib.suppress(OSError):  # the sender did not wait, or gave no address
                 end.sendto(f"{answer.granted:d}{request.token}\n{answer.text}".encode(), request.sender)

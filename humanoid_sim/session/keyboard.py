@@ -11,13 +11,12 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from time import monotonic
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
-from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.requests import Requests
 from humanoid_sim.session.sources import VELOCITY_HELP, VELOCITY_KEYS, IntentSource, VelocityCommand
 
 KEYS: Mapping[str, Intent] = {
@@ -36,7 +35,6 @@ KEY_HELP = (
     "h or ? this help"
 )
 _DAMP_KEYS = (" ", "d")
-_LATE = 0.3  # s between two polls beyond which the process stood still
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _KEY = re.compile(r"\x1b[\[O]([A-D])|\x1b(?:\[[0-9;]*[A-Za-z~]|O[A-Z])|(.)", re.DOTALL)  # arrow, function key, other
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")  # the beginning of one
@@ -54,7 +52,7 @@ class Keyboard(IntentSource):
 
     velocity: VelocityCommand | None = None  # that the velocity keys change; None where the robot does not walk
     _: KW_ONLY
-    reactivation: Reactivation | None = None
+    requests: Requests = field(default_factory=Requests)
     tell: Callable[[str], None] = lambda _: None  # shows the operator a line
 
     def __post_init__(self) -> None:
@@ -66,34 +64,22 @@ class Keyboard(IntentSource):
         except (termios.error, OSError, ValueError):
             raise InputError("--manual: standard input is not a terminal, expected one to read keys from") from None
         self.take_terminal()
-        self._was_in_foreground = self._is_in_foreground()
         self._is_lost = False
-        self._polled = monotonic()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        begin, self._polled = self._polled, monotonic()
-        if self._is_lost:
-            return ()
-        was_in_foreground, self._was_in_foreground = self._was_in_foreground, self._is_in_foreground()
-        if not self._was_in_foreground:
-            return (Intent.DAMP,) if was_in_foreground else ()  # nobody at these keys can be heard
-        if not was_in_foreground:
-            self.take_terminal()
-        if not select.select([self._fd], [], [], 0.0)[0]:
+        if self._is_lost or not select.select([self._fd], [], [], 0.0)[0]:
             return ()
         try:
             text = os.read(self._fd, 4096).decode(errors="replace")  # all that a terminal holds: no DAMP stays behind
         except OSError:  # a terminal that has hung up, or is another program's by now
             text = ""
-        if not text and not self._is_in_foreground():
-            return ()
-        if not text:  # the terminal went away: an operator who cannot be heard must not be moved on
+        if not text:  # an operator whose keys do not arrive must not be moved on
             self._is_lost = True
             return (Intent.DAMP,)
-        return self._pressed(text, is_late=self._polled - begin > _LATE)
+        return self._pressed(text)
 
     def take_terminal(self) -> None:
-        """Have the terminal send key by key and show none of them, unless another program has it at present."""
+        """Have the terminal send key by key and show none of them."""
         attributes = copy.deepcopy(self._before)
         attributes[tty.IFLAG] &= ~termios.IXON
         attributes[tty.LFLAG] &= ~(termios.ICANON | termios.ECHO)
@@ -101,33 +87,22 @@ class Keyboard(IntentSource):
         self._set(attributes)
 
     def close(self) -> None:
-        """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
+        """Give the terminal back as it was. May be called from a signal handler."""
         self._set(self._before)
 
     def _set(self, attributes: list[Any]) -> None:
-        if self._is_in_foreground():
-            with contextlib.suppress(termios.error):  # there is no terminal any more
-                termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+        with contextlib.suppress(termios.error):  # there is no terminal any more
+            termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
-    def _is_in_foreground(self) -> bool:
-        """Return True if the terminal's input is meant for this process; so is that of one that controls no process."""
-        try:
-            return os.tcgetpgrp(self._fd) == os.getpgrp()
-        except OSError:
-            return True
-
-    def _pressed(self, text: str, *, is_late: bool) -> list[Intent]:
+    def _pressed(self, text: str) -> list[Intent]:
         keys = self._keys(text)
-        if is_late:  # the process stood still: what was typed meanwhile was meant for something else
-            termios.tcflush(self._fd, termios.TCIFLUSH)
-            keys = [key for key in keys if key in _DAMP_KEYS]
         for key in keys:
             if key in ("h", "?"):
                 self.tell(KEY_HELP if self.velocity is None else f"{KEY_HELP}; {VELOCITY_HELP}")
             elif key in VELOCITY_KEYS and self.velocity is not None:
                 self.velocity.press(key)
-            elif key == REACTIVATE_KEY and self.reactivation is not None:
-                self.reactivation.request()
+            elif key == REACTIVATE_KEY:
+                self.requests.reactivate()
         return [KEYS[key] for key in keys if key in KEYS]
 
     def _keys(self, text: str) -> list[str]:

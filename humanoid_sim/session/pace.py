@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter, sleep
 
 _SPIN = 0.0002  # s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel
-_NEWEST = 100_000  # starts of ticks that are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +17,6 @@ class LoopSettings:
     simulated: bool = True
     """Writing advances physics, whose time is not the tick's own; False: the loop takes `real_time`'s measures."""
     duration: float | None = None  # s on the robot's clock; None: until a source says so, or QUIT
-    damping_time: float = 3.0  # s at most that the end of a run stays in DAMPING for the joints to come to rest
 
 
 @dataclass(slots=True)
@@ -33,14 +30,7 @@ class Pace:
     realtime: bool
     overruns: int = 0  # ticks that missed their deadline
     skipped: int = 0  # deadlines that passed while a tick was still running
-    lateness: deque[float] = field(default_factory=lambda: deque(maxlen=_NEWEST))  # s, of the newest ticks' starts
     _deadline: float | None = None
-
-    def begin(self) -> float:
-        now = perf_counter()
-        if self._deadline is not None:
-            self.lateness.append(max(now - self._deadline, 0.0))
-        return now
 
     def written(self, start: float, now: float) -> bool:
         """Set the next deadline once the tick that began at `start` has written; return True if it missed its own."""

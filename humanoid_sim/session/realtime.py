@@ -3,26 +3,20 @@
 - The garbage collector never does a full collection, which takes longer than a tick once MuJoCo is loaded.
 - Threads hand over every 0.5 ms, so that one that computes does not keep the control thread waiting for 5 ms.
 - The control thread, and those that it starts meanwhile (the buses'), run under SCHED_FIFO; other threads behind it.
-- Memory is locked: no page that was used once is fetched from a disk again.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import os
-import resource
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 _PRIORITY = 50  # 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers
 _SWITCH_INTERVAL = 0.0005  # s
 _MIDDLE = 5  # collections of the youngest objects between two of the middle generation (0.4 ms); 10 by default
 _NEVER = 1 << 30  # collections of the middle generation between two full ones
-_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
-_CAP_IPC_LOCK = 14
 
 
 @contextlib.contextmanager
@@ -40,7 +34,7 @@ def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
         undo.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_INTERVAL)
         switching = f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms"
-        yield "garbage collector frozen", switching, _fifo(undo, _PRIORITY + ahead), _locked_memory(undo)
+        yield "garbage collector frozen", switching, _fifo(undo, _PRIORITY + ahead)
 
 
 @contextlib.contextmanager
@@ -58,19 +52,3 @@ def _fifo(undo: contextlib.ExitStack, priority: int) -> str:
         return f"SCHED_FIFO refused ({error.strerror}): give this user an rtprio limit of {_PRIORITY} or more"
     undo.callback(os.sched_setscheduler, 0, *before)
     return f"SCHED_FIFO, priority {priority}"
-
-
-def _locked_memory(undo: contextlib.ExitStack) -> str:
-    # A finite limit would be reached in mid-run, and an allocation would fail then.
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY and not _may_lock_memory():
-        return "memory not locked: give this user an unlimited memlock limit"
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
-        return f"memory not locked ({os.strerror(ctypes.get_errno())})"
-    undo.callback(libc.munlockall)
-    return "memory locked"
-
-
-def _may_lock_memory() -> bool:
-    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines())
-    return bool(int(status["CapEff"], 16) >> _CAP_IPC_LOCK & 1)

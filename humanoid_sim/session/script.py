@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
-from humanoid_sim.session.sources import IntentSource, PolicySelection
+from humanoid_sim.session.requests import Requests
+from humanoid_sim.session.sources import IntentSource
 
 _INTENTS = {intent.value: intent for intent in Intent}
 _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS, policy NAME"
@@ -63,7 +64,7 @@ class Script(IntentSource):
     motion_frames: Mapping[str, int] = field(default_factory=lambda: {"": 0})
     """Length of each policy's motion in policy steps, by the policy's name, the selected one first."""
     _: KW_ONLY
-    selection: PolicySelection = field(default_factory=PolicySelection)
+    requests: Requests = field(default_factory=Requests)
     operators: Sequence[IntentSource] = ()  # take over with their first intent; polled in every tick
 
     def __post_init__(self) -> None:
@@ -90,7 +91,7 @@ class Script(IntentSource):
         step = self._steps.pop(0)
         self._hold_until = None
         if step.kind == "policy":
-            self.selection.wanted = step.policy
+            self.requests.policy = step.policy
             self._policy = step.policy if step.policy in self.motion_frames else self._policy
         if step.intent is None:
             return intents

@@ -7,8 +7,8 @@ run ends the robot is damped and then closed.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
 from time import perf_counter, sleep
 
 from humanoid_sim.controllers.base import DAMPING, Fault
@@ -31,11 +31,13 @@ from humanoid_sim.recording.sink import Sink
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import LoopSettings, Pace
-from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
+from humanoid_sim.session.requests import Requests
 from humanoid_sim.session.rest import RestDetector
 from humanoid_sim.session.sinks import SinkGroup
-from humanoid_sim.session.sources import ExternSource, IntentSource, PolicySelection
+from humanoid_sim.session.sources import ExternSource, IntentSource
+
+_DAMPING_TIME = 3.0  # s at most that the end of a run stays in DAMPING for the joints to come to rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +50,7 @@ class SessionResult:
     wall_time: float  # s
     overruns: int
     skipped: int  # deadlines that passed while a tick was still running
-    lateness: Collection[float]  # s, of the newest ticks' starts after their due times; empty without real time
-    measures: tuple[str, ...] = ()  # taken for timely scheduling, one line each
-    failures: tuple[str, ...] = ()
+    failures: tuple[str, ...]
     """A robot that is not confirmed to be without torque; sinks that raised on the control thread."""
 
 
@@ -72,9 +72,8 @@ class Session:
     qpos: Callable[[], FloatArray] | None = None  # MuJoCo's generalised position, for viewers
     mode_listener: Callable[[Mode], str] | None = None
     """Called with each new mode before its first command is written; returns a line to record."""
-    reactivation: Reactivation | None = None
+    requests: Requests = field(default_factory=Requests)
     interruption: Interruption | None = None  # notices that the loop stood still; one of `intents` too
-    selection: PolicySelection | None = None
 
     def __post_init__(self) -> None:
         self._group = SinkGroup(self.sinks, lambda: self.time)
@@ -124,9 +123,8 @@ class Session:
             robot.callback(self._close_robot)
             with contextlib.nullcontext() if self.settings.simulated else punctual_threads(behind=20):
                 self._group.start(self.header, stack)
-            measures = () if self.settings.simulated else stack.enter_context(real_time())
-            if measures:
-                self.event(f"real-time settings: {'; '.join(measures)}")
+            if not self.settings.simulated:
+                self.event(f"real-time settings: {'; '.join(stack.enter_context(real_time()))}")
             self.robot.activate()
             try:
                 self._loop()
@@ -143,16 +141,14 @@ class Session:
             wall_time=perf_counter() - begin,
             overruns=self._pace.overruns,
             skipped=self._pace.skipped,
-            lateness=self._pace.lateness,
-            measures=measures,
             failures=(*self._failures, *self._group.failures),
         )
 
     def _loop(self) -> None:
         period, limit = self.settings.control_period, self.settings.duration
         while not self._stop_reason:
-            if self.reactivation is not None and self.reactivation.is_requested:
-                self._begin_afresh(self.reactivation)
+            if self.requests.is_reactivation:
+                self._begin_afresh()
             self.tick()
             if self._first_time is None:
                 self._first_time = self.time
@@ -163,10 +159,8 @@ class Session:
             elif any(source.finished for source in self.intents):
                 self._stop_reason = "script finished"
 
-    def _begin_afresh(self, reactivation: Reactivation) -> None:
-        kind = reactivation.serve(self.robot, self.mode)
-        answer = reactivation.answer
-        assert answer is not None
+    def _begin_afresh(self) -> None:
+        kind, answer = self.requests.serve(self.robot, self.mode)
         if self.interruption is not None:
             self.interruption.restart()
         if kind is EventKind.FRESH_START:
@@ -184,7 +178,7 @@ class Session:
         self.event(f"ending: {self._stop_reason}", EventKind.ENDING)
         if self.mode is not Mode.ZERO_TORQUE:
             rest = RestDetector(self.settings.control_period)
-            left = round(self.settings.damping_time / self.settings.control_period)
+            left = round(_DAMPING_TIME / self.settings.control_period)
             self.tick((Intent.DAMP,))
             while left > 0 and not self._hurries and not rest.update(self.state):
                 self._collect()  # nothing is granted any more, but requests are answered
@@ -198,7 +192,7 @@ class Session:
 
     def tick(self, intents: tuple[Intent, ...] | None = None) -> None:
         """Take one tick with these intents; None: those of the sources. `run` calls it."""
-        start = self._pace.begin()
+        start = perf_counter()
         memory = self.memory
         tick_input, output = self._decide(intents)
         if intents is None and self.interruption is not None and self.interruption.stood_still():
@@ -228,8 +222,7 @@ class Session:
         live = {name: value for source in self.externs for name, value in source.latest().items()}
         if live:
             self.state = state = replace(state, extern={**state.extern, **live})
-        policy = "" if self.selection is None else self.selection.take()
-        tick_input = TickInput(state, self.safety_filter(safety), chosen, self.remote(), policy)
+        tick_input = TickInput(state, self.safety_filter(safety), chosen, self.remote(), self.requests.take_policy())
         self.memory, self._output = self.supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 
@@ -249,7 +242,7 @@ class Session:
         period, interrupted, ticks = self.settings.control_period, None, 0
         rest, command = RestDetector(period), MITCommand.zeros(len(self.robot.joints))
         if self.mode is not Mode.ZERO_TORQUE:
-            ticks = round(self.settings.damping_time / period)
+            ticks = round(_DAMPING_TIME / period)
             with contextlib.suppress(Exception):
                 command = self._damping_command() or command
         for _ in range(ticks + 1):

@@ -1,10 +1,10 @@
-"""Inputs of a tick other than the robot's: intents, a policy's selection, and a velocity."""
+"""Inputs of a tick other than the robot's: intents, live inputs, and a velocity."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -34,17 +34,6 @@ class ExternSource(Protocol):
 
     def latest(self) -> Mapping[str, Extern]:
         """Return the latest value of every term that ever came."""
-
-
-class PolicySelection:
-    """Hands the newest request for another of the loaded policies, a name, to the next tick."""
-
-    def __init__(self) -> None:
-        self.wanted = ""
-
-    def take(self) -> str:
-        wanted, self.wanted = self.wanted, ""
-        return wanted
 
 
 def printable(text: str) -> str:
@@ -121,15 +110,13 @@ class VelocityCommand:
 
     command: FloatArray  # shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame
     ranges: FloatArray | None = None  # shape (3, 2), for changes; None: what `parse_velocity` accepts
-    _: KW_ONLY
-    is_observed: bool = True  # the policy takes a command; if not, no tick has one
 
     def __post_init__(self) -> None:
         self.turn = Turn()
         self._set(self.command, 0.0, math.inf)
 
     def latest(self) -> Mapping[str, Extern]:
-        return self._extern if self.is_observed else {}
+        return self._extern
 
     def press(self, key: str) -> None:
         change = VELOCITY_KEYS[key]

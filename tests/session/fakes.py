@@ -77,5 +77,5 @@ class FakeSink:
 
 def session(robot: Any, *, duration: float | None = None, **options: Any) -> Session:
     """A session that does not keep real time."""
-    settings = LoopSettings(rig.PERIOD, realtime=False, duration=duration, damping_time=2.0)
+    settings = LoopSettings(rig.PERIOD, realtime=False, duration=duration)
     return Session(robot, rig.supervisor(), settings, header=HEADER, **options)

@@ -17,10 +17,10 @@ from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.pace import LoopSettings
-from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
+from humanoid_sim.session.requests import Requests
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sources import PolicySelection, VelocityCommand
+from humanoid_sim.session.sources import VelocityCommand
 
 HEADER = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": "{}"}, {"motion.mcap": b"motion"}, (("joint", 3),))
 
@@ -35,8 +35,8 @@ class LocalSession:
         self._source, self._sink, self.sent = FakeSource(), FakeSink(on_tick=self._note), 0
         self.registration = self.stack.enter_context(closing(Registration()))
         folder, tell = self.registration.path, self.told.append
-        outside, selection, self.velocity = OutsideSafety({}), PolicySelection(), VelocityCommand(np.zeros(3))
-        self.intents = IntentSocket(folder / "intents", Reactivation(), tell, outside, selection=selection)
+        outside, requests, self.velocity = OutsideSafety({}), Requests(), VelocityCommand(np.zeros(3))
+        self.intents = IntentSocket(folder / "intents", requests, tell, outside)
         self.stack.callback(self.intents.close)
         self.data = DataSocket(
             folder / "data",
@@ -61,7 +61,7 @@ class LocalSession:
             externs=(self.data, self.velocity),
             sinks=(self._sink, self.feed, self.intents, self.data),
             safety_filter=outside,
-            selection=selection,
+            requests=requests,
         )
 
     @property

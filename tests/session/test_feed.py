@@ -10,7 +10,7 @@ import pytest
 from waiting import until
 
 from humanoid_sim.client import Feed, SessionError
-from humanoid_sim.messages import Event, EventKind, Intent
+from humanoid_sim.messages import Intent
 from humanoid_sim.recording.codec import decode_tick
 
 SUBSCRIBER = """
@@ -46,16 +46,11 @@ def test_a_subscriber_gets_ticks_files_and_what_interprets_them(local):
     assert not local_info.path.exists()
 
 
-def test_events_come_with_the_status_also_those_before_the_subscription(local):
-    for i in range(70):
-        local.feed.event(Event(0.5, f"event {i}", EventKind.PUSH))
-    local.feed.status({"owners": {}})
+def test_a_new_subscriber_gets_the_latest_status(local):
+    local.feed.status({"owners": {"REMOTE": "gravity"}})
     with Feed(local.info) as feed:
         local.tick()
-        status = until(feed.status)
-        assert status["owners"] == {}
-        assert len(status["events"]) == 64
-        assert status["events"][-1] == [70, 0.5, "event 69", int(EventKind.PUSH)]
+        assert until(feed.status) == {"owners": {"REMOTE": "gravity"}}
 
 
 def test_a_subscriber_that_is_stopped_or_killed_holds_nothing_up(local):

@@ -15,7 +15,7 @@ from humanoid_sim.frontends.console.scene import Scene
 from humanoid_sim.frontends.console.sliders import slider_limits
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.header import json_document
-from humanoid_sim.session.reactivation import REACTIVATE
+from humanoid_sim.session.requests import REACTIVATE
 
 _MOVED = 0.5  # s for which a slider that an operator moved is left alone
 

@@ -4,7 +4,7 @@ from fakes import FakeRobot, FakeSink, FakeSource, session
 from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode
-from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.requests import Requests
 
 DONE = "reactivated: the robot is verified and enabled afresh"
 REFUSED = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
@@ -13,11 +13,11 @@ STANDING = {0: (Intent.DAMP,), 1: (Intent.LOAD_A,)}
 
 def run(intents, robot=None, *, is_reset=False):
     """Request a fresh start in tick 5; the robot, the sink, the answer."""
-    reactivation, robot, sink = Reactivation(), robot or FakeRobot(), FakeSink()
-    sink.on_tick = lambda record: reactivation.request(is_reset=is_reset) if record.index == 5 else None
-    session(robot, duration=0.4, intents=[FakeSource(intents)], sinks=[sink], reactivation=reactivation).run()
+    requests, robot, sink = Requests(), robot or FakeRobot(), FakeSink()
+    sink.on_tick = lambda record: requests.reactivate(is_reset=is_reset) if record.index == 5 else None
+    session(robot, duration=0.4, intents=[FakeSource(intents)], sinks=[sink], requests=requests).run()
     assert [record.index for record in sink.records] == list(range(len(sink.records)))
-    return robot, sink, reactivation.answer
+    return robot, sink, requests.answer
 
 
 def test_the_stack_begins_again_without_torque():
