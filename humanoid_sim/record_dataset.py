@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -20,6 +20,7 @@ from humanoid_sim.recording.header import json_document
 from humanoid_sim.recording.reader import Recording, open_recording
 
 _DEFAULT_RATE = 50.0  # frames per second where no policy step says better; the control rate if that is lower
+_MODES = (Mode.LOCOMOTION, Mode.REMOTE)
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip
 
@@ -40,8 +41,6 @@ class RecordDataset:
     """Its id, should it go to a hub, user/name. Default: local/<name of the folder>."""
     task: str | None = None
     """The robot's task, in words. Default: made from the motion's or the policy's name."""
-    modes: tuple[Literal["locomotion", "remote"], ...] = ("locomotion", "remote")
-    """Modes from which to take episodes."""
     fps: int | None = None
     """Frames per second; must divide the control rate. Default: the policy's steps, 50 where there are none."""
 
@@ -74,7 +73,6 @@ class RecordDataset:
 
         Raises `InputError` without an episode, or where two have different frame rates.
         """
-        modes = frozenset(Mode[name.upper()] for name in self.modes)
         header = recordings[0].header
         names = {
             "observation.state": [f"{joint}.pos" for joint in header.joint_names],
@@ -85,7 +83,7 @@ class RecordDataset:
         }
         features = {key: {"dtype": "float32", "shape": (len(n),), "names": n} for key, n in names.items()}
         dataset, rate, counts = None, 0, []
-        for recording, episode in ((one, two) for one in recordings for two in read_episodes(one, modes, self.fps)):
+        for recording, episode in ((one, two) for one in recordings for two in read_episodes(one, self.fps)):
             if dataset is None:
                 rate = round(episode.fps)
                 dataset = library.LeRobotDataset.create(
@@ -100,7 +98,7 @@ class RecordDataset:
             dataset.save_episode()
             counts.append(len(episode.ticks))
         if dataset is None:
-            raise InputError(f"{self.recordings[0]}: no stretch in {' or '.join(self.modes).upper()} of two frames")
+            raise InputError(f"{self.recordings[0]}: no stretch in LOCOMOTION or REMOTE of two frames")
         dataset.finalize()
         return counts
 
@@ -120,8 +118,8 @@ class Episode(NamedTuple):
     ticks: list[TickRecord]  # one for each frame, in which every joint was received
 
 
-def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | None = None) -> Iterator[Episode]:
-    """Yield the stretches in the given modes of at least two frames, in order.
+def read_episodes(recording: Recording, fps: float | None = None) -> Iterator[Episode]:
+    """Yield the stretches in LOCOMOTION and REMOTE of at least two frames, in order.
 
     A missed deadline, a lost tick or a joint that was never received ends a stretch. In LOCOMOTION it begins with a
     policy step, so that at the policy's rate every frame is one. Raises `InputError` if the control rate is not a
@@ -138,7 +136,7 @@ def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | Non
                 yield from _sample(recording, stretch, fps)
                 stretch = []
         is_begun = stretch or mode is not Mode.LOCOMOTION or tick.output.policy_step is not None
-        if mode in modes and is_begun and np.isfinite(tick.input.state.joint_position).all():
+        if mode in _MODES and is_begun and np.isfinite(tick.input.state.joint_position).all():
             stretch.append(tick)
     yield from _sample(recording, stretch, fps)
 

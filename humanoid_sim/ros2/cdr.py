@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -81,40 +81,28 @@ def _write(body: bytearray, parts: Iterable[_Part], values: Iterable[Any]) -> No
     for (kind, layout), value in zip(parts, values, strict=True):
         if kind == "numbers":
             body += layout[len(body) % 8].pack(*value)
-        elif kind == "array":
-            body += _count(len(value), len(body) % 8, layout.itemsize)
-            if len(value):
-                body += np.asarray(value, layout).tobytes()
         elif kind == "text":
-            body += _text(value, len(body) % 8)
-        elif kind == "texts":
-            body += _texts(tuple(value), len(body) % 8)
+            _write_text(body, value)
         else:
-            body += _count(len(value), len(body) % 8, 1)
-            for item in value:
-                _write(body, layout, item)
+            _write_count(body, len(value))
+            if kind == "array" and len(value):
+                body += bytes(-len(body) % layout.itemsize) + np.asarray(value, layout).tobytes()
+            elif kind == "texts":
+                for text in value:
+                    _write_text(body, text)
+            elif kind == "messages":
+                for item in value:
+                    _write(body, layout, item)
 
 
-@lru_cache(maxsize=1024)
-def _count(count: int, offset: int, size: int) -> bytes:
-    """Return the count of elements of `size` bytes, for a body offset modulo 8, with the padding around it."""
-    padding = -offset % 4
-    gap = -(offset + padding + 4) % size if count else 0
-    return bytes(padding) + _COUNT.pack(count) + bytes(gap)
+def _write_count(body: bytearray, count: int) -> None:
+    body += bytes(-len(body) % 4) + _COUNT.pack(count)
 
 
-@lru_cache(maxsize=1024)
-def _text(text: str, offset: int) -> bytes:
+def _write_text(body: bytearray, text: str) -> None:
     data = text.encode("utf-8", "surrogatepass") + b"\x00"
-    return _count(len(data), offset, 1) + data
-
-
-@lru_cache(maxsize=1024)  # the names of joints are in most messages
-def _texts(texts: tuple[str, ...], offset: int) -> bytes:
-    data = bytes(offset) + _count(len(texts), offset, 1)
-    for text in texts:
-        data += _text(text, len(data) % 8)
-    return data[offset:]
+    _write_count(body, len(data))
+    body += data
 
 
 def _read(body: bytes, parts: Iterable[_Part], start: int) -> tuple[list[Any], int]:

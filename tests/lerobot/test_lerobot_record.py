@@ -76,10 +76,7 @@ def test_several_recordings_and_modes(tmp_path):
 
 def test_nothing_is_left_of_a_dataset_that_cannot_be_made(tmp_path, recording, capsys):
     output = tmp_path / "waves"
-    for options, reason in (
-        (["--fps", "30"], "--fps: is 30, expected a divisor of its 200 ticks"),
-        (["--modes", "remote"], "no stretch in REMOTE of two frames"),
-    ):
+    for options, reason in ((["--fps", "30"], "--fps: is 30, expected a divisor of its 200 ticks"),):
         assert run_program(main, ["dataset", str(recording), "-o", str(output), *options]) == 2
         error = capsys.readouterr().err
         assert reason in error

@@ -12,8 +12,6 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.record_dataset import read_episodes
 from humanoid_sim.recording.reader import open_recording
 
-BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
-
 
 @pytest.fixture(scope="module")
 def ticks():
@@ -22,9 +20,9 @@ def ticks():
 
 @pytest.fixture
 def episodes(tmp_path):
-    def episodes(ticks, modes=BOTH, fps=None):
+    def episodes(ticks, fps=None):
         write_recording(tmp_path / "run.mcap", ticks, wobbled()[0])
-        return list(read_episodes(open_recording(tmp_path / "run.mcap"), modes, fps))
+        return list(read_episodes(open_recording(tmp_path / "run.mcap"), fps))
 
     return episodes
 
@@ -68,4 +66,4 @@ def test_frames_begin_when_every_joint_was_received(episodes, ticks):
     position = silent.input.state.joint_position.copy()
     position[3] = np.nan
     made = [*ticks[: silent.index], changed(silent, joint_position=position), *ticks[silent.index + 1 :]]
-    assert [len(episode.ticks) for episode in episodes(made, frozenset([Mode.REMOTE]))] == [10, 39]
+    assert [len(episode.ticks) for episode in episodes(made)[1:]] == [10, 39]
