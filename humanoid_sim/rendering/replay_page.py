@@ -1,20 +1,15 @@
-"""A run as one HTML file that replays it in 3D in any browser, offline; nothing here needs OpenGL or a network."""
+"""A run as one HTML file that replays it in 3D in any browser, offline; nothing here needs OpenGL."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import io
 import json
-from collections.abc import Iterator
+from contextlib import ExitStack, redirect_stdout
 from html import escape
+from io import StringIO
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import mujoco
 import viser
-from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
@@ -29,7 +24,10 @@ def write_page(path: str | Path, model: mujoco.MjModel, poses: Poses, *, title: 
     path = output_file(path, "page", ".html")
     if not poses.kept:
         raise InputError(f"page '{path}': nothing to show: no tick came from a simulated robot")
-    with _scene() as server:
+    with ExitStack() as stack:
+        stack.enter_context(redirect_stdout(StringIO()))  # viser reports its start and its end
+        server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+        stack.callback(server.stop)
         scene = RobotScene(server, model)
         server.scene.configure_environment_map(None)  # takes half a minute where a browser draws in software
         serializer = server.get_scene_serializer()
@@ -48,20 +46,3 @@ def write_page(path: str | Path, model: mujoco.MjModel, poses: Poses, *, title: 
     caption = _CAPTION.read_text("utf-8").replace("SPANS", json.dumps(spans))
     with whole_file(path) as file:
         file.write((head + caption + body_end + rest).encode())
-
-
-@contextlib.contextmanager
-def _scene() -> Iterator[viser.ViserServer]:
-    """Yield viser's scene and all that collects its messages, without socket and thread."""
-    loop = asyncio.new_event_loop()
-
-    def start(server: Any) -> None:
-        server._broadcast_buffer = AsyncMessageBuffer(loop, persistent_messages=True)
-
-    with patch.multiple(viser.infra.WebsockServer, start=start, stop=lambda _: loop.close()):
-        with contextlib.redirect_stdout(io.StringIO()):
-            server = viser.ViserServer(verbose=False)
-        try:
-            yield server
-        finally:
-            server.stop()
