@@ -297,14 +297,12 @@ class Answer:
 class Intake(_Connection):
     """The sockets by which a program joins a session, for one thread; `SessionError` if it cannot be reached.
 
-    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts. `process` tells
-    producers of one name apart; None: this process, 0: a producer elsewhere.
+    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts.
     """
 
-    def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
+    def __init__(self, session: SessionInfo, producer: str) -> None:
         super().__init__(session)
-        process = os.getpid() if process is None else process
-        self._producer = (" ".join(producer.split())[:40] or "?") + (f" ({process})" if process else "")
+        self._producer = f"{' '.join(producer.split())[:40] or '?'} ({os.getpid()})"
         # The kernel lets senders that wait in by turns, which those that poll are not.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _POST_TIMEOUT, 0))
         self._data = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -32,19 +32,17 @@ class MidiConfig:
 
 
 class Sender:
-    """Sends the keys in each period, as long as they are known, and once more, all released, when they are lost."""
+    """Sends the keys in each period, changed or not: silence means a lost keyboard."""
 
     def __init__(self, intake: Intake, keyboard: Keyboard) -> None:
         self._intake, self._keyboard, self._polled = intake, keyboard, monotonic_ns()
 
     def step(self) -> list[str]:
-        """Poll and send; lines for an operator. Raises `SessionError` if the session has ended."""
+        """Poll and send. Raises `SessionError` if the session has ended, `InputError` if the keyboard is gone."""
         stamp, self._polled = self._polled, monotonic_ns()  # what is found now came after the poll before
-        news = self._keyboard.poll()
-        if self._keyboard.is_known or news:
-            # Repeated all the time: silence means a lost keyboard, as soon as the policy's contract takes it for old.
-            self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), stamp=stamp)
-        return news
+        self._keyboard.poll()
+        self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), stamp=stamp)
+        return []
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
-from typing import NamedTuple
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
@@ -20,23 +19,16 @@ _READY = 30.0  # s that children get to print their first line; the session begi
 _GRACE = 2.0  # s that a child gets to end after SIGTERM
 
 
-class Wanted(NamedTuple):
-    """A front end to start with a session."""
-
-    name: str
-    options: tuple[str, ...] = ()  # of its command line; `--session` is added
-
-
 class _Child:
     """A front end's process."""
 
-    def __init__(self, wanted: Wanted) -> None:
-        self.name = " ".join((wanted.name, *wanted.options))
+    def __init__(self, program: str, *options: str) -> None:
+        self.name = " ".join((program, *options))
         self.last = ""  # line that it printed
         self.is_ready = threading.Event()  # it printed something other than an error, or has ended
         # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
         self.process = subprocess.Popen(
-            [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options],
+            [sys.executable, "-m", f"humanoid_sim.{program}", "--session", str(os.getpid()), *options],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -52,7 +44,7 @@ class FrontEnds(Sink):
 
     def __init__(
         self,
-        wanted: Sequence[Wanted],
+        commands: Sequence[Sequence[str]],
         feed: FeedWriter,
         *,
         show: Callable[[str], None],
@@ -63,6 +55,7 @@ class FrontEnds(Sink):
         """Launch them, with ordinary priority: not within a loop that has another.
 
         Args:
+            commands: a program, such as `dds`, and the options of its command line; `--session` is added.
             feed: gets the status twice a second.
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
             note: records a line.
@@ -71,7 +64,7 @@ class FrontEnds(Sink):
         self._is_ending = is_ending
         self._threads: list[threading.Thread] = []
         self._stop = threading.Event()
-        self._children = [_Child(one) for one in wanted]
+        self._children = [_Child(*command) for command in commands]
 
     @property
     def running(self) -> Mapping[str, int]:

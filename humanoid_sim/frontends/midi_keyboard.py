@@ -1,10 +1,8 @@
-"""A MIDI keyboard that may be unplugged and come back: which keys are down, as long as that is known."""
+"""A MIDI keyboard: which keys are down, until it is unplugged."""
 
 from __future__ import annotations
 
-import contextlib
 from time import monotonic
-from typing import Any
 
 import mido
 import numpy as np
@@ -32,53 +30,32 @@ class Keyboard:
 
     def __init__(self, part: str) -> None:
         """Open the first port whose name has this part; '' for any. Raises `InputError` if there is none."""
-        self._part, self._checked = part, 0.0
-        self._port: Any = None  # mido's; None while the keyboard is gone
+        names = port_names()
+        found = [name for name in names if part.lower() in name.lower()]
+        if not found:
+            raise InputError(f"--port: no keyboard with '{part}'; ports: {', '.join(names) or 'none'}")
+        self.name = found[0]
+        self._port, self._checked = mido.open_input(self.name), monotonic()
         self._held: set[tuple[int, int]] = set()  # channel and key
-        self._open()
-
-    @property
-    def is_known(self) -> bool:
-        """True while it is known which keys are down."""
-        return self._port is not None
 
     @property
     def pressed(self) -> FloatArray:
-        """Shape (88,): 1 for each key that is down, else 0, A0 first; none of a keyboard that is gone."""
+        """Shape (88,): 1 for each key that is down, else 0, A0 first."""
         values = np.zeros(KEY_COUNT)
         values[[key for _, key in self._held]] = 1.0
         return values
 
     def close(self) -> None:
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        self._port.close()
 
-    def poll(self) -> list[str]:
-        """Read what has come; a line for an operator where the keyboard goes or comes back."""
-        lines = []
+    def poll(self) -> None:
+        """Read what has come. Raises `InputError` if the keyboard is gone."""
         if monotonic() - self._checked > _CHECK_PERIOD:
             self._checked = monotonic()
-            if self._port is None:
-                with contextlib.suppress(InputError):
-                    self._open()
-                    lines.append("the keyboard is there again")
-            elif self.name not in port_names():
-                self.close()
-                self._held.clear()
-                lines.append("the keyboard is gone: all keys released")
-        for message in () if self._port is None else self._port.iter_pending():
+            if self.name not in port_names():
+                raise InputError(f"{self.name}: is gone")
+        for message in self._port.iter_pending():
             self._take(message)
-        return lines
-
-    def _open(self) -> None:
-        names = port_names()
-        found = [name for name in names if self._part.lower() in name.lower()]
-        if not found:
-            raise InputError(f"--port: no keyboard with '{self._part}'; ports: {', '.join(names) or 'none'}")
-        self.name = found[0]
-        self._port = mido.open_input(self.name)
-        self._checked = monotonic()
 
     def _take(self, message: mido.Message) -> None:
         if message.type == "control_change" and message.control in _ALL_OFF:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.joy import read_bindings
-from humanoid_sim.frontends.launcher import Wanted
 from humanoid_sim.frontends.pads import Pads, describe_pads
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
@@ -28,18 +27,18 @@ def shows_window(config: PlayConfig) -> bool:
     return config.viewer == "native" or (config.viewer == "auto" and config.hardware is None and has_display())
 
 
-def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
-    """Return the front ends that a run starts."""
+def wanted_front_ends(config: PlayConfig) -> tuple[tuple[str, ...], ...]:
+    """Return the front ends that a run starts, each with the options of its command line."""
     interface = _one(config.dds, "--dds", "network interface")
     mapping = _one(config.gamepad, "--gamepad", "file (.yaml)")
     known = (
-        (config.remote == "gravity", Wanted("gravity")),
-        (config.console, Wanted("console")),
-        (config.needs_gamepad, Wanted("gamepad", ("--mapping", mapping) if mapping else ())),
-        (config.dds is not None, Wanted("dds")),
-        (interface not in ("", LOOPBACK), Wanted("dds", ("--interface", interface))),
-        (shows_window(config), Wanted("viewer")),
-        (config.viewer == "rerun", Wanted("rerun")),
+        (config.remote == "gravity", ("gravity",)),
+        (config.console, ("console",)),
+        (config.needs_gamepad, ("gamepad", "--mapping", mapping) if mapping else ("gamepad",)),
+        (config.dds is not None, ("dds",)),
+        (interface not in ("", LOOPBACK), ("dds", "--interface", interface)),
+        (shows_window(config), ("viewer",)),
+        (config.viewer == "rerun", ("rerun",)),
     )
     return tuple(front_end for is_wanted, front_end in known if is_wanted)
 
@@ -86,7 +85,7 @@ def operator_notices(
     return notices
 
 
-def is_realtime(config: PlayConfig, front_ends: Sequence[Wanted]) -> bool:
+def is_realtime(config: PlayConfig, front_ends: Sequence[Sequence[str]]) -> bool:
     """Return True if somebody, or a thread or a bus that lives in real time, takes part."""
     if config.hardware is None and config.pace != "auto":
         return config.pace == "realtime"

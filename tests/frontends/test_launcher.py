@@ -8,7 +8,7 @@ from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import launcher
-from humanoid_sim.frontends.launcher import FrontEnds, Wanted
+from humanoid_sim.frontends.launcher import FrontEnds
 
 pytestmark = pytest.mark.soak
 
@@ -28,7 +28,7 @@ def launch(local, monkeypatch):
 
         monkeypatch.setattr(launcher.subprocess, "Popen", popen)
         front_ends = FrontEnds(
-            [Wanted(f"fake_{i}") for i in range(len(programs))],
+            [(f"fake_{i}",) for i in range(len(programs))],
             local.feed,
             show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),

@@ -3,7 +3,6 @@ from fake_pads import FakePads
 
 from humanoid_sim.cli import parse
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.launcher import Wanted
 from humanoid_sim.play import front_ends
 from humanoid_sim.play.front_ends import look_for_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
@@ -33,17 +32,16 @@ def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch, tmp_path):
     pads.plug()
     assert look_for_gamepad(PlayConfig(hardware="can0")) == ["gamepad: Test Pad"]
     assert look_for_gamepad(PlayConfig()) == []
-    assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
+    assert wanted_front_ends(PlayConfig(hardware="can0")) == (("gamepad",),)
 
 
 def test_the_gamepad_of_play_has_the_layout_of_its_file():
     given = parse(PlayConfig, "play", ["--gamepad", "pad.yaml"])
-    assert wanted_front_ends(given) == (Wanted("gamepad", ("--mapping", "pad.yaml")),)
+    assert wanted_front_ends(given) == (("gamepad", "--mapping", "pad.yaml"),)
     with pytest.raises(InputError, match=r"^--gamepad: is one two, expected one file"):
         wanted_front_ends(PlayConfig(gamepad=("one", "two")))
 
 
 def test_an_interface_for_another_machine_has_a_bridge_of_its_own():
-    local = Wanted("dds")
-    assert wanted_front_ends(PlayConfig(dds=("eth1",))) == (local, Wanted("dds", ("--interface", "eth1")))
-    assert wanted_front_ends(PlayConfig(dds=("lo",))) == wanted_front_ends(PlayConfig(dds=())) == (local,)
+    assert wanted_front_ends(PlayConfig(dds=("eth1",))) == (("dds",), ("dds", "--interface", "eth1"))
+    assert wanted_front_ends(PlayConfig(dds=("lo",))) == wanted_front_ends(PlayConfig(dds=())) == (("dds",),)

@@ -148,11 +148,11 @@ class CommandReader:
         self._intake.live(name, values.tolist(), stamp=stamp)
 
     def _intake_of(self, writer: int) -> Intake:
-        """Return a writer's intake: REMOTE belongs to one writer, whichever bridge its commands come by."""
+        """Return a writer's intake: REMOTE belongs to one writer."""
         if writer not in self._intakes:
             if len(self._intakes) >= _MOST_WRITERS:
                 self.close()
-            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}", process=0)
+            self._intakes[writer] = Intake(self._session, f"dds {writer:x}")
         return self._intakes[writer]
 
     def _refuse(self, topic: str, problem: Exception) -> None:

@@ -36,7 +36,7 @@ class Mirror(Source):
     is_hardware = True
 
     def __init__(self, client: RobotClient, prefix: str) -> None:
-        """Wait for a robot. Raises `InputError` if its description is not a URDF of a robot with its joints."""
+        """Wait for a robot. Raises `InputError` if its description is not a URDF, or lacks joints that it reports."""
         self._client, self._where = client, f"{prefix} on DDS"
         print(f"waiting for {self._where}", flush=True)
         states = client.state()
@@ -44,11 +44,6 @@ class Mirror(Source):
             states = client.state() or states
         self._start = states.time_ns
         description, self._model = _described(client.description() or "")
-        if set(states.names) != set(description.joint_names):
-            raise InputError(
-                f"/robot_description: has the joints {', '.join(description.joint_names)}, expected those of the "
-                f"joint states: {', '.join(states.names)}"
-            )
         self._joints = joint_addresses(self._model, states.names).qpos
         documents = {"robot": description.to_json(), "settings": "{}"}
         self.header = SessionHeader(description.name, states.names, _PERIOD, self._start, documents)

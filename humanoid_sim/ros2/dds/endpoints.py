@@ -83,7 +83,7 @@ class Received(NamedTuple):
     """A sample that came."""
 
     data: bytes  # the whole message, with its encapsulation header
-    writer: int  # handle of its writer; see `Reader.name_of`
+    writer: int  # handle of its writer
 
 
 class Reader:
@@ -124,8 +124,3 @@ class Reader:
         if isinstance(samples, int):
             raise InputError(f"{self.topic}: the subscription is broken (DDS error {samples})")
         return [Received(data, info.publication_handle) for data, info in samples if info.valid_data]
-
-    def name_of(self, writer: int) -> str:
-        """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""
-        found = self._reader.get_matched_publication_data(writer)
-        return f"{writer:016x}" if found is None else f"{found.key.hex[:24]}.{found.key.hex[24:]}"
