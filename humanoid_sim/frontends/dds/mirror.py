@@ -15,7 +15,7 @@ import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.dds_client import JointStates, RobotClient
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import blaming
 from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
