@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any, get_args, get_type_hints
@@ -22,14 +22,6 @@ from humanoid_sim.policy.readers.own import flattened, plain
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import breadth_first, build_model, joints_of
 
-_SCALES: Mapping[str, Mapping[str, Any]] = {
-    "all 1": {},
-    "unitree_rl_lab's": {"base_ang_vel": 0.2, "joint_vel": 0.05},
-    "legged_gym's": {
-        **{"base_lin_vel": 2.0, "base_ang_vel": 0.25, "joint_vel": 0.05},
-        **{"velocity_command": (2.0, 2.0, 0.25), "command_lin_vel": 2.0, "command_ang_vel": 0.25},
-    },
-}
 _BENT = {"hip_?pitch|HFE": -1.0, "knee|KFE": 2.0, "ankle_?pitch|FFE": -1.0}
 """Joints that bend where a humanoid stands with bent knees, and by how much, in shares of the shank's lean."""
 _LEANS = (0.15, 0.3, -0.15, -0.3)  # rad
@@ -38,7 +30,7 @@ Orders = Mapping[str, tuple[str, ...]]
 """Orders that all joints of the policy may be in, by what they are called."""
 Changes = Iterator[tuple[str, str, dict[str, Any]]]
 """Family, what is so in the edited contract, and the fields that change. Of equal edits the first counts."""
-DOUBT: Mapping[str, float] = {"two joints": 0.1, "rate": 0.15, "joint sign": 0.03}
+DOUBT: Mapping[str, float] = {"two joints": 0.1, "rate": 0.15, "joint sign": 0.03, "scale": 0.1, "gait clock": 0.1}
 """Share of its own errors by which an edit has to do better, by family: few contracts are wrong in this way."""
 
 
@@ -57,9 +49,8 @@ def single_edits(
     motion: Motion | None = None,
     *,
     all_pairs: bool = False,
-    more: Iterable[Edit] = (),
 ) -> tuple[Edit, ...]:
-    """Return every edit that fits the contract and changes it, and `more` of them, no edited contract twice.
+    """Return every edit that fits the contract and changes it, no edited contract twice.
 
     With `all_pairs` any two joints are swapped, not only neighbours in the list or on the robot, and mirror images.
     """
@@ -82,8 +73,6 @@ def single_edits(
             continue
         if family != "gains" or asymmetry(edited) <= unlike:  # robots are alike on both sides
             found.setdefault(str(wiring_values(edited)), Edit(name, family, edited))
-    for edit in more:
-        found.setdefault(str(wiring_values(edit.contract)), edit)
     found.pop(str(wiring_values(contract)), None)
     return tuple(found.values())
 
@@ -183,7 +172,7 @@ def _sign_changes(contract: PolicyContract) -> Changes:
 # --- observation ---
 
 
-def with_term(contract: PolicyContract, term: Term, **options: Any) -> dict[str, Any]:
+def _with_term(contract: PolicyContract, term: Term, **options: Any) -> dict[str, Any]:
     """Return the field of the terms with options of one of them set."""
     return {"observation": [replace(item, **options) if item.name == term.name else item for item in contract.terms]}
 
@@ -197,11 +186,8 @@ def _observation_changes(contract: PolicyContract, motion: Motion | None) -> Cha
         yield "term order", f"{other.name} comes before {one.name}", {"observation": swapped}
     for term in terms:
         for option, value in _conventions(contract, term):
-            yield (
-                "convention",
-                f"{option} of {term.name} is {shown(value)}",
-                with_term(contract, term, **{option: value}),
-            )
+            title = f"{option} of {term.name} is {shown(value)}"
+            yield "convention", title, _with_term(contract, term, **{option: value})
     if motion is not None and motion.layout == "joints_bodies_w" and contract.requires("anchor_body"):
         for body in motion.body_names:
             yield "reference", f"the anchor body is {body}", {"anchor_body": body}
@@ -212,27 +198,19 @@ def _observation_changes(contract: PolicyContract, motion: Motion | None) -> Cha
             yield "reference", f"the motion's quaternions are ordered {order}", {"reference_quaternion": order}
     phase = contract.phase
     if phase is not None and contract.requires("phase"):
-        other_foot, ahead = (
-            replace(phase, offsets=phase.offsets[::-1]),
-            replace(phase, advance_first=not phase.advance_first),
-        )
-        yield "gait clock", "the gait clock starts with the other foot", {"phase": other_foot}
+        other_foot, ahead = phase.offsets[::-1], replace(phase, advance_first=not phase.advance_first)
+        yield "gait clock", "the gait clock starts with the other foot", {"phase": replace(phase, offsets=other_foot)}
         title = f"the gait clock is {'' if ahead.advance_first else 'not '}advanced before the first observation"
         yield "gait clock", title, {"phase": ahead}
-    for title, scales in _SCALES.items():
-        scaled = [replace(term, scale=scales.get(contract.kind(term).name, 1.0)) for term in terms]
-        yield "scale", f"the observation's scales are {title}", {"observation": scaled}
     for term in terms:
         for scale in contract.kind(term).scales:
-            yield "scale", f"{term.name} is multiplied by {scale:g}", with_term(contract, term, scale=scale)
-    for first in ("oldest_first", "newest_first"):
-        yield (
-            "history",
-            f"histories are {first}",
-            {"observation": [replace(term, history_order=first) for term in terms]},
-        )
-    for layout in ("per_term", "per_step"):
-        yield "history", f"the history is ordered {layout}", {"history_layout": layout}
+            yield "scale", f"{term.name} is multiplied by {scale:g}", _with_term(contract, term, scale=scale)
+    if any(term.history > 1 for term in terms):
+        for first in ("oldest_first", "newest_first"):
+            ordered = [replace(term, history_order=first) for term in terms]
+            yield "history", f"histories are {first}", {"observation": ordered}
+        for layout in ("per_term", "per_step"):
+            yield "history", f"the history is ordered {layout}", {"history_layout": layout}
 
 
 def _conventions(contract: PolicyContract, term: Term) -> Iterator[tuple[str, Any]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.controllers.terms import value_names
 from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.files import read_arrays
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import Extern, Float32Array, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.layers import MALFORMED
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -196,13 +196,8 @@ def samples_label(samples: Trace) -> str:
 
 def _verify(loaded: LoadedPolicy, trace: Trace) -> list[PolicyMemory]:
     wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern)
-    arrays, seen, memories = trace.arrays, [], []
-    memory = wiring.activate(trace.state(0))
-    for i, action in enumerate(arrays["action"]):
-        memories.append(trace.memory(i, memory))
-        observation, observed = wiring.observe(memories[i], trace.state(i))
-        seen.append(observation)
-        memory, _ = wiring.act(observed, action)
+    arrays, steps = trace.arrays, list(replayed(wiring, trace))
+    memories, seen = [memory for memory, _ in steps], [observation for _, observation in steps]
     _compare(trace, "observation", np.stack(seen), [value_name(wiring, i) for i in range(wiring.layout.width)])
     frames = [int(one.frame) for one in memories]
     with blaming("the model fails on a sample", Exception, FieldError):  # the policy is foreign code
@@ -212,6 +207,16 @@ def _verify(loaded: LoadedPolicy, trace: Trace) -> list[PolicyMemory]:
         position = action_command(wiring.action_map, arrays["action"]).position
         _compare(trace, "target", position, [f"of {name}" for name in trace.joint_names])
     return memories
+
+
+def replayed(wiring: PolicyWiring, trace: Trace) -> Iterator[tuple[PolicyMemory, Float32Array]]:
+    """Yield the policy's memory before each step, with what is known of it, and its observation, shape (N,)."""
+    memory = wiring.activate(trace.state(0))
+    for i, action in enumerate(trace.arrays["action"]):
+        known = trace.memory(i, memory)
+        observation, observed = wiring.observe(known, trace.state(i))
+        yield known, observation
+        memory, _ = wiring.act(observed, action)
 
 
 def value_name(wiring: PolicyWiring, i: int) -> str:
@@ -226,8 +231,7 @@ def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: S
     expected = trace.arrays[kind]
     if values.shape != expected.shape:
         raise FieldError(f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}")
-    with np.errstate(invalid="ignore"):  # infinity - infinity
-        far = ~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected)))
+    far = far_values(kind, values, expected)
     if far.any():
         i, index = np.argwhere(far)[0].tolist()
         raise FieldError(
@@ -235,6 +239,12 @@ def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: S
             f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
             f"here than where it was trained"
         )
+
+
+def far_values(kind: str, values: npt.NDArray[np.floating], expected: npt.NDArray[np.floating]) -> mit.BoolArray:
+    """Return which observations, actions or targets are not those expected, but for rounding."""
+    with np.errstate(invalid="ignore"):  # infinity - infinity
+        return np.asarray(~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected))))
 
 
 def encode_samples(samples: Trace) -> str:

@@ -106,8 +106,7 @@ def plants_of(policy, right):
 def search(policy, folder, plant, *, with_trace):
     """What the doctor finds in a contract with a mistake, '' for none, and whether that is right."""
     right = published(policy, folder)
-    wrong = plants_of(policy, right)[plant](right.contract) if plant else right.contract
-    subject = replace(right, contract=wrong, motion=right.motion_under(wrong))
+    subject = right.under(plants_of(policy, right)[plant](right.contract)) if plant else right
     if with_trace:
         result = search_trace(subject, Samples(subject, POLICIES / FILES[policy][1]))
     else:

@@ -68,7 +68,7 @@ def test_the_verdict_comes_first_and_the_lines_for_the_file_last(tmp_path, capsy
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("lite_biped_velocity", "--robot", "lite_biped", "--motion", "wave"), "--motion"),
+        (("lite_biped_velocity", "--robot", "lite_biped", "--motion", "wave"), "motion"),
         (("lite_tracking", "--robot", "lite"), "--motion"),
         (("lite_tracking", "--robot", "nobody"), "nobody"),
         (("lite_biped_velocity", "--robot", "lite_biped", "--trace", "none.npz"), "none.npz"),

@@ -1,6 +1,6 @@
 """The search on a trace: the shipped walker's first steps, under its right contract, are the trainer's."""
 
-from dataclasses import replace
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -9,16 +9,16 @@ from plants import alike, at_rate, multiplied, no_pose, term, turned
 from rich.console import Console
 
 from humanoid_sim.assets import policy_path
-from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.report import examine
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.search import search_trace
-from humanoid_sim.doctor.trial import Simulations, load_subject
+from humanoid_sim.doctor.trial import load_subject
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
-from humanoid_sim.mit import EXTERN_WIDTHS
+from humanoid_sim.policy.traces import STATE_ARRAYS
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch_sim import BatchSim
 
 STEPS = 60
 
@@ -31,20 +31,15 @@ def walker():
 @pytest.fixture(scope="module")
 def steps(walker):
     """The arrays of a trace."""
-    loaded = walker.load(walker.contract)
-    robot = Simulations(walker).robots(walker.contract, 1)
-    wiring = PolicyWiring(robot.joints, loaded.contract, loaded.reference, {**loaded.extern, **EXTERN_WIDTHS})
-    robot.reset()
-    velocity = np.array([[0.3, 0.1, 0.2]])
-    loop, rows = ClosedLoop(robot, wiring, velocity), []
-    for _ in range(STEPS):
-        state, seen = loop.state, loop.observation
-        row = {"qpos": robot.qpos, "qvel": robot.qvel, "obs": seen}
-        row |= {"joint_position": state.joint_position, "joint_velocity": state.joint_velocity}
-        row |= {"imu_quaternion": state.imu_quaternion, "imu_angular_velocity": state.imu_angular_velocity}
-        row["action"] = walker.policy(seen[0], 0)[None]
-        rows.append({name: array[0].copy() for name, array in row.items()})
-        loop.act(row["action"])
+    scenario, velocity, rows = walker.scenario(), np.array([[0.3, 0.1, 0.2]]), []
+    with closing(BatchSim(scenario.description, 1, scenario.sim_config, implicit=True, threads=1)) as robot:
+        loop = ClosedLoop(robot, scenario.wiring, velocity)
+        for _ in range(STEPS):
+            state, action = loop.state, scenario.policy(loop.observation[0], 0)[None]
+            row = {"qpos": robot.qpos, "qvel": robot.qvel, "obs": loop.observation, "action": action}
+            row |= {name: getattr(state, name) for name in STATE_ARRAYS}
+            rows.append({name: array[0].copy() for name, array in row.items()})
+            loop.act(action)
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     return {**arrays, "cmd": velocity[0], "joint_names": np.array(robot.joints)}
 
@@ -54,7 +49,7 @@ def search(walker, steps, tmp_path):
     def run(contract, **changed):
         path = tmp_path / "trace.npz"
         np.savez(path, **{**steps, **changed})
-        subject = replace(walker, contract=contract)
+        subject = walker.under(contract)
         return search_trace(subject, Samples(subject, path))
 
     return run

@@ -12,19 +12,20 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.doctor import search
 from humanoid_sim.doctor.edits import Edit, single_edits
 from humanoid_sim.doctor.search import judge, search_episodes
-from humanoid_sim.doctor.trial import Outcome, Simulations, load_subject
+from humanoid_sim.doctor.trial import load_subject, run_episode
+from humanoid_sim.regress.results import Episode
 from humanoid_sim.robots.description import load_robot
 
 PAIR = contract_of(("left_knee", "right_knee"), joint_stiffness=[40.0, 40.0])
 UNEVEN = replace(PAIR, joint_stiffness=np.array([40.0, 80.0]))
 
 
-def up(errors):
-    return Outcome(4.0, {"velocity": errors})
+def up(error):
+    return Episode(case="", seed=0, steps=200, duration=4.0, metrics={"yaw_rate_error": error, "survival": 1.0})
 
 
 def lost(seconds):
-    return Outcome(seconds, {"velocity": 0.1}, "fell")
+    return Episode(case="", seed=0, steps=1, duration=seconds, failure="fell", kind="lost", metrics={})
 
 
 def edit(name, contract=PAIR):
@@ -53,7 +54,7 @@ def test_an_edit_is_a_finding_where_it_keeps_the_robot_up_or_saves_much(present,
 def test_a_robot_that_is_lost_in_the_long_run_is_not_healthy():
     result = judge(PAIR, up(2.0), lost(7.0), [(edit("a"), up(1.9))])
     assert (result.finding, result.is_healthy) == (None, False)
-    assert "in the long run lost after 7.0 s: fell" in result.note
+    assert "in a longer episode lost after 7.0 s: fell" in result.note
 
 
 def test_edits_that_do_as_well_are_named_beside_the_first():
@@ -67,31 +68,23 @@ def walker():
 
 
 def test_an_episode_can_be_repeated_to_the_bit(walker):
-    simulations = Simulations(walker)
-    first = simulations.run(walker.contract)
-    soft = replace(walker.contract, joint_stiffness=0.1 * walker.contract.joint_stiffness)
-    assert simulations.run(soft).lost.startswith("fell")
-    assert first.lost == ""
-    assert first == simulations.run(walker.contract)
+    first, right = run_episode(walker, 2.0), walker.contract
+    soft = walker.under(replace(right, joint_stiffness=0.1 * right.joint_stiffness))
+    assert run_episode(soft, 2.0).failure.startswith("fell")
+    assert first.failure == ""
+    assert first == run_episode(walker, 2.0)
 
 
-def test_commands_that_a_policy_does_not_answer_are_named(walker):
-    deaf = term("velocity_commands", scale=0.0)(walker.contract)
-    commands = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.5], [0.3, 0.0, 0.0]])
-    unanswered = Simulations(walker).run(deaf, commands, 6.0).unanswered
-    assert [text.partition(" (")[0] for text in unanswered] == ["yaw rate -0.5", "vx 0.3"]
-    assert Simulations(walker).run(walker.contract, commands, 6.0).unanswered == ()
-
-
-def test_a_contract_that_cannot_run_is_lost_at_once(walker):
-    outcome = Simulations(walker).run(term("projected_gravity", history=2)(walker.contract))  # wider than the input
-    assert outcome.time_up == 0.0
-    assert outcome.lost
+def test_a_contract_that_cannot_run_has_failed_at_once(walker):
+    episode = run_episode(
+        walker.under(term("projected_gravity", history=2)(walker.contract)), 2.0
+    )  # wider than the input
+    assert (episode.duration, episode.kind) == (0.0, "fault")
 
 
 def test_a_planted_sign_is_found_in_simulation(walker, monkeypatch):
     wrong = term("projected_gravity", scale=-1.0)(walker.contract)
     few = [edit for edit in single_edits(wrong, walker.description) if edit.family in ("convention", "rate", "gains")]
     monkeypatch.setattr(search, "single_edits", lambda *_: few)
-    result = search_episodes(replace(walker, contract=wrong), Console(quiet=True))
+    result = search_episodes(walker.under(wrong), Console(quiet=True))
     assert result.finding.family == "convention"
