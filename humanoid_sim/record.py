@@ -15,8 +15,7 @@ from rich.console import Console
 
 from humanoid_sim.cli import parse, run_program
 from humanoid_sim.errors import InputError, blaming
-from humanoid_sim.evaluation.piano_score import song_keys
-from humanoid_sim.evaluation.run_figures import RunFigures
+from humanoid_sim.evaluation.run_figures import MotionFigures, RunFigures
 from humanoid_sim.evaluation.run_report import describe_spread, print_figures, print_table
 from humanoid_sim.files import json_text, output_file, whole_file
 from humanoid_sim.messages import Event
@@ -28,7 +27,7 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
+from humanoid_sim.stack import no_policy, recorded_contracts, recorded_policy
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,9 @@ class Info:
         recording = open_recording(self.file)
         header = recording.header
         robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
-        figures = RunFigures(robot, keys=song_keys(recorded_motion(header)))
+        loaded = recorded_policy(header, no_policy) if len(recorded_contracts(header)) == 1 else None
+        motion = None if robot is None or loaded is None else MotionFigures(robot, loaded)
+        figures = RunFigures(robot, motion=motion)
         with blaming(recording.path):
             for entry in recording.entries():
                 if isinstance(entry, Event):

@@ -11,7 +11,6 @@ import numpy as np
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
-from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_fall, has_fallen, has_run_away, rms
 from humanoid_sim.messages import Event, TickRecord
@@ -27,54 +26,65 @@ _KEPT = 1000  # newest modes, events, faults, refusals and safety statuses
 _NEWEST = 100_000  # ticks whose durations are kept
 _OF_BODIES = "body_position_error", "body_orientation_error", "hand_position_error", "hand_orientation_error"
 _OF_ANCHOR = "joint_error", "anchor_position_error", "anchor_orientation_error"
+_OF_SONG = "precision", "recall", "f1"
 
 
-class MotionErrors:
-    """Rows of `step_metrics` over a run: of a motion of bodies in the base frame, or of joints and an anchor body.
+class MotionFigures:
+    """Rows of `step_metrics` over a run that follows a motion: of bodies, of joints and an anchor body, or of a song.
 
-    An error of frame k is the pose read in the very tick in which the policy was shown frame k, minus frame k. The last
-    frame counts once: what a policy does while it is held is not an error of the motion.
+    A figure of frame k is of the very tick in which the policy was shown frame k. The last frame counts once: what a
+    policy does while it is held is not of the motion.
     """
 
     def __init__(self, description: RobotDescription, loaded: LoadedPolicy) -> None:
         """Prepare. Raises `InputError` if the robot lacks a body of the motion."""
         self._context = StepContext(description, loaded.contract, loaded.reference)
-        bodies, has_anchor = self._context.tracked, "motion with an anchor" in self._context.parts
+        bodies = self._context.tracked
         self._kinematics = ForwardKinematics(description, bodies) if bodies else None
-        self._names = _OF_BODIES if bodies else _OF_ANCHOR if has_anchor else ()
+        self._names: tuple[str, ...] = _OF_BODIES if bodies else ()
+        self._live = ""  # live input without which there are no figures
+        if "target_keys" in loaded.reference.terms:
+            self._names, self._live = _OF_SONG, KEY_PRESSED
+        elif "motion with an anchor" in self._context.parts and not bodies:
+            self._names, self._live = _OF_ANCHOR, ANCHOR_POSE
         self._samples: list[FloatArray] = []
         self._is_last_shown = False
         self._alignment: Alignment | None = None
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of the tick in which the policy was shown a frame."""
-        reference, anchor = self._context.reference, state.extern.get(ANCHOR_POSE)
+        reference, live = self._context.reference, state.extern
         was_shown, self._is_last_shown = self._is_last_shown, frame >= reference.frame_count - 1 > 0
-        if not self._names or (was_shown and self._is_last_shown):
+        if not self._names or (was_shown and self._is_last_shown) or (self._live and self._live not in live):
             return
+        sample = StepSample(state, frame)
         if self._kinematics is not None:
             position, rotation = self._kinematics(state.joint_position)
             sample = StepSample(state, frame, body_position=position, body_quaternion=quaternion_from_matrix(rotation))
-        elif anchor is None:
-            return
-        else:
-            aligns = self._context.contract.align_reference
-            if aligns and frame == 0:
-                self._alignment = reference.align(anchor.value)
-            if aligns and self._alignment is None:
+        elif self._live == ANCHOR_POSE and self._context.contract.align_reference:
+            if frame == 0:
+                self._alignment = reference.align(live[ANCHOR_POSE].value)
+            if self._alignment is None:
                 return
             sample = StepSample(state, frame, alignment=self._alignment)
         self._samples.append(np.array([METRICS[name].values(self._context, sample) for name in self._names]))
 
-    def summary(self) -> dict[str, Any] | None:
-        """Return the errors so far, JSON: by row unit, mean, rms and max; None if nothing was compared."""
-        if not self._samples:
-            return None
-        errors = {}
-        for name, values in zip(self._names, np.array(self._samples).T, strict=True):
-            figures = {"mean": float(values.mean()), "rms": float(rms(values)), "max": float(values.max())}
-            errors[name] = {"unit": METRICS[name].unit, **figures}
-        return {"samples": len(self._samples), "errors": errors}
+    def summary(self) -> dict[str, Any]:
+        """Return the figures so far, JSON; None where nothing was compared.
+
+        `tracking` has the number of samples, and by error its unit, mean, rms and maximum; `piano` the scores' means.
+        """
+        figures: dict[str, Any] = {"tracking": None, "piano": None}
+        rows = dict(zip(self._names, np.array(self._samples).T, strict=False))
+        if rows and self._live == KEY_PRESSED:
+            figures["piano"] = {name: float(values.mean()) for name, values in rows.items()}
+        elif rows:
+            errors = {}
+            for name, values in rows.items():
+                found = {"mean": float(values.mean()), "rms": float(rms(values)), "max": float(values.max())}
+                errors[name] = {"unit": METRICS[name].unit, **found}
+            figures["tracking"] = {"samples": len(self._samples), "errors": errors}
+        return figures
 
 
 class RunFigures:
@@ -84,12 +94,11 @@ class RunFigures:
         self,
         robot: RobotDescription | None = None,
         *,
-        tracking: MotionErrors | None = None,
-        keys: PlayedKeys | None = None,
+        motion: MotionFigures | None = None,
         base: BaseObserver | None = None,
     ) -> None:
         """Start empty; `base` sees the floating base of a simulated robot."""
-        self._robot, self._tracking, self._keys, self._base = robot, tracking, keys, base
+        self._robot, self._motion, self._base = robot, motion, base
         self.modes: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self.remarks: dict[str, deque[dict[str, Any]]] = {kind: deque(maxlen=_KEPT) for kind in REMARKS}
         self.ticks = self.missing = self.overruns = self.inferences = 0
@@ -126,11 +135,8 @@ class RunFigures:
             self._remark("safety", time, [safety] if safety else [])
         if output.policy_step is not None:
             self.inferences += 1
-            frame, keys = output.policy_step.frame, state.extern.get(KEY_PRESSED)
-            if self._tracking is not None:
-                self._tracking.update(frame, state)
-            if self._keys is not None and keys is not None:
-                self._keys.update(frame, keys.value)
+            if self._motion is not None:
+                self._motion.update(output.policy_step.frame, state)
         if record.qpos is not None and control.mode.is_free:
             return self._watch_base(state, record.qpos)
         return ""
@@ -171,9 +177,8 @@ class RunFigures:
             "tick_time": spread(self._durations),
             "inferences": self.inferences,
             "effort": sorted(efforts, key=lambda row: row["peak"] / row["limit"], reverse=True),
-            "tracking": None if self._tracking is None else self._tracking.summary(),
             "base": base,
-            "piano": None if self._keys is None else self._keys.score(),
+            **({"tracking": None, "piano": None} if self._motion is None else self._motion.summary()),
         }
 
 

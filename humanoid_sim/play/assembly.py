@@ -11,8 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim import __version__
-from humanoid_sim.evaluation.piano_score import song_keys
-from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
+from humanoid_sim.evaluation.run_figures import MotionFigures, RunFigures
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, TickRecord
 from humanoid_sim.play.console import ConsoleSink
@@ -152,10 +151,9 @@ class Run:
     def _sinks(self, console: Console) -> list[Sink]:
         plan, outputs, first = self.plan, self.plan.outputs, self.plan.policies.first
         is_drawn = outputs.html is not None or outputs.video is not None
-        tracking = keys = ghost = None
+        motion = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
-            tracking = MotionErrors(plan.description, first.loaded)
-            keys = song_keys(first.loaded.motion)
+            motion = MotionFigures(plan.description, first.loaded)
             if is_drawn:
                 ghost = ReferenceGhost(plan.description, first.loaded.contract, first.loaded.reference)
         self.console = ConsoleSink(
@@ -173,7 +171,7 @@ class Run:
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.poses = Poses(ghost) if is_drawn else None
-        figures = RunFigures(plan.description, tracking=tracking, keys=keys, base=plan.setup.base)
+        figures = RunFigures(plan.description, motion=motion, base=plan.setup.base)
         self.monitor = Monitor(figures, self._tell, inline=not plan.realtime)
         # The last one is closed first: what the monitor finds in the last ticks still reaches the others.
         sinks = (self.feed, self.console, self.front_ends, self.recorder, self.poses, self.monitor)

@@ -9,12 +9,12 @@ import pytest
 from models import contract_of
 
 from humanoid_sim.controllers.reference import MotionReference, build_reference
-from humanoid_sim.evaluation.run_figures import MotionErrors, RunFigures
+from humanoid_sim.evaluation.run_figures import MotionFigures, RunFigures
 from humanoid_sim.evaluation.run_report import describe_effort
 from humanoid_sim.messages import ControlMode, FaultReport, Mode, SafetyStatus, TickInput, TickOutput, TickRecord
 from humanoid_sim.messages import SafetyFlag as Flag
 from humanoid_sim.messages import SafetyLevel as Level
-from humanoid_sim.mit import ANCHOR_POSE, Extern, MITCommand, MITState
+from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, Extern, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import body_frames
@@ -37,7 +37,7 @@ def at(joints):
 
 def body_errors(lite, frames):
     contract = contract_of(lite.joint_names, task_type="tracking", body_names=BODIES, command_names=("motion",))
-    return MotionErrors(lite, LoadedPolicy(contract, build_reference(contract, frames), zero_policy(14)))
+    return MotionFigures(lite, LoadedPolicy(contract, build_reference(contract, frames), zero_policy(14)))
 
 
 def still(lite, count):
@@ -51,7 +51,7 @@ def test_displaced_bodies_and_the_hands_among_them(lite):
     errors = body_errors(lite, frames)
     for frame in (0, 1):
         errors.update(frame, at(np.zeros(14)))
-    summary = errors.summary()
+    summary = errors.summary()["tracking"]
     assert summary["samples"] == 2
     bodies, hands = (summary["errors"][name] for name in ("body_position_error", "hand_position_error"))
     assert bodies["rms"] == pytest.approx(math.sqrt((0.05**2 + 0.01**2) / 6), abs=1e-6)  # three bodies, two frames
@@ -65,7 +65,7 @@ def test_a_held_last_frame_counts_once(lite):
     errors = body_errors(lite, still(lite, 3))
     for frame in (0, 1, 2, 2, 2):
         errors.update(frame, at(np.zeros(14) if frame < 2 else np.full(14, 0.1)))
-    assert errors.summary()["samples"] == 3
+    assert errors.summary()["tracking"]["samples"] == 3
 
 
 REFERENCE = MotionReference(
@@ -86,16 +86,36 @@ def test_joints_by_name_and_a_reference_laid_onto_the_robot(lite):
     poses = [([0.2, 0.1], (3.0, -1.0, 0.8)), ([0.4, 0.3], (3.0, 0.0, 0.8))]
 
     def summary(first):
-        errors = MotionErrors(robot, LoadedPolicy(contract, REFERENCE, zero_policy(2)))
+        errors = MotionFigures(robot, LoadedPolicy(contract, REFERENCE, zero_policy(2)))
         for frame, (q, place) in [*enumerate(poses)][first:]:
             pose = np.array([*place, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
             errors.update(frame, replace(at(q), extern={ANCHOR_POSE: Extern(pose, 0.0)}))
-        return errors.summary()
+        return errors.summary()["tracking"]
 
     errors = summary(0)["errors"]
     assert [*errors] == ["joint_error", "anchor_position_error", "anchor_orientation_error"]
     assert all(error["max"] == pytest.approx(0.0, abs=1e-6) for error in errors.values())
     assert summary(1) is None, "where its start was not seen, it is not known where the motion lies"
+
+
+def test_a_song_is_scored_at_each_step_that_was_shown_and_a_rest_is_right(lite):
+    """Two of the 88 keys; one character for each step."""
+    wanted, pressed = ("##..", "##.."), ("#..#", "##..")
+
+    def keys(rows):
+        found = np.zeros((len(rows[0]), 88))
+        found[:, [40, 44]] = np.array([[letter == "#" for letter in row] for row in rows]).T
+        return found
+
+    contract = contract_of(lite.joint_names, task_type="piano", lookahead_steps=(0,), command_names=())
+    song = MotionReference(4, {"target_keys": keys(wanted)})
+    figures = MotionFigures(lite, LoadedPolicy(contract, song, zero_policy(14)))
+    assert figures.summary() == {"tracking": None, "piano": None}
+    for frame, down in enumerate([*keys(pressed), keys(wanted)[3]]):  # the last frame is held, and counts once
+        figures.update(min(frame, 3), replace(at(np.zeros(14)), extern={KEY_PRESSED: Extern(down, 0.0)}))
+    # precision 1, 1, (0/0 =) 1, 0; recall 1, 1/2, 1, (0/0 =) 1; F1 1, 2/3, 1, 0
+    expected = {"precision": 0.75, "recall": 0.875, "f1": (1 + 2 / 3 + 1) / 4}
+    assert figures.summary()["piano"] == pytest.approx(expected)
 
 
 class FakeBase:
