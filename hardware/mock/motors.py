@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from humanoid_sim.errors import require_known
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.joints import make_wiring
 from humanoid_sim.hardware.mock.faults import Fault
@@ -28,7 +27,6 @@ from humanoid_sim.hardware.mock.sito_motor import SitoMotor
 from humanoid_sim.mit import MITCommand, mit_torque
 from humanoid_sim.robots.schema import RobotDescription
 
-FACTORY_ID = 127  # id with which Robstride motors are delivered
 Log = Callable[[float, str], None]  # takes s on the motors' clock, and a line for a person
 _REPLY_DELAY = 0.0003  # s from a command to its reply; frames take 131 to 160 µs, and none waits for another
 _CHECK_PERIOD = 0.002  # s between two checks of the motors' protections, timeouts and reports
@@ -53,12 +51,10 @@ class MockMotors:
         bus_count: int = 1,  # all motors on one bus, or the number of the robot's buses
         *,
         homing_offset: Mapping[str, float] = MappingProxyType({}),  # by joint, rad, motor frame; else 0
-        alone: str = "",  # joint whose motor alone has power, as delivered; empty: all have, with their ids
         log: Log = lambda *_: None,  # receives changes of modes and faults
     ) -> None:
         """Power everything on."""
         self.names = description.joint_names
-        require_known("joint", [alone] if alone else [], self.names)
         wiring = make_wiring(description, bus_count, dict.fromkeys(self.names, 0.0) | dict(homing_offset))
         self.plant = plant = MotorPlant(description, wiring)
         self.bus_of = [motor.channel for motor in wiring.motors]
@@ -68,8 +64,8 @@ class MockMotors:
                 self.motors.append(SitoMotor(model, motor_id))
             else:
                 uid = hashlib.sha256(f"{description.name}/{joint}".encode()).digest()[:8]
-                self.motors.append(RobstrideMotor(model, FACTORY_ID if alone else motor_id, uid))
-        self.has_power = [alone in ("", name) for name in self.names]
+                self.motors.append(RobstrideMotor(model, motor_id, uid))
+        self.has_power = [True] * len(self.motors)
         self.time = 0.0  # s, the time up to which everything has happened
         self._log = log
         self._random = random.Random(0)

@@ -13,8 +13,6 @@ import can
 from humanoid_sim.hardware.can_bus import BusAddress, frame_of, message_of, open_bus, parse_address
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors
-from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.mit import MITState
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -36,12 +34,11 @@ class MockServer(contextlib.AbstractContextManager["MockServer"]):
         addresses: Sequence[BusAddress | str],  # one for all motors, or one for each of the robot's buses, in order
         *,
         homing_offset: Mapping[str, float] = MappingProxyType({}),
-        alone: str = "",
         log: Log = lambda *_: None,
     ) -> None:
         """Power the motors on, see `MockMotors`; `log` is called on the motors' thread."""
         self.addresses = tuple(parse_address(one) if isinstance(one, str) else one for one in addresses)
-        self._motors = MockMotors(description, len(self.addresses), homing_offset=homing_offset, alone=alone, log=log)
+        self._motors = MockMotors(description, len(self.addresses), homing_offset=homing_offset, log=log)
         with contextlib.ExitStack() as opened:
             self._buses = [opened.enter_context(_open(address)) for address in self.addresses]
             self._opened = opened.pop_all()
@@ -67,12 +64,6 @@ class MockServer(contextlib.AbstractContextManager["MockServer"]):
     def inject(self, fault: Fault) -> None:
         """Schedule a fault, on `clock`."""
         self.call(lambda motors: motors.inject(fault))
-
-    def set_versions(self, versions: Mapping[str, FirmwareVersion]) -> None:
-        """Have the motors of these models report other versions of firmware."""
-        for motor in self._motors.motors:
-            if isinstance(motor, RobstrideMotor):
-                motor.version = versions.get(motor.model.name, motor.version)
 
     def clear_faults(self) -> None:
         self.call(lambda motors: motors.clear_faults())

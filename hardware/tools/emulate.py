@@ -5,24 +5,16 @@ from __future__ import annotations
 import signal
 import time
 
-from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.mock.server import MockServer
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, parse_version
 from humanoid_sim.hardware.tools.options import Emulate
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
 _WAKE = 0.05  # s between two checks for an end
-
-
-def _version(text: str) -> tuple[str, FirmwareVersion]:
-    model, _, version = text.partition("=")
-    require_known("motor model", [model], MOTORS, "--firmware: ")
-    return model, parse_version(version)
 
 
 def emulate(config: Emulate) -> int:
@@ -32,7 +24,6 @@ def emulate(config: Emulate) -> int:
         if address.interface == "virtual":
             raise InputError(f"--channel: is '{address}', expected one between processes: vcan0 or udp_multicast:…")
     faults = [parse_fault(text, description) for text in config.fault]
-    versions = dict(map(_version, config.firmware))
     offsets = {}
     if config.calibration is not None:
         entries = load_calibration(config.calibration, description).entries
@@ -49,13 +40,12 @@ def emulate(config: Emulate) -> int:
     }
     try:
         with punctual_threads(behind=10) as punctuality:
-            motors = MockServer(description, addresses, homing_offset=offsets, alone=config.alone, log=log)
+            motors = MockServer(description, addresses, homing_offset=offsets, log=log)
         with motors:
-            motors.set_versions(versions)
             for fault in faults:
                 motors.inject(fault)
-            who = f"the motor of {config.alone}" if config.alone else f"{description.joint_count} motors"
-            print(f"{who} of {description.name} on {config.channel}; {punctuality}", flush=True)
+            who = f"{description.joint_count} motors of {description.name}"
+            print(f"{who} on {config.channel}; {punctuality}", flush=True)
             while motors.failure is None and not signals:
                 time.sleep(_WAKE)
     finally:

@@ -20,7 +20,6 @@ from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
-from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, shared
@@ -32,7 +31,7 @@ from humanoid_sim.simulation.kinematics import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
-_STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
+_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
 
 class HardwareSetup(RobotSetup):
@@ -56,8 +55,6 @@ class HardwareSetup(RobotSetup):
         super().__init__(description)
         assert config.hardware is not None
         self._addresses = parse_addresses(config.hardware)
-        for version in config.accept_firmware:
-            parse_version(version)
         is_virtual = [address.interface == "virtual" for address in self._addresses]
         if any(is_virtual) and not all(is_virtual):
             raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
@@ -130,7 +127,6 @@ class HardwareSetup(RobotSetup):
             raise InputError("--yes: is needed where nobody can be asked (standard input is not a terminal)")
         try:
             self.robot.prepare()
-            self.robot.checks.refuse(questions=not config.dry_run)
         except RobotError as error:
             first = str(error).partition("\n")[0].rstrip(": ")
             raise RobotError(f"{first}: the checks on standard output say why") from None

@@ -1,6 +1,6 @@
 import pytest
 
-from humanoid_sim.hardware.robstride.firmware import firmware_problem, has_active_reports, is_documented, parse_version
+from humanoid_sim.hardware.robstride.firmware import firmware_problem, has_active_reports, is_documented
 from humanoid_sim.robots.motors import MOTORS
 
 
@@ -20,7 +20,7 @@ from humanoid_sim.robots.motors import MOTORS
     ],
 )
 def test_firmware_decides_whether_and_how_a_motor_is_driven(model, version, problem, documented, reports):
-    found = parse_version(version)
+    found = tuple(int(number) for number in version.split("."))
     text = firmware_problem(MOTORS[model], found)
     assert problem in text
     assert bool(problem) == bool(text)

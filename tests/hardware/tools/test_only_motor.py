@@ -16,11 +16,16 @@ ELBOW = 3
 
 @contextmanager
 def lone_motors(*others):
-    """The elbow's motor, and others by index, with the factory's id."""
-    name = LITE.joint_names[ELBOW]
-    with MockServer(LITE, [CHANNEL], homing_offset={name: 1.25}, alone=name) as motors:
-        for motor in others:
-            cycle_power(motors, motor)
+    """The elbow's motor, and others by index, with the factory's id; the rest has no power."""
+
+    def deliver(mock):
+        for i, motor in enumerate(mock.motors):
+            motor.can_id = 127
+            if i not in (ELBOW, *others):
+                mock.set_power(i, False)
+
+    with MockServer(LITE, [CHANNEL], homing_offset={LITE.joint_names[ELBOW]: 1.25}) as motors:
+        motors.call(deliver)
         yield motors
 
 
