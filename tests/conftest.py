@@ -72,28 +72,6 @@ def pytest_collection():
         gc.enable()
 
 
-_TABLES = pytest.StashKey[dict[str, list[tuple[str, ...]]]]()
-
-
-@pytest.fixture
-def table_of(request):
-    """`table_of(title, headings)`: the rows of a table that is printed at the end of the run, to be added to."""
-    tables = request.config.stash.setdefault(_TABLES, {})
-
-    def rows(title, headings):
-        return tables.setdefault(title, [headings])
-
-    return rows
-
-
-def pytest_terminal_summary(terminalreporter, config):
-    for title, rows in config.stash.get(_TABLES, {}).items():
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        terminalreporter.section(title)
-        for row in rows if len(rows) > 1 else ():
-            terminalreporter.line("  ".join(map(str.ljust, row, widths)).rstrip())
-
-
 _PATIENCE = 20.0
 """s that threads get to end after a test."""
 

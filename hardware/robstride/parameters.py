@@ -1,6 +1,6 @@
 """The motors' parameters: their numbers, types and units, and how values become the 4 bytes of types 17 and 18.
 
-The set with indices 0x7005 to 0x702E is the same for all models.
+Those of other run modes than operation, which nothing here uses, are left out; the others are the same for all models.
 """
 
 from __future__ import annotations
@@ -74,26 +74,15 @@ _STOPS = "without a command for so long the motor stops; 0: never"
 
 _PARAMETERS = (
     Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP", (0, 5)),
-    Parameter(0x7006, "iq_ref", _F32, "A", True, 0.0, "current of current mode"),
-    Parameter(0x700A, "spd_ref", _F32, "rad/s", True, 0.0, "velocity of velocity mode"),
     Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
     Parameter(0x7010, "cur_kp", _F32, "", True, 0.17, "current loop"),
     Parameter(0x7011, "cur_ki", _F32, "", True, 0.012, "current loop"),
     Parameter(0x7014, "cur_filter_gain", _F32, "", True, 0.1, "current filter, 0 to 1", (0.0, 1.0)),
-    Parameter(0x7016, "loc_ref", _F32, "rad", True, 0.0, "position of the position modes"),
-    Parameter(0x7017, "limit_spd", _F32, "rad/s", True, None, "velocity limit of CSP mode"),
     Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of the velocity and position modes"),
     Parameter(0x7019, "mechPos", _F32, "rad", False, None, "position of the output, with its turns"),
     Parameter(0x701A, "iqf", _F32, "A", False, None, "filtered current"),
     Parameter(0x701B, "mechVel", _F32, "rad/s", False, None, "velocity of the output"),
     Parameter(0x701C, "VBUS", _F32, "V", False, None, "supply voltage"),
-    Parameter(0x701E, "loc_kp", _F32, "", True, None, "position loop"),
-    Parameter(0x701F, "spd_kp", _F32, "", True, 6.0, "velocity loop"),
-    Parameter(0x7020, "spd_ki", _F32, "", True, 0.02, "velocity loop"),
-    Parameter(0x7021, "spd_filter_gain", _F32, "", True, 0.1, "velocity filter"),
-    Parameter(0x7022, "acc_rad", _F32, "rad/s²", True, None, "acceleration of velocity mode"),
-    Parameter(0x7024, "vel_max", _F32, "rad/s", True, 10.0, "velocity of PP mode"),
-    Parameter(0x7025, "acc_set", _F32, "rad/s²", True, 10.0, "acceleration of PP mode"),
     Parameter(0x7026, "EPScan_time", _U16, "", True, 1, "report interval: 10 ms + 5 ms for each above 1", (1, 0xFFFF)),
     Parameter(0x7028, "canTimeout", _U32, "50 µs", True, 0, _STOPS, (0, LONGEST_CAN_TIMEOUT)),
     Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π", (0, 1)),
@@ -102,7 +91,6 @@ _PARAMETERS = (
     Parameter(0x702B, "add_offset", _F32, "rad", True, None, "newer firmware: shifts zero at the next power-on"),
     Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware: 1 compensates cogging", (0, 1)),
     Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware: 1 calibrates more exactly at power-on", (0, 1)),
-    Parameter(0x702E, "dcc_set", _F32, "rad/s²", True, None, "newer firmware: deceleration of PP mode"),
 )
 PARAMETERS: Mapping[str, Parameter] = {parameter.name: parameter for parameter in _PARAMETERS}  # by the manuals' names
 PARAMETERS_BY_INDEX: Mapping[int, Parameter] = {parameter.index: parameter for parameter in _PARAMETERS}

@@ -1,4 +1,4 @@
-"""A robot, its supervisor and mock motors on one channel, tick by tick: in virtual time, or in real time."""
+"""A robot, its supervisor and mock motors on one channel, tick by tick: in virtual time, or of another process."""
 
 import contextlib
 import dataclasses
@@ -17,7 +17,6 @@ from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.can_bus import frame_of, message_of, open_bus
 from humanoid_sim.hardware.mock.motors import MockMotors
-from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
 from humanoid_sim.mit import MITCommand
@@ -25,7 +24,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.realtime import punctual_threads, real_time
+from humanoid_sim.session.realtime import real_time
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
@@ -219,32 +218,16 @@ class VirtualRig(Rig):
 class Driver(Rig):
     """In real time, with motors of another process."""
 
-    def __init__(self, channel, clock=time.monotonic):
-        super().__init__(channel, clock, open_bus)
+    def __init__(self, channel):
+        super().__init__(channel, time.monotonic, open_bus)
         self._deadline = 0.0
 
-    def wait(self, duration=PERIOD):
-        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + duration
+    def wait(self):
+        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + PERIOD
         time.sleep(max(self._deadline - time.monotonic(), 0.0))
 
     def sent(self):
         pass
-
-
-class RealRig(Driver):
-    """In real time, with motors on a thread of their own, as `play --hardware virtual:lite` has them."""
-
-    def __init__(self):
-        self._measures = contextlib.ExitStack()
-        with punctual_threads(behind=10):
-            self._motors = MockServer(lite(), ["virtual:faults"])
-        self._measures.enter_context(real_time())
-        super().__init__("virtual:faults", self._motors.clock)
-        self.call, self.clear_faults = self._motors.call, self._motors.clear_faults
-
-    def close(self):
-        self._measures.close()
-        self._motors.close()
 
 
 if __name__ == "__main__":  # `fault_rig.py CHANNEL MODE`: drive motors of another process until killed

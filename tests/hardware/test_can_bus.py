@@ -3,8 +3,6 @@
 import errno
 import itertools
 import queue
-import subprocess
-import sys
 import threading
 import time
 
@@ -18,7 +16,6 @@ from humanoid_sim.hardware.can_bus import (
     BusAddress,
     Channel,
     Frame,
-    lock_channel,
     message_of,
     open_bus,
     parse_address,
@@ -65,26 +62,6 @@ def test_an_adapter_that_is_not_there_is_one_line():
     with pytest.raises(RobotError, match=r"slcan:/dev/no-such-adapter: cannot be opened: \w+") as caught:
         open_bus(BusAddress("slcan", "/dev/no-such-adapter"))
     assert "\n" not in str(caught.value)
-
-
-# --- locks
-
-
-def test_a_channel_is_held_by_one_process_until_it_is_killed():
-    address = BusAddress("socketcan", "can-of-this-test")
-    script = (
-        "import time\n"
-        "from humanoid_sim.hardware.can_bus import BusAddress, lock_channel\n"
-        "held = lock_channel(BusAddress('socketcan', 'can-of-this-test'))\n"
-        "print('held', flush=True)\n"
-        "time.sleep(60)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "held\n"
-        with pytest.raises(RobotError, match="can-of-this-test: is in use by another session"):
-            lock_channel(address)
-        process.kill()
-    lock_channel(address).close()
 
 
 # --- one channel

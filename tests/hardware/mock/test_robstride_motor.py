@@ -109,18 +109,6 @@ def test_after_power_on_it_is_disabled_and_knows_its_angle_within_one_turn():
     assert lone.read("limit_torque") == 3.0, "unsaved values are lost without power"
 
 
-def test_commands_act_only_while_it_is_enabled():
-    lone = Lone()
-    lone.mit(1.0, 20.0)
-    assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
-    for _ in range(2):  # the old command does not come back
-        assert lone.status(FrameType.ENABLE).mode is MotorMode.RUN
-        assert lone.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0), "enabling brings no torque by itself"
-        lone.mit(1.0, 20.0)
-        assert lone.motor.drive()[:5] == pytest.approx((1.0, 0.0, 0.0, 20.0, 0.0), abs=8e-3)
-        assert lone.status(FrameType.STOP).mode is MotorMode.RESET
-
-
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
 def test_no_frame_makes_it_fail(number, data, extended, addressed):
     motor = enabled().motor

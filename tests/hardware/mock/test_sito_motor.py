@@ -55,13 +55,3 @@ def test_gains_hold_until_others_come_and_outlive_a_reset():
     bench.motor.power_on()
     bench.send(Enable(22, 20))
     assert bench.motor.drive()[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(("sensor", "value"), [("temperature", 150.0), ("voltage", 11.0), ("overcurrent", True)])
-def test_one_that_protects_itself_falls_silent(sensor, value):
-    bench = Bench()
-    bench.send(Enable(22, 20), Gains(22, 20.0, 1.0))
-    setattr(bench.motor.sensed, sensor, value)
-    assert bench.wait(0.1) == []
-    bench.send(Enable(22, 20))
-    assert not bench.motor.is_running

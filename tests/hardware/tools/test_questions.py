@@ -73,7 +73,7 @@ def test_a_motor_says_who_and_how_it_is_without_being_enabled(run, motors, injec
 
 def test_parameters_are_read_all_or_by_name_or_index(values):
     status, found = values("15")
-    assert (status, len(found)) == (0, 29)
+    assert (status, len(found)) == (0, 17)
     assert (found["run_mode"], found["limit_torque"], found["canTimeout"]) == ("0", "5.5", "0")
     assert values("12", "vbus", "0x7026") == (0, {"VBUS": "48", "EPScan_time": "1"})
 
