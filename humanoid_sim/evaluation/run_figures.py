@@ -12,7 +12,7 @@ from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.evaluation.step import StepContext, StepSample
-from humanoid_sim.evaluation.step_metrics import METRICS, describe_fall, has_fallen, has_run_away, rms
+from humanoid_sim.evaluation.step_metrics import METRICS, describe_fall, has_fallen, rms
 from humanoid_sim.messages import Event, TickRecord
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -148,8 +148,7 @@ class RunFigures:
         self.remarks[kind] += [{"time": time, "message": message} for message in messages]
 
     def _watch_base(self, state: MITState, qpos: FloatArray) -> str:
-        """Watch a free base; a tick in which the simulation breaks says nothing about the robot."""
-        if self._base is None or self._fall is not None or has_run_away(state.joint_velocity):
+        if self._base is None or self._fall is not None:
             return ""
         if self._released is None:
             self._released, self._standing_height = float(state.time), self._base.standing_height(qpos)

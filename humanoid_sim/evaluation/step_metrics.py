@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import conjugate, multiply
-from humanoid_sim.evaluation.piano_score import step_ratios
 from humanoid_sim.evaluation.step import Needs, StepContext, StepSample
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, BoolArray, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
@@ -24,7 +23,6 @@ FALLEN_HEIGHT = 0.6  # share of the standing height of the centre of mass: the b
 STRAYED_DISTANCE = 0.3  # m between a tracked body and its reference in the base frame
 STRAYED_HEIGHT = 0.35  # m between the anchor body and its reference, along the vertical
 STRAYED_TILT = 1.2  # rad between the two, without the heading: a reference that is not aligned is not yet a loss
-_RUNAWAY = 100.0  # rad/s: no motor of a humanoid is as fast; a simulation that is about to diverge is
 
 Index = int | tuple[()]  # of a robot of a batch; () for the only one
 Values = Callable[[StepContext, StepSample], FloatArray]
@@ -83,11 +81,6 @@ def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index
     """Return how robot `i` fell; the others as of `has_fallen`."""
     tilt, share = np.degrees(base.tilt)[i], np.asarray(base.mass_height / standing_height)[i]
     return f"fell: tilted by {tilt:.0f}°, its centre of mass at {share:.0%} of its standing height"
-
-
-def has_run_away(joint_velocity: FloatArray) -> BoolArray:
-    """Return which robots' joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault."""
-    return np.asarray(np.abs(joint_velocity).max(axis=-1) > _RUNAWAY)
 
 
 def _strayed(c: StepContext, s: StepSample) -> FloatArray:
@@ -171,13 +164,26 @@ def _keys(c: StepContext, s: StepSample) -> tuple[BoolArray, BoolArray]:
     return np.asarray(s.state.extern[KEY_PRESSED].value > 0.5), c.song[c.reference.clamp(s.frame)]
 
 
+def key_ratios(down: BoolArray, goal: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Precision, recall and F1, shape (...) each: which keys are down and which should be, (..., K).
+
+    As RoboPianist (Zakka et al. 2023) scores time steps. A ratio whose denominator is 0 counts as 1.
+    """
+    right, pressed, wanted = (down & goal).sum(axis=-1), down.sum(axis=-1), goal.sum(axis=-1)
+    return _share(right, pressed), _share(right, wanted), _share(2 * right, pressed + wanted)
+
+
+def _share(part: npt.NDArray[np.integer], whole: npt.NDArray[np.integer]) -> FloatArray:
+    return np.where(whole > 0, part / np.maximum(whole, 1), 1.0)
+
+
 def _no_wrong_key(c: StepContext, s: StepSample) -> FloatArray:
     pressed, wanted = _keys(c, s)
     return np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0)
 
 
 def _key_ratio(which: int) -> Values:
-    return lambda c, s: step_ratios(*_keys(c, s))[which]
+    return lambda c, s: key_ratios(*_keys(c, s))[which]
 
 
 # --- the table ---

@@ -54,7 +54,6 @@ _ROWS = (
     # mean speed over the commanded along each axis, at most 1; where it is to move
     *(Metric(name, "×", "episode", "velocity", "higher") for name in REACHED),
     _of_steps("tilt", "rms", "velocity"),
-    Metric("slip", "m/s", "mean", "velocity"),  # of the feet's points that touch the ground
     _of_steps("power", "mean", "velocity"),
     Metric("falls", "share", "episode", "velocity"),
     _of_steps("f1", "mean", "piano", "higher"),

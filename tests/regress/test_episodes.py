@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from regress_runs import WALKER, changed_copy, prepared, yaml_suite
 
 from humanoid_sim.assets import PIANO_POLICY
-from humanoid_sim.evaluation.piano_score import step_ratios
 from humanoid_sim.evaluation.rollout import ClosedLoop
+from humanoid_sim.evaluation.step_metrics import key_ratios
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.regress.episodes import episode_keys, run_episodes
 from humanoid_sim.regress.preparation import prepare_suite
@@ -127,7 +127,7 @@ def test_a_song_is_scored_as_a_run_is(samples):
     (episode,) = run_episodes(case, [0], threads=1)
     pressed = np.stack([sample.state.extern[KEY_PRESSED].value[0] for sample in samples])
     wanted = case.scenario.motion.frames[1:101] > 0.5
-    for name, ratios in zip(("precision", "recall", "f1"), step_ratios(pressed > 0.5, wanted), strict=True):
+    for name, ratios in zip(("precision", "recall", "f1"), key_ratios(pressed > 0.5, wanted), strict=True):
         assert episode.metrics[name] == pytest.approx(ratios.mean())
     assert 1.0 < episode.metrics["key_force"] < 14.0
     assert episode.metrics["hard_touches"] == 0.0
