@@ -30,8 +30,8 @@ class PrepareOptions:
     robot: str = "lite"
     """A shipped robot, robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file", "--registry-name"])] = None
-    """An .npz or .csv file, an .mcap file or rosbag2 folder with joint states, or a LeRobot dataset: its folder, or
-    user/name on the hub. Default: the dataset that the checkpoint names."""
+    """An .npz or .csv file, an .mcap file with joint states, or a LeRobot dataset: its folder, or user/name on the hub.
+    Default: the dataset that the checkpoint names."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
     """Episode of the dataset, counted from 0; required if it has more than one."""
     topic: str | None = None

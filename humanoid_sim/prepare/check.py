@@ -1,4 +1,4 @@
-"""Does a motion fit the robot: its bodies, and its joints' limits and speeds."""
+"""Does a motion fit the robot: its bodies, and its joints' limits."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.convert import Skeleton
-from humanoid_sim.prepare.sources import SourceMotion, derivative
-from humanoid_sim.robots.guards import speed_limit
+from humanoid_sim.prepare.sources import SourceMotion
 from humanoid_sim.simulation.kinematics import InverseKinematics
 
 _DISTANCE, _ANGLE = 0.01, math.radians(2.0)  # m and rad, largest between a body and where kinematics puts it
@@ -69,10 +68,4 @@ def _check_joints(motion: SourceMotion, joints: FloatArray, skeleton: Skeleton) 
         if motion.bodies is None and beyond[frame, joint] > _BEYOND:
             raise InputError(f"{motion.source}: {text}; are --joint-order and --degrees right?")
         lines.append(f"note: {text}")
-    rate = derivative(joints, motion.times)
-    limit = speed_limit(robot)
-    frame, joint = np.unravel_index(int((np.abs(rate) / limit).argmax()), rate.shape)
-    if abs(rate[frame, joint]) > limit[joint]:
-        speed = f"{abs(rate[frame, joint]):.3g} rad/s in frame {frame}, the robot's limit is {limit[joint]:.3g}"
-        lines.append(f"note: joint '{names[joint]}' moves at {speed}")
     return lines

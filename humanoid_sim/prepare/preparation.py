@@ -106,6 +106,6 @@ def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> sourc
         raise InputError(f"--fps: is given, but {path} has times of its own")
     if path.suffix == ".npz":
         return sources.read_npz(path)
-    if path.suffix == ".mcap" or any(path.glob("*.mcap")):
+    if path.suffix == ".mcap":
         return sources.read_joint_states(path, options.topic, joints)
     return sources.read_dataset(sources.dataset_folder(str(path)), options.episode, joints)

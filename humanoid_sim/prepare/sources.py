@@ -141,30 +141,26 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
 
 
 def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
-    """Read `sensor_msgs/msg/JointState` with joints of the robot, from an MCAP file or a folder that rosbag2 wrote."""
+    """Read `sensor_msgs/msg/JointState` with joints of the robot from an MCAP file."""
     found: dict[str, list[tuple[float, list[float]]]] = {}
-    files = [regular_file(file, "an MCAP file", None) for file in (sorted(path.glob("*.mcap")) or [path])]
-    with blaming(f"{path}: cannot be read as a recording (.mcap)", Exception):  # the library raises whatever it meets
-        for file in files:
-            with file.open("rb") as stream:
-                for schema, channel, message in make_reader(stream).iter_messages():
-                    if schema is None or schema.name != JOINT_STATE:
-                        continue
-                    rows = found.setdefault(channel.topic, [])
-                    (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
-                    position = dict(zip(names, values.tolist(), strict=False))
-                    if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
-                        continue
-                    require_known("joint", joints, position, f"{path}: {channel.topic}: ")
-                    time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
-                    rows.append((time, [position[joint] for joint in joints]))
+    regular_file(path, "an MCAP file", None)
+    with blaming(f"{path}: cannot be read as a recording (.mcap)", Exception), path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if schema is None or schema.name != JOINT_STATE:
+                continue
+            rows = found.setdefault(channel.topic, [])
+            (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
+            position = dict(zip(names, values.tolist(), strict=False))
+            if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
+                continue
+            require_known("joint", joints, position, f"{path}: {channel.topic}: ")
+            time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
+            rows.append((time, [position[joint] for joint in joints]))
     filled = [rows for rows in found.values() if rows]
     if len(filled) != 1:
         topics = ", ".join(found) or "none"
         raise InputError(f"--topic: is {topic}, expected one of {path} with the robot's joint states: {topics}")
-    (rows,) = filled
-    rows.sort()  # the files of a bag may come in any order
-    times, positions = np.array([time for time, _ in rows]), np.array([position for _, position in rows])
+    times, positions = (np.array(column) for column in zip(*filled[0], strict=True))
     return SourceMotion(source=str(path), times=times, joints=positions, joint_names=joints)
 
 
