@@ -100,11 +100,12 @@ def load_subject(
 def run_episode(subject: Subject, seconds: float) -> Episode:
     """Run a policy that walks and turns, or follows its motion; one that cannot run at all has failed after 0 s."""
     contract = subject.contract
-    walks = contract.task_type == "locomotion" and subject.description.is_floating
-    bounds = np.array([[-np.inf, np.inf]] * 3) if contract.command_ranges is None else contract.command_ranges
-    vx, vy, yaw_rate = np.clip(_WALK_AND_TURN, bounds[:, 0], bounds[:, 1]).tolist()
-    case = Case(name="doctor", command=(vx, vy, yaw_rate))
-    task: TaskName = "velocity" if walks else "tracking"
+    case = Case(name="doctor")
+    task: TaskName = "tracking"
+    if contract.task_type == "locomotion" and subject.description.is_floating:
+        bounds = np.array([[-np.inf, np.inf]] * 3) if contract.command_ranges is None else contract.command_ranges
+        vx, vy, yaw_rate = np.clip(_WALK_AND_TURN, bounds[:, 0], bounds[:, 1]).tolist()
+        case, task = Case(name="doctor", command=(vx, vy, yaw_rate)), "velocity"
     suite = Suite(name="doctor", task=task, cases=(case,), seeds=1, tolerances={}, settle=_SETTLE, implicit=True)
     steps = round(seconds / contract.policy_dt)
     try:

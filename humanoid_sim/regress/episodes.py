@@ -130,7 +130,7 @@ class EpisodeBatch:
             episode: dict[str, float] = {}
             for metric in metrics_of(suite.task).values():
                 if metric.summary != "episode" and metric.name in rows:
-                    values = rows[metric.name][:, i]
+                    values = np.ascontiguousarray(rows[metric.name][:, i])  # sums in one order, whatever N is
                     episode[metric.name] = float(rms(values) if metric.summary == "rms" else values.mean())
             for axis, name in enumerate(REACHED):
                 if case.moves[axis]:
