@@ -110,7 +110,7 @@ def run_episode(subject: Subject, seconds: float) -> Episode:
     steps = round(seconds / contract.policy_dt)
     try:
         scenario = subject.scenario()
-        if scenario.motion is not None:
+        if subject.followed is not None:
             steps = min(steps, scenario.wiring.reference.frame_count - 1)
         (episode,) = run_episodes(PreparedCase(suite, case, scenario, steps), [0], threads=1)
     except (FieldError, InputError) as error:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import contract_of
-from plants import term
+from plants import term, turned
 from rich.console import Console
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.doctor import search
 from humanoid_sim.doctor.edits import Edit, single_edits
 from humanoid_sim.doctor.search import judge, search_episodes
-from humanoid_sim.doctor.trial import load_subject, run_episode
+from humanoid_sim.doctor.trial import episode_errors, load_subject, run_episode
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.robots.description import load_robot
 
@@ -73,6 +73,14 @@ def test_an_episode_can_be_repeated_to_the_bit(walker):
     assert run_episode(soft, 2.0).failure.startswith("fell")
     assert first.failure == ""
     assert first == run_episode(walker, 2.0)
+
+
+def test_what_follows_a_motion_is_judged_by_it():
+    arms = load_subject(policy_path("lite_tracking"), load_robot("lite"), motion="wave")
+    right = run_episode(arms, 1.0)
+    wrong = run_episode(arms.under(turned("left_elbow_pitch")(arms.contract)), 1.0)
+    assert right.failure == ""
+    assert wrong.failure or sum(episode_errors(wrong).values()) > 1.5 * sum(episode_errors(right).values())
 
 
 def test_a_contract_that_cannot_run_has_failed_at_once(walker):
