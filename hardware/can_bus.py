@@ -76,7 +76,7 @@ def parse_address(text: str) -> BusAddress:
         interface, channel = "socketcan", interface
     is_name = re.fullmatch(r"[^\s/]{1,15}", channel) if interface == "socketcan" else channel  # IFNAMSIZ of the kernel
     if not interface or not is_name:
-        accepted = "a network interface such as can0, or interface:channel such as virtual:lite"
+        accepted = "a network interface such as can0, or interface:channel such as slcan:/dev/ttyACM0"
         raise InputError(f"bus: is '{text}', expected {accepted}")
     require_known("interface", (interface,), sorted(can.VALID_INTERFACES), f"bus '{text}': ")
     return BusAddress(interface, channel)
@@ -93,6 +93,13 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
 # --- opening
 
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "socketcand"})  # none, or given elsewhere
+_REMEDIES = {  # by the number of the system's error
+    errno.ENETDOWN: f"it is down: sudo ip link set {{}} up type can bitrate {BITRATE} restart-ms 0",
+    errno.ENODEV: "there is no such network interface: see `ip link`; one may be slcan:/dev/ttyACM0 instead",
+    errno.EAFNOSUPPORT: "this kernel has no SocketCAN: sudo modprobe can_raw",
+    errno.EACCES: "this user may not: sudo usermod -aG dialout $USER, then log in again",
+    errno.EBUSY: "another program has it open",
+}
 _IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
 _MOST_ECHOES = 1024  # frames that are remembered until they come back: some get lost
 
@@ -127,8 +134,10 @@ def open_bus(address: BusAddress) -> can.BusABC:
         return can.Bus(interface=address.interface, channel=address.channel, **options)
     except Exception as error:  # every driver has exceptions of its own
         reason = f"{type(error).__name__}: {reason_of(error)}"
-        if _error_number(error) == errno.ENETDOWN:
-            reason = f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
+        if remedy := _REMEDIES.get(_error_number(error) or 0):
+            reason = remedy.format(address.channel)
+        elif isinstance(error, can.CanInterfaceNotImplementedError):
+            reason += f": pip install 'python-can[{address.interface}]', or its network interface where Linux has one"
         raise RobotError(f"{address}: cannot be opened: {reason}") from error
 
 

@@ -10,6 +10,7 @@ MIT-licensed mip_sdk for the quaternion's convention.
 from __future__ import annotations
 
 import math
+import os
 import struct
 from collections.abc import Mapping, Sequence
 from time import monotonic
@@ -112,7 +113,8 @@ class MicrostrainImu(Imu):
                     raise RobotError(f"sends no sample within {_ANSWER_TIME:g} s")
         except (OSError, ValueError, RobotError) as error:
             self.close()
-            raise RobotError(f"{self._port}: the IMU {error}") from None
+            reason = f"cannot be opened: {os.strerror(error.errno)}" if getattr(error, "errno", None) else error
+            raise RobotError(f"{self._port}: the IMU {reason}") from None
 
     def read(self, time: float) -> ImuReading:
         """Return the latest reading; its status is FAULT once none has come for 0.1 s."""

@@ -14,20 +14,29 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 LARGEST = 1 << 30  # bytes of a file that is read whole: more than any robot, policy or motion needs
+_STAND_INS = {  # first bytes, in lower case, of what often stands in a file's place
+    b"version https://git-lfs": "is a pointer of Git LFS, `git lfs pull` fetches the file",
+    b"<!doctype html": "is a web page, as a link to a page of the file saves it",
+    b"<html": "is a web page, as a link to a page of the file saves it",
+    b"sqlite format 3": "is a SQLite database, as rosbag2 may write: `ros2 bag convert` makes .mcap of it",
+}
 
 
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = LARGEST) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises `InputError` if it is no regular file, or larger than `largest` bytes; None for a reader that needs no more
-    memory for more. `what` it should be, such as `a motion file (.mcap)`.
+    Raises `InputError` if it is no regular file, clearly another kind of file, or larger than `largest` bytes; None for
+    a reader that needs no more memory for more. `what` it should be, such as `a motion file (.mcap)`.
     """
     path = Path(path)
     with blaming(f"{path}: cannot be read", (OSError, ValueError)):  # ValueError: a null character in the name
         if not path.is_file():  # opening a pipe would wait for a writer that may never come
             raise InputError(f"{path}: {_kind(path)}, expected {what}")
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
+            size, start = os.fstat(file.fileno()).st_size, file.read(32).lower()
+    for beginning, kind in _STAND_INS.items():
+        if start.startswith(beginning):
+            raise InputError(f"{path}: {kind}; expected {what}")
     if largest is not None and size > largest:
         raise InputError(f"{path}: has {size} bytes, expected {what} of at most {largest}")
     return path
@@ -42,9 +51,13 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
 
     Raises `InputError` with the file and what is wrong with it.
     """
-    import numpy as np  # noqa: PLC0415 - heavy imports stay out of `--help`
+    import zipfile  # noqa: PLC0415 - heavy imports stay out of `--help`
+
+    import numpy as np  # noqa: PLC0415
 
     path = regular_file(path, "an .npz file")
+    if not zipfile.is_zipfile(path):  # NumPy would take it for a pickle, and advise to load it
+        raise InputError(f"{path}: is not a complete .npz file, which is a ZIP archive of arrays")
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}

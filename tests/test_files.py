@@ -27,6 +27,20 @@ def test_what_is_no_file_is_named_and_not_opened(tmp_path, name, reason):
         regular_file(tmp_path / name, "a motion file (.mcap)")
 
 
+@pytest.mark.parametrize(
+    ("start", "kind"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d", "a pointer of Git LFS, `git lfs pull`"),
+        (b"<!DOCTYPE html><html>Sign in", "a web page"),
+        (b"SQLite format 3\0", "a SQLite database, .*`ros2 bag convert`"),
+    ],
+)
+def test_what_stands_in_a_files_place_after_a_download_is_named(tmp_path, start, kind):
+    (tmp_path / "policy.onnx").write_bytes(start)
+    with pytest.raises(InputError, match=f"policy.onnx: is {kind}.*; expected an ONNX file"):
+        regular_file(tmp_path / "policy.onnx", "an ONNX file")
+
+
 def test_a_file_of_any_size_is_read_only_where_no_more_memory_is_needed(tmp_path):
     (tmp_path / "large").write_bytes(bytes(9))
     with pytest.raises(InputError, match="has 9 bytes, expected a motion of at most 8"):
@@ -69,8 +83,9 @@ def test_arrays_that_need_code_or_were_cut_are_one_line(tmp_path):
     np.savez(tmp_path / "code.npz", x=np.array([{}], dtype=object))
     np.savez(tmp_path / "cut.npz", x=np.zeros(100))
     (tmp_path / "cut.npz").write_bytes((tmp_path / "cut.npz").read_bytes()[:300])
-    for name in ("code.npz", "cut.npz"):
-        with pytest.raises(InputError, match=f"{name}: is not a complete .npz file of plain arrays: "):
+    (tmp_path / "table.npz").write_text("0.1,0.2")
+    for name in ("code.npz", "cut.npz", "table.npz"):
+        with pytest.raises(InputError, match=f"{name}: is not a complete .npz file(?!.*If you trust)"):
             read_arrays(tmp_path / name)
 
 

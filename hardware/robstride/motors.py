@@ -81,8 +81,10 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             source = self.sources[channel]
             found = [f"{uid.hex()} on {self.sources[other]}" for other, uid in sorted(answers[number])]
             if [other for other, _ in answers[number]] != [channel]:
-                reasons = "; ".join([*found, *self.line.channels[channel].troubles()])
-                checks.problem(name, f"expected one motor {number} on {source}; {reasons or 'none answers'}")
+                reasons = [*found, *self.line.channels[channel].troubles(), self.slots[i].invalid.text]
+                silent = "none answers: supply, cable or id? `hardware discover` asks every id"
+                answer = "; ".join(filter(None, reasons)) or silent
+                checks.problem(name, f"expected one motor {number} on {source}; {answer}")
                 continue
             ((_, uids[i]),) = answers[number]
             if self._terms.uids.setdefault(name, uids[i]) != uids[i]:

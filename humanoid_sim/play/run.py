@@ -68,6 +68,9 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
             write_summary(plan.outputs.summary, summary)
     with _noting(problems):
         print_report(console, summary)
+        is_automatic = config.script is None and plan.steps is not None and config.remote == "none"
+        if is_automatic and plan.policies.first is not None and not summary["inferences"]:
+            console.print("note: the policy did not run: the run ended before LOCOMOTION")
     _write_files(console, run, problems)
     for problem in problems:
         if sys.stdout is output:

@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.controllers.parameters import one_of, require
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
-from humanoid_sim.errors import FieldError, blaming, number_in
+from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.own import csv
@@ -86,7 +86,10 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
     """Read a motion file, or the motion of a recording."""
-    return parse_motion(regular_file(path, "a motion file (.mcap)").read_bytes(), str(path))
+    file = regular_file(path, "a motion file (.mcap)")
+    if file.suffix in (".npz", ".csv"):
+        raise InputError(f"{file}: is no motion file (.mcap); python -m humanoid_sim.prepare --motion {file} makes one")
+    return parse_motion(file.read_bytes(), str(path))
 
 
 def parse_motion(data: bytes, name: str) -> Motion:

@@ -15,6 +15,7 @@ from humanoid_sim.simulation.kinematics import InverseKinematics
 
 _DISTANCE, _ANGLE = 0.01, math.radians(2.0)  # m and rad, largest between a body and where kinematics puts it
 _BEYOND = 0.035  # rad beyond a limit, by which motions that nothing else confirms may be off
+_HIGHEST = 10.0  # m above the floor, of the base of any robot whose lengths are in m
 _MOST_POSES = 120  # frames for which joint positions are sought
 
 
@@ -28,6 +29,8 @@ def check(motion: SourceMotion, skeleton: Skeleton) -> list[str]:
         return [_check_bodies(motion, motion.bodies, skeleton), *about_joints]
     if motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
         raise InputError(f"{motion.source}: its base is upside down most of the time; are --quaternions right?")
+    if motion.base is not None and (height := np.abs(motion.base[:, 2]).max()) > _HIGHEST:
+        raise InputError(f"{motion.source}: its base is up to {height:g} m high; are its lengths in m?")
     return [
         *about_joints,
         "note: without body poses nothing confirms the meaning of its columns but the joints' limits",

@@ -49,8 +49,13 @@ class SourceMotion:
 
     def __post_init__(self) -> None:
         for name, array in {"times": self.times, **self.arrays()}.items():
-            if len(array) != len(self.times) or not np.isfinite(array).all() or not array.size:
-                raise InputError(f"{self.source}: {name} has shape {array.shape}, expected finite values in each frame")
+            if len(array) != len(self.times) or not array.size:
+                raise InputError(
+                    f"{self.source}: {name} has shape {array.shape}, expected {len(self.times)} frames, > 0"
+                )
+            if not np.isfinite(array).all():
+                frame, *place = np.argwhere(~np.isfinite(array))[0].tolist()
+                raise InputError(f"{self.source}: {name} is not finite in frame {frame}, at {place}")
             norm = np.sqrt((array[..., 3:] ** 2).sum(axis=-1)) if name in ("base", "bodies") else np.ones(1)
             if np.abs(norm - 1.0).max() > _UNIT:
                 raise InputError(f"{self.source}: {name} has quaternions of norm {norm.min():.3g} to {norm.max():.3g}")
@@ -94,7 +99,8 @@ def read_npz(path: Path) -> SourceMotion:
     missing = [key for key in _NPZ_KEYS if key not in arrays]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it holds {', '.join(sorted(arrays)) or 'nothing'}")
-    with blaming(f"{path}: has arrays of other shapes than mjlab's", (ValueError, TypeError)):
+    shapes = ", ".join(f"{key} {arrays[key].shape}" for key in _NPZ_KEYS[1:])
+    with blaming(f"{path}: has {shapes}, expected (F, n), (F, n), (F, B, 3), (F, B, 4)", (ValueError, TypeError)):
         fps, joints, velocity, position, quaternion = (arrays[key].astype(np.float64) for key in _NPZ_KEYS)
         bodies = np.concatenate([position.reshape(len(joints), -1, 3), quaternion.reshape(len(joints), -1, 4)], axis=-1)
         velocity = velocity.reshape(joints.shape)
@@ -126,8 +132,12 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
     require_known("column", parts, ("time", *_BASE_COLUMNS, *joints), f"{path}: ")
     has_base = not set(parts).isdisjoint(_BASE_COLUMNS)
     missing = [name for name in ((*_BASE_COLUMNS, *joints) if has_base else joints) if name not in parts]
-    if missing or len(set(parts)) != table.shape[1]:
-        raise InputError(f"{path}: has {table.shape[1]} columns, lacks some, or has one twice: {', '.join(missing)}")
+    if missing or len(set(parts)) < len(parts):
+        raise InputError(f"{path}: lacks columns, or has one twice: {', '.join(missing) or ', '.join(parts)}")
+    if len(parts) != table.shape[1]:
+        counts = f"{len(joints)} joints, or {len(_BASE_COLUMNS) + len(joints)} with the base's pose before them"
+        accepted = f"{len(parts)}, as in its first line" if has_names else counts
+        raise InputError(f"{path}: has {table.shape[1]} columns, expected {accepted}")
     if (fps is None) == ("time" not in parts):
         raise InputError(f"--fps: is {fps}, expected it where there is no column 'time', and only there")
     return SourceMotion(
@@ -156,10 +166,15 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
             require_known("joint", joints, position, f"{path}: {channel.topic}: ")
             time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
             rows.append((time, [position[joint] for joint in joints]))
+    if not found:
+        raise InputError(f"{path}: has no topic of {JOINT_STATE}, expected the joint states of a robot")
+    if topic is not None:
+        require_known("topic of joint states", [topic], found, f"{path}: --topic: ")
     filled = [rows for rows in found.values() if rows]
-    if len(filled) != 1:
-        topics = ", ".join(found) or "none"
-        raise InputError(f"--topic: is {topic}, expected one of {path} with the robot's joint states: {topics}")
+    if not filled:
+        raise InputError(f"{path}: {', '.join(found)} has none of the robot's joints: {', '.join(joints)}")
+    if len(filled) > 1:
+        raise InputError(f"--topic: is missing, {path} has joint states on {', '.join(found)}")
     times, positions = (np.array(column) for column in zip(*filled[0], strict=True))
     return SourceMotion(source=str(path), times=times, joints=positions, joint_names=joints)
 
@@ -167,8 +182,11 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
 def dataset_folder(name: str) -> Path:
     """Return the folder of a dataset: a path, LeRobot's own copy of one on the hub, or fetched, without its videos."""
     if Path(name).is_dir():
+        if (Path(name) / "metadata.yaml").exists():
+            accepted = "the .mcap file in it (of .db3 `ros2 bag convert` makes one)"
+            raise InputError(f"--motion: '{name}' is a folder of rosbag2, expected {accepted}")
         return Path(name)
-    if name.count("/") != 1:
+    if name.count("/") != 1 or Path(name).exists():
         accepted = "an .npz, .csv or .mcap file, a folder, or user/name on the hub"
         raise InputError(f"--motion: is '{name}', expected {accepted}")
     cache = os.environ.get("HF_HOME", "~/.cache/huggingface")

@@ -73,6 +73,16 @@ def test_a_fix_that_is_pasted_into_the_contract_file_is_clean(steps, tmp_path):
     assert examine(config, Console(quiet=True))["healthy"]
 
 
+def test_a_trace_whose_actions_are_a_row_late_says_so(walker, steps, search):
+    with pytest.raises(InputError, match=r"action differs .*: it answers that of the row before"):
+        search(walker.contract, action=np.roll(steps["action"], 1, axis=0))
+
+
+def test_a_trace_of_one_row_is_compared(walker, steps, search):
+    row = {name: steps[name][:1] for name in steps if name not in ("cmd", "joint_names")}
+    assert search(walker.contract, **row).is_healthy
+
+
 PLANTS = {
     "gyro in the world frame": term("base_ang_vel", frame="world"),
     "gains x 2": multiplied(2.0, "joint_stiffness", "joint_damping"),

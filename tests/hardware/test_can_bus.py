@@ -64,6 +64,25 @@ def test_an_adapter_that_is_not_there_is_one_line():
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "no such network interface: see `ip link`"),
+        (OSError(errno.ENETDOWN, "Network is down"), "sudo ip link set can0 up type can bitrate 1000000"),
+        (OSError(errno.EAFNOSUPPORT, "Address family"), "modprobe can_raw"),
+        (OSError(errno.EACCES, "Permission denied"), "-aG dialout"),
+        (can.CanInterfaceNotImplementedError("No module named 'usb'"), "'usb': pip install 'python-can.socketcan.'"),
+    ],
+)
+def test_a_channel_that_cannot_be_opened_says_what_to_do(monkeypatch, error, says):
+    def fail(**_):
+        raise error
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(RobotError, match=f"^can0: cannot be opened: .*{says}"):
+        open_bus(BusAddress("socketcan", "can0"))
+
+
 # --- one channel
 
 

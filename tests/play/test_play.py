@@ -56,6 +56,10 @@ def test_without_options_the_sample_policy_is_walked_up_and_down_again(run):
     assert sorted(path.name for path in result.folder.iterdir()) == ["r.mcap", "s.json"]
 
 
+def test_a_run_too_short_for_the_policy_says_that_it_did_not_run(run, quick):
+    assert "the policy did not run" in run("--robot", quick, "--duration", "0.5").out
+
+
 def test_another_policy_is_selected_between_two_motions_and_the_run_replays_as_it_was(run, quick):
     script = WALK.replace("start", "policy placeholder; start") + "; policy placeholder; load_a; wait; start_locomotion"
     policies = ("--policy", "lite_tracking", *PLACEHOLDER)

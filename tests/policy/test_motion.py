@@ -84,6 +84,12 @@ def test_a_bad_file_is_one_line(name):
         parse_motion(data, "bad.mcap")
 
 
+def test_a_motion_from_elsewhere_leads_to_prepare(tmp_path):
+    (tmp_path / "dance.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"dance.npz: is no motion file .*humanoid_sim.prepare --motion"):
+        read_motion(tmp_path / "dance.npz")
+
+
 def test_a_policy_follows_its_own_order_of_the_files_joints():
     wiring = models.contract(
         task_type="tracking",

@@ -90,8 +90,9 @@ LIFTED = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
         ({"joint_pos": ANGLES[:, LEAD]}, "bodies are off"),
         ({"body_quat_w": np.roll(TURNS, -1, -1)}, "bodies are off"),
         ({"body_pos_w": LIFTED}, "body 'left_hand' is 20.0 mm and 0.0°"),
-        ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "expected finite values in each frame"),
+        ({"body_pos_w": np.full((FRAMES, 18, 3), np.nan)}, "bodies is not finite in frame 0, at [0, 0]"),
         ({"joint_vel": None}, "has no joint_vel"),
+        ({"joint_vel": SPEEDS[1:]}, "joint_vel (39, 14), "),
         ({"fps": np.array([0.0])}, "fps is 0"),
         ({"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]}, "--joint-order: contract has 14 names"),
         ({"joint_names": np.array([f"joint_{i}" for i in range(14)])}, "unknown joint 'joint_0'"),
@@ -148,6 +149,13 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
         (ROWS[:, LEVELS], (), BARE, "beyond"),
         (np.degrees(ROWS), lite().joint_names, NAMED, "are --joint-order and --degrees right?"),
         (np.concatenate([BASE, ROWS], axis=1), (), [*BARE, "--quaternions", "xyzw"], "upside down"),
+        (
+            np.concatenate([BASE * [1, 1, 1000, 1, 1, 1, 1], ROWS], axis=1),
+            (),
+            [*BARE, "--quaternions", "wxyz"],
+            "500 m high",
+        ),
+        (np.concatenate([BASE, TIMES, ROWS], axis=1), (), BARE, "has 22 columns, expected 14 joints, or 21 with"),
         (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
         (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), [], "times that increase"),
     ],
@@ -180,10 +188,11 @@ Q_200_HZ = ROWS[0] + np.linspace(0.0, 1.0, 200)[:, None] * (ROWS[-1] - ROWS[0])
 def test_joint_states_of_another_robots_driver(tmp_path, capsys):
     """Where there are several topics, one has to be named."""
     path = bag(tmp_path, Q_200_HZ, "/left", "/right")
-    assert "--topic: is None, expected one of" in refusal(capsys, tmp_path, path)
-    assert "states: /left, /right" in refusal(capsys, tmp_path, path, "--topic", "/legs")
+    assert "--topic: is missing" in refusal(capsys, tmp_path, path)
+    assert "'/legs'; known: /left, /right" in refusal(capsys, tmp_path, path, "--topic", "/legs")
     assert prepare(tmp_path, path, "--topic", "/right", "--resample", "--name", "dance") == 0
     np.testing.assert_allclose(made(tmp_path).frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
+    assert "is a folder of rosbag2, expected the .mcap file in it" in refusal(capsys, tmp_path, path.parent)
     path.write_bytes(b"frames: 3")
     assert "cannot be read as a recording" in refusal(capsys, tmp_path, path)
 
@@ -193,6 +202,7 @@ def test_joint_states_of_another_robots_driver(tmp_path, capsys):
     [
         (["--wandb-run-path", "a/b/c"], "--policy and --wandb-run-path: both are given"),
         (["--motion", "dance.bvh"], "--motion: is 'dance.bvh', expected"),
+        (["--motion", __file__], f"--motion: is '{__file__}', expected"),
         (["--motion", "x.npz", "--song", "ode_to_joy"], "--motion and --song: both are given"),
         (["--motion", "x.npz", "--fps", "50"], "--fps: is given, but x.npz has times of its own"),
         (["--policy", "lite_biped_velocity", "--robot", "lite_biped"], "is a policy of task_type locomotion"),
