@@ -113,7 +113,8 @@ class MicrostrainImu(Imu):
                     raise RobotError(f"sends no sample within {_ANSWER_TIME:g} s")
         except (OSError, ValueError, RobotError) as error:
             self.close()
-            reason = f"cannot be opened: {os.strerror(error.errno)}" if getattr(error, "errno", None) else error
+            number = getattr(error, "errno", None)
+            reason = f"cannot be opened: {os.strerror(number)}" if number else error
             raise RobotError(f"{self._port}: the IMU {reason}") from None
 
     def read(self, time: float) -> ImuReading:
