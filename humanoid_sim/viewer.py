@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = parse(ViewerConfig, "viewer", arguments)
     check_window()
     if config.robot is None:
-        with attached(config.session, "viewer", niceness=10) as attachment:
+        with attached(config.session, "viewer") as attachment:
             _show(attachment.model(), attachment)
     else:
         _show(build_model(load_robot(config.robot)), None)

@@ -111,10 +111,10 @@ class Watched:
     """With --dds: what the robot's joint states are under."""
 
     @contextmanager
-    def source(self, name: str, niceness: int = 5) -> Iterator[Source]:
+    def source(self, name: str) -> Iterator[Source]:
         """Attach the front end of that name. Raises `InputError`."""
         if not self.dds:
-            with attached(self.session, name, niceness=niceness) as attachment:
+            with attached(self.session, name) as attachment:
                 yield attachment
             return
         with RobotClient(self.prefix, interface=self.dds) as client:

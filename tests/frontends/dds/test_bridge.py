@@ -1,7 +1,6 @@
 """The bridge as a program, by clients that know nothing of this project."""
 
 import os
-import signal
 import tempfile
 import threading
 import time
@@ -145,23 +144,6 @@ def test_hostile_samples_are_refused_and_no_honest_command_suffers(robot):
         until(lambda: len(robot.records) > start + 20, "time to act on them")
         positions = {float(record.output.command.position[0]) for record in robot.records[start:]}
         assert positions <= {0.2, 0.4}, "the honest one's, or where the joints are damped"
-    robot.wait_until_passive()
-
-
-@pytest.mark.soak
-def test_a_bridge_that_stood_still_brings_no_old_command(robot):
-    writer = robot.commander()
-    with streaming(writer, 0.4):
-        until(lambda: robot.position() == 0.4, "the command")
-        os.kill(robot.bridge, signal.SIGSTOP)
-        time.sleep(0.5)  # what is sent meanwhile waits in the bridge's sockets
-    time.sleep(0.5)
-    start = len(robot.records)
-    os.kill(robot.bridge, signal.SIGCONT)
-    time.sleep(0.3)
-    assert [record for record in robot.records[start:] if record.output.command.stiffness.any()] == []
-    with streaming(writer, 0.5):
-        until(lambda: robot.position() == 0.5, "a command of now")
     robot.wait_until_passive()
 
 
