@@ -41,10 +41,10 @@ class EpisodeStarts:
     def __call__(self, numbers: FloatArray) -> Start:
         """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for."""
         position, velocity, turn, commands = np.split(numbers, self._splits, axis=-1)
-        c, joints, dof = self._context, self._joints.qpos, self._joints.dof
+        robot, joints, dof = self._context.description, self._joints.qpos, self._joints.dof
         yaw = np.pi * (2.0 * turn[..., 0] - 1.0)
         qpos, qvel = self._pose.qpos(numbers.shape[:-1], yaw), np.zeros((*numbers.shape[:-1], self._nv))
         off = self._config.joint_noise * (2.0 * position - 1.0)
-        qpos[..., joints] = np.clip(c.default_pose + off, c.lower, c.upper)
+        qpos[..., joints] = np.clip(np.array(robot.initial_position) + off, robot.lower, robot.upper)
         qvel[..., dof] = self._config.velocity_noise * (2.0 * velocity - 1.0)
         return Start(qpos, qvel, self._task.commands(commands))

@@ -60,13 +60,10 @@ class StepContext:
         """Prepare for a robot whose centre of mass stands `standing_height`, m, above the floor; 0 for a fixed base."""
         self.description, self.contract, self.reference = description, contract, reference
         self.standing_height = standing_height
-        self.lower, self.upper = np.array(description.lower), np.array(description.upper)
-        self.lowest, self.highest = self.lower + _STOP_MARGIN, self.upper - _STOP_MARGIN
+        self.lowest, self.highest = description.lower + _STOP_MARGIN, description.upper - _STOP_MARGIN
         """Shape (n,), rad: beyond these a joint is at its stop."""
         self.inverse_effort = 1.0 / np.array(description.effort_limit)
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-        self.default_pose = np.clip(contract.default_joint_pos[order], self.lower, self.upper)
-        """Shape (n,), rad, robot's order, within the limits."""
         terms, joints = reference.terms, "reference_joint_pos"
         self.joint_target = terms[joints][:, order].astype(np.float64) if joints in terms else None
         """Shape (F, n), rad, robot's order, by frame."""

@@ -61,13 +61,6 @@ def test_displaced_bodies_and_the_hands_among_them(lite):
     assert summary["errors"]["hand_orientation_error"]["max"] < 1e-3
 
 
-def test_a_held_last_frame_counts_once(lite):
-    errors = body_errors(lite, still(lite, 3))
-    for frame in (0, 1, 2, 2, 2):
-        errors.update(frame, at(np.zeros(14) if frame < 2 else np.full(14, 0.1)))
-    assert errors.summary()["tracking"]["samples"] == 3
-
-
 REFERENCE = MotionReference(
     2,
     {

@@ -92,8 +92,8 @@ def test_the_angle_between_quaternions_is_exact_from_tiny_to_half_a_turn(angle, 
 
 
 def test_joints_at_their_stops_and_at_their_effort_limit(walker):
-    q = 0.5 * (walker.lower + walker.upper)
-    q[0], q[1] = walker.lower[0] + 0.02, walker.upper[1] + 0.01
+    q = 0.5 * (ROBOT.lower + ROBOT.upper)
+    q[0], q[1] = ROBOT.lower[0] + 0.02, ROBOT.upper[1] + 0.01
     step = replace(sample(position=q), torque=0.9 * np.array(ROBOT.effort_limit))
     assert METRICS["joint_stops"].values(walker, step) == pytest.approx(0.03 + 0.06)
     assert METRICS["effort_share"].values(walker, step) == pytest.approx(N * 0.81)
