@@ -32,7 +32,7 @@ from humanoid_sim.stack import no_policy, recorded_contracts, recorded_policy
 
 @dataclass(frozen=True)
 class Info:
-    """Show what happened in a recording, finished or cut off: modes, efforts, how its song was played."""
+    """Show what happened in a recording, finished or cut off: modes, efforts, errors from its motion or song."""
 
     file: Path
     """Recording (.mcap)."""

@@ -400,7 +400,7 @@ def regress_speed(repetitions: int) -> Iterator[Figure]:
     suite, folder = load_suite("lite_tracking")
     drawn = changed(suite.randomisation, delay=(0.0, 0.0))
     prepared = prepare_suite(changed(suite, cases=suite.cases[:1], randomisation=drawn), folder)
-    (case,) = prepare_policy(prepared, SAMPLE_POLICY).cases
+    (case,) = prepare_policy(prepared, SAMPLE_POLICY)
     case = replace(case, steps=_POLICY_STEPS)
     batch, scenario = EpisodeBatch(case, range(_EPISODES)), case.scenario
     starts: list[tuple[FloatArray, FloatArray]] = []

@@ -66,8 +66,8 @@ class Samples:
         trace = self.trace(contract)
         arrays, actions = trace.arrays, trace.arrays["action"]
         try:
-            subject = self._subject.under(with_joint_limits(contract, self._subject.description))
-            loaded = subject.checkpoint.with_motion(subject.motion)
+            limited = with_joint_limits(contract, self._subject.description)
+            loaded = self._subject.under(limited).checkpoint.with_motion()
             wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern)
             for i, (_, observation) in enumerate(replayed(wiring, trace)):
                 far = far_values("observation", observation, arrays["observation"][i])

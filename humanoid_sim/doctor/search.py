@@ -55,7 +55,7 @@ def _found(rows: Sequence[Row], note: str) -> Result:
 def search_trace(subject: Subject, samples: Samples) -> Result:
     """Try every edit on the samples of the trainer's environment; a finding agrees with all of them."""
     contract = subject.contract
-    edits = single_edits(contract, subject.description, subject.followed, all_pairs=True)
+    edits = single_edits(contract, subject.description, subject.checkpoint.motion, all_pairs=True)
     edits = (*edits, *samples.fitted_poses(contract))
 
     def predicted(tried: Sequence[Edit]) -> list[Row]:
@@ -80,7 +80,7 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
 def search_episodes(subject: Subject, console: Console) -> Result:
     """Try every edit in one simulated episode, without support, with progress on a console."""
     contract = subject.contract
-    edits = single_edits(contract, subject.description, subject.followed)
+    edits = single_edits(contract, subject.description, subject.checkpoint.motion)
     tried = [(subject, _LONG), (subject, _SECONDS), *((subject.under(edit.contract), _SECONDS) for edit in edits)]
     with ThreadPoolExecutor(_THREADS) as pool:
         running = pool.map(lambda one: run_episode(*one), tried)

@@ -14,7 +14,6 @@ from humanoid_sim.envs.config import PolicyEnvConfig, Scenario, build_scenario, 
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.graph_motion import sweep_motion
-from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import PreparedCase
@@ -34,34 +33,27 @@ _NOTICED: Mapping[str, float] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:
-    """A policy with its present contract, the robot, and the motion that it was given to follow."""
+    """A policy with its present contract and the motion that it follows, and the robot."""
 
     checkpoint: Checkpoint
     description: RobotDescription
-    motion: Motion | None = None  # None: that of its graph, or none
+    is_motion_given: bool = False  # not in the policy's graph
 
     @property
     def contract(self) -> PolicyContract:
         """Return the contract."""
         return self.checkpoint.contract
 
-    @property
-    def followed(self) -> Motion | None:
-        """Return the motion that it follows, if any."""
-        return self.motion or self.checkpoint.motion
-
     def under(self, contract: PolicyContract) -> Subject:
         """Return the same with another contract, under which a motion has a frame a policy step."""
-        motion, inside = self.motion, self.checkpoint.motion
+        motion, policy = self.checkpoint.motion, self.checkpoint.policy
         if motion is not None:
-            motion = replace(motion, policy_dt=contract.policy_dt)
-        if inside is not None:  # its joints are the policy's, place by place
-            policy = self.checkpoint.policy
-            if contract.reference_quaternion != self.contract.reference_quaternion and isinstance(policy, OnnxPolicy):
-                inside = sweep_motion(policy, contract)
-            else:
-                inside = replace(inside, policy_dt=contract.policy_dt, joint_names=contract.joint_names)
-        return replace(self, checkpoint=replace(self.checkpoint, contract=contract, motion=inside), motion=motion)
+            names = motion.joint_names if self.is_motion_given else contract.joint_names  # a graph's have no names
+            motion = replace(motion, policy_dt=contract.policy_dt, joint_names=names)
+            reads_otherwise = contract.reference_quaternion != self.contract.reference_quaternion
+            if reads_otherwise and not self.is_motion_given and isinstance(policy, OnnxPolicy):
+                motion = sweep_motion(policy, contract)
+        return replace(self, checkpoint=replace(self.checkpoint, contract=contract, motion=motion))
 
     def scenario(self, timestep: float = _TIMESTEP) -> Scenario:
         """Return the environment of an episode that starts in the default pose, in physics steps of s at most.
@@ -72,7 +64,6 @@ class Subject:
         config = PolicyEnvConfig(
             policy=self.checkpoint,
             robot=self.description,
-            motion=self.motion,
             joint_noise=0.0,
             velocity_noise=0.0,
             physics_timestep=policy_dt / math.ceil(policy_dt / timestep - 1e-6),
@@ -92,9 +83,10 @@ def load_subject(
     checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     if checkpoint.contract.live_inputs:
         raise InputError(f"{path}: needs the live input {', '.join(checkpoint.contract.live_inputs)}; doctor has none")
-    followed = motion_of(motion, checkpoint, description)
-    checkpoint.with_motion(followed)
-    return Subject(checkpoint, description, followed)
+    given = motion_of(motion, checkpoint, description)
+    checkpoint = replace(checkpoint, motion=given or checkpoint.motion)
+    checkpoint.with_motion()
+    return Subject(checkpoint, description, given is not None)
 
 
 def run_episode(subject: Subject, seconds: float) -> Episode:
@@ -110,9 +102,9 @@ def run_episode(subject: Subject, seconds: float) -> Episode:
     steps = round(seconds / contract.policy_dt)
     try:
         scenario = subject.scenario()
-        if subject.followed is not None:
+        if subject.checkpoint.motion is not None:
             steps = min(steps, scenario.wiring.reference.frame_count - 1)
-        (episode,) = run_episodes(PreparedCase(suite, case, scenario, steps), [0], threads=1)
+        (episode,) = run_episodes(PreparedCase(suite, case, subject.checkpoint, scenario, steps), [0], threads=1)
     except (FieldError, InputError) as error:
         return Episode(case="doctor", seed=0, steps=0, duration=0.0, failure=str(error), kind="fault", metrics={})
     return episode

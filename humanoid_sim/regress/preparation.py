@@ -41,17 +41,9 @@ class PreparedCase:
 
     suite: Suite
     case: Case
+    checkpoint: Checkpoint
     scenario: Scenario
     steps: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedPolicy:
-    """A checkpoint with all cases of a suite."""
-
-    prepared: PreparedSuite
-    checkpoint: Checkpoint
-    cases: tuple[PreparedCase, ...]
 
 
 def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
@@ -107,7 +99,7 @@ def _mjcf(path: Path) -> Iterator[bytes]:
         yield from _mjcf(path.parent / name.decode())
 
 
-def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | None = None) -> PreparedPolicy:
+def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | None = None) -> list[PreparedCase]:
     """Load a checkpoint and bring it together with every case of a suite."""
     suite = prepared.suite
     checkpoint = load_checkpoint(path, contract_file, prepared.description.joint_names)
@@ -135,5 +127,5 @@ def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | No
         steps = scenario.wiring.reference.frame_count - 1
         if case.duration is not None:
             steps = round(case.duration / scenario.contract.policy_dt)
-        cases.append(PreparedCase(suite, case, scenario, max(steps, 1)))
-    return PreparedPolicy(prepared, checkpoint, tuple(cases))
+        cases.append(PreparedCase(suite, case, checkpoint, scenario, max(steps, 1)))
+    return cases

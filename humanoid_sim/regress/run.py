@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import platform
 import socket
@@ -23,11 +22,12 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError, blaming, needing, reason_of
 from humanoid_sim.files import output_file, regular_file, whole_file
+from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.regress import RegressConfig
 from humanoid_sim.regress.compare import compare_runs
 from humanoid_sim.regress.episodes import run_episodes
-from humanoid_sim.regress.preparation import PreparedPolicy, PreparedSuite, prepare_policy, prepare_suite
+from humanoid_sim.regress.preparation import PreparedCase, PreparedSuite, prepare_policy, prepare_suite
 from humanoid_sim.regress.report import junit_xml, print_results, report_page
 from humanoid_sim.regress.results import Candidate, Episode, PolicyRun, Results
 from humanoid_sim.regress.suite import Suite, load_suite
@@ -68,7 +68,7 @@ def tested(config: RegressConfig) -> Results:
     stems = [path.stem for path in paths]
     names = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, given, strict=True)]
     with _cluster(config.ray) as ray:
-        runs = [_run(name, policy, ray) for name, policy in zip(names, policies, strict=True)]
+        runs = [_run(name, prepared, cases, ray) for name, cases in zip(names, policies, strict=True)]
     if len(runs) > len(config.policies):
         baseline = runs.pop()
     candidates = tuple(Candidate(run=run, comparisons=compare_runs(prepared.suite, baseline, run)) for run in runs)
@@ -96,17 +96,17 @@ def _chosen(suite: Suite, config: RegressConfig) -> Suite:
     return replace(suite, cases=cases, seeds=seeds)
 
 
-def _run(name: str, policy: PreparedPolicy, ray: Any) -> PolicyRun:
+def _run(name: str, prepared: PreparedSuite, cases: Sequence[PreparedCase], ray: Any) -> PolicyRun:
     """Run a policy's episodes case by case and seed by seed: in this process without Ray, with the same results."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "onnxruntime")}
-    local = (run_episodes(case, range(case.suite.seeds)) for case in policy.cases)
-    running = local if ray is None else _run_on_ray(ray, policy)
+    local = (run_episodes(case, range(case.suite.seeds)) for case in cases)
+    running = local if ray is None else _run_on_ray(ray, prepared, cases[0].checkpoint)
     episodes = tuple(chain.from_iterable(track(running, name, console=Console(stderr=True), transient=True)))
     return PolicyRun(
         name=name,
-        source=policy.checkpoint.source,
-        sha256=policy.checkpoint.sha256,
-        case_digests=policy.prepared.digests,
+        source=cases[0].checkpoint.source,
+        sha256=cases[0].checkpoint.sha256,
+        case_digests=prepared.digests,
         episodes=episodes,
         versions={"humanoid_sim": __version__, **packages, "platform": platform.platform()},
     )
@@ -136,10 +136,9 @@ def _cluster(address: str | None) -> Iterator[Any]:
         ray.shutdown()
 
 
-def _run_on_ray(ray: Any, policy: PreparedPolicy) -> Iterator[list[Episode]]:
-    suite, task = policy.prepared.suite, ray.remote(num_cpus=1)(run_seeds)
-    file, contract = Path(policy.checkpoint.source).resolve(), policy.checkpoint.contract_file
-    parcel = ray.put((policy.prepared, file, contract and contract.resolve()))
+def _run_on_ray(ray: Any, prepared: PreparedSuite, checkpoint: Checkpoint) -> Iterator[list[Episode]]:
+    task, suite, contract = ray.remote(num_cpus=1)(run_seeds), prepared.suite, checkpoint.contract_file
+    parcel = ray.put((prepared, Path(checkpoint.source).resolve(), contract and contract.resolve()))
     seeds = [range(suite.seeds)[at : at + _CHUNK] for at in range(0, suite.seeds, _CHUNK)]
     for running in [task.remote(parcel, i, chunk) for i in range(len(suite.cases)) for chunk in seeds]:
         yield ray.get(running)
@@ -147,10 +146,7 @@ def _run_on_ray(ray: Any, policy: PreparedPolicy) -> Iterator[list[Episode]]:
 
 def run_seeds(parcel: tuple[PreparedSuite, Path, Path | None], i: int, seeds: Sequence[int]) -> list[Episode]:
     """Run some seeds of a suite's case `i`, as a worker of a cluster does."""
-    prepared, file, contract = parcel
-    one = replace(prepared.suite, cases=prepared.suite.cases[i : i + 1])
-    (case,) = prepare_policy(dataclasses.replace(prepared, suite=one), file, contract).cases
-    return run_episodes(case, seeds, threads=1)
+    return run_episodes(prepare_policy(*parcel)[i], seeds, threads=1)
 
 
 def stored_baseline(prepared: PreparedSuite, path: Path) -> PolicyRun:

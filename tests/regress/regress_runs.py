@@ -41,7 +41,7 @@ def yaml_suite(folder: Path, text: str = SHORT) -> Path:
 def prepared(suite: Suite | Path, policy: Path = SAMPLE, robot: str | None = None) -> PreparedCase:
     """The first case of a suite with a policy."""
     loaded, folder = (suite, Path()) if isinstance(suite, Suite) else load_suite(str(suite))
-    return prepare_policy(prepare_suite(loaded, folder, robot), policy).cases[0]
+    return prepare_policy(prepare_suite(loaded, folder, robot), policy)[0]
 
 
 def changed_copy(output: Path, operator: str, value: np.ndarray, **attributes: int) -> Path:
