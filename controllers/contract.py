@@ -48,25 +48,16 @@ class HeightScan:
     at: str = BASE  # the body in the grid's middle: `base`, `imu`, or the name of a site or body
     grid: tuple[float, float] = (1.6, 1.0)  # m, length along the body's x and y
     resolution: float = 0.1  # m between two points
-    ray_order: Literal["xy", "yx"] = "xy"  # the coordinate that changes first from one value to the next
     offset: float = 0.0  # m
-    range: float = 5.0  # m, length of a ray
-    miss: float | None = None  # m, value of a ray that hits nothing; None: its range
-    above: float = 0.0  # m above the body where rays begin
+    range: float = 5.0  # m, length of a ray, and the value of one that hits nothing
 
     def __post_init__(self) -> None:
         checks = {
             "resolution": (0.0 < self.resolution < np.inf, "m > 0"),
             "range": (0.0 < self.range < np.inf, "m > 0"),
-            "above": (0.0 <= self.above < np.inf, "m >= 0"),
             "grid": (len(self.grid) == 2 and all(0.0 <= side < np.inf for side in self.grid), "two lengths, m >= 0"),
         }
         require_fields("HeightScan", self, checks)
-
-    @property
-    def missed(self) -> float:
-        """m, value of a ray that hits nothing."""
-        return self.range if self.miss is None else self.miss
 
     @property
     def count(self) -> int:
@@ -75,12 +66,10 @@ class HeightScan:
 
     @property
     def points(self) -> FloatArray:
-        """Shape (count, 2), m, x and y from the grid's middle, in the order of the values."""
+        """Shape (count, 2), m, x and y from the grid's middle, in the order of the values: x changes first."""
         # Those within the grid, however a multiple of the resolution is rounded.
         x, y = (np.arange(int(side / self.resolution + 1e-6) + 1) * self.resolution - 0.5 * side for side in self.grid)
-        if self.ray_order == "xy":
-            return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
-        return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
+        return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

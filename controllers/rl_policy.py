@@ -104,6 +104,7 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
             raise TypeError(f"answered values of type {answer.dtype}, expected floats")
         with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
             action = answer.astype(np.float32)
+        action.setflags(write=False)
     except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
         return Fault(f"policy failed: {error}", policy_error=str(error))
     step = PolicyStep(frame, observation, action)

@@ -115,12 +115,6 @@ class PolicyStep:
     observation: npt.NDArray[np.float32]  # shape (N,), the terms in their order
     action: npt.NDArray[np.float32]  # shape (M,), raw: neither scaled nor offset
 
-    def __post_init__(self) -> None:
-        for name in ("observation", "action"):
-            array = np.array(getattr(self, name), dtype=np.float32)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
 
 @dataclass(frozen=True, slots=True)
 class FaultReport:

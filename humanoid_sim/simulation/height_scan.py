@@ -21,7 +21,7 @@ class HeightScanner:
         geoms = [i for i in fixed_geoms(model) if model.body_rootid[model.geom_bodyid[i]] != robot]
         self._ground = Batch(ground_model(model, geoms), count, threads)
         self._scan = scan
-        self._points = np.concatenate([scan.points, np.full((scan.count, 1), scan.above)], axis=1)
+        self._points = scan.points
 
     def scan(self, pose: FloatArray) -> FloatArray:
         """Return the values, shape (..., rays), m, of level grids around poses (..., 7), m and w x y z, world frame."""
@@ -31,9 +31,9 @@ class HeightScanner:
         is_steep = np.hypot(*forward) < _STEEP  # where x points up or down, y has the heading
         yaw = np.where(is_steep, np.arctan2(-leftward[0], leftward[1]), np.arctan2(forward[1], forward[0]))
         cos, sin = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
-        px, py, pz = self._points.T
-        turned = np.broadcast_arrays(cos * px - sin * py, sin * px + cos * py, pz)
+        px, py = self._points.T
+        turned = cos * px - sin * py, sin * px + cos * py, np.zeros((*yaw.shape, len(px)))
         origin = (np.stack(turned, axis=-1) + pose[..., None, :3]).reshape(-1, len(px), 3)
         distance = self._ground.ray(origin, DOWN, GROUND_GROUP)[0].reshape(*yaw.shape, len(px))
         is_hit = (distance >= 0.0) & (distance <= self._scan.range)
-        return np.where(is_hit, distance - self._scan.above - self._scan.offset, self._scan.missed)
+        return np.where(is_hit, distance - self._scan.offset, self._scan.range)
