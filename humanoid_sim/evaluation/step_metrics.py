@@ -33,7 +33,6 @@ class StepMetric:
     """A figure of a policy step."""
 
     unit: str
-    formula: str
     values: Values
     needs: Needs  # part of robot, contract or motion without which it means nothing
 
@@ -188,55 +187,47 @@ def _key_ratio(which: int) -> Values:
 
 # --- the table ---
 
-_ROWS: Mapping[Needs, Mapping[str, tuple[str, str, Values]]] = {
+_ROWS: Mapping[Needs, Mapping[str, tuple[str, Values]]] = {
     "": {
-        "alive": ("1", "1", lambda _, s: np.ones(s.torque.shape[:-1])),
-        "effort": ("N·m", "rms torque over the joints", lambda _, s: rms(s.torque)),
-        "effort_share": ("1", "sum of (torque / effort limit)²", lambda c, s: _squares(s.torque * c.inverse_effort)),
-        "power": ("W", "sum of |torque · speed|", lambda _, s: _total(np.abs(s.torque * s.state.joint_velocity))),
-        "joint_speed": ("rad²/s²", "sum of squared speeds", lambda _, s: _squares(s.state.joint_velocity)),
-        "joint_stops": ("rad", "sum of how far joints are beyond their limits less 0.05 rad", _joint_stops),
-        "action_change": ("action²", "sum of its squared change", lambda _, s: _squares(s.action - s.previous_action)),
+        "alive": ("1", lambda _, s: np.ones(s.torque.shape[:-1])),
+        "effort": ("N·m", lambda _, s: rms(s.torque)),  # over the joints
+        "effort_share": ("1", lambda c, s: _squares(s.torque * c.inverse_effort)),  # sum of (torque / limit)²
+        "power": ("W", lambda _, s: _total(np.abs(s.torque * s.state.joint_velocity))),  # sum of |torque · speed|
+        "joint_speed": ("rad²/s²", lambda _, s: _squares(s.state.joint_velocity)),
+        "joint_stops": ("rad", _joint_stops),  # sum of how far joints are beyond their limits less 0.05 rad
+        "action_change": ("action²", lambda _, s: _squares(s.action - s.previous_action)),
     },
     "floating base": {
-        "fallen": ("1", "1 where it has fallen", lambda c, s: has_fallen(_base(s), c.standing_height).astype(float)),
-        "tilt": ("rad", "angle of the axis that points up where it stands", lambda _, s: _base(s).tilt),
-        "lean": ("1", "squared sine of its z axis' tilt", lambda _, s: _squares(_base(s).gravity[..., :2])),
-        "vertical_velocity": ("m²/s²", "square of it", lambda _, s: np.asarray(_base(s).linear_velocity[..., 2] ** 2)),
-        "rocking": ("rad²/s²", "w_x² + w_y², base frame", lambda _, s: _squares(_base(s).angular_velocity[..., :2])),
-        "velocity_error": ("m/s", "|v - v_command|, horizontal", lambda _, s: length(_off_command(s)[..., :2])),
-        "yaw_rate_error": ("rad/s", "|yaw rate - its command|", lambda _, s: np.abs(_off_command(s)[..., 2])),
+        "fallen": ("1", lambda c, s: has_fallen(_base(s), c.standing_height).astype(float)),
+        "tilt": ("rad", lambda _, s: _base(s).tilt),  # of the axis that points up where it stands
+        "lean": ("1", lambda _, s: _squares(_base(s).gravity[..., :2])),  # squared sine of its z axis' tilt
+        "vertical_velocity": ("m²/s²", lambda _, s: np.asarray(_base(s).linear_velocity[..., 2] ** 2)),
+        "rocking": ("rad²/s²", lambda _, s: _squares(_base(s).angular_velocity[..., :2])),  # w_x² + w_y², base frame
+        "velocity_error": ("m/s", lambda _, s: length(_off_command(s)[..., :2])),  # |v - v_command|, horizontal
+        "yaw_rate_error": ("rad/s", lambda _, s: np.abs(_off_command(s)[..., 2])),
     },
-    "motion": {  # from its tracked bodies in the base frame, or from its anchor in the world
-        "strayed": ("1", "1 where it has strayed", _strayed),
-        "body_position_error": (
-            "m",
-            "rms distance",
-            lambda c, s: rms(_distance(c, s)) if c.tracked else _anchor_distance(c, s),
-        ),
-        "body_orientation_error": (
-            "rad",
-            "rms angle",
-            lambda c, s: rms(_angle(c, s)) if c.tracked else _anchor_angle(c, s),
-        ),
+    "motion": {  # rms over its tracked bodies in the base frame, or of its anchor in the world
+        "strayed": ("1", _strayed),
+        "body_position_error": ("m", lambda c, s: rms(_distance(c, s)) if c.tracked else _anchor_distance(c, s)),
+        "body_orientation_error": ("rad", lambda c, s: rms(_angle(c, s)) if c.tracked else _anchor_angle(c, s)),
     },
     "motion of bodies": {
-        "hand_position_error": ("m", "rms distance of hands", lambda c, s: rms(_distance(c, s)[..., c.hands])),
-        "hand_orientation_error": ("rad", "rms angle of hands", lambda c, s: rms(_angle(c, s)[..., c.hands])),
+        "hand_position_error": ("m", lambda c, s: rms(_distance(c, s)[..., c.hands])),
+        "hand_orientation_error": ("rad", lambda c, s: rms(_angle(c, s)[..., c.hands])),
     },
-    "motion with joints": {"joint_error": ("rad", "rms(q - q_motion)", _joint_error)},
+    "motion with joints": {"joint_error": ("rad", _joint_error)},  # rms(q - q_motion)
     "motion with an anchor": {
-        "anchor_position_error": ("m", "distance of the anchor", _anchor_distance),
-        "anchor_orientation_error": ("rad", "angle to the anchor", _anchor_angle),
+        "anchor_position_error": ("m", _anchor_distance),
+        "anchor_orientation_error": ("rad", _anchor_angle),
     },
     "song": {  # recall and no wrong key are the key press reward of RoboPianist (Zakka et al. 2023)
-        "no_wrong_key": ("1", "1 where no other key is down", _no_wrong_key),
-        "precision": ("share", "of the keys that are down, those that should be", _key_ratio(0)),
-        "recall": ("share", "of the keys that should be down, those that are; 1 without any", _key_ratio(1)),
-        "f1": ("share", "harmonic mean of precision and recall", _key_ratio(2)),
+        "no_wrong_key": ("1", _no_wrong_key),  # 1 where no other key is down
+        "precision": ("share", _key_ratio(0)),  # of the keys that are down, those that should be
+        "recall": ("share", _key_ratio(1)),  # of the keys that should be down, those that are; 1 without any
+        "f1": ("share", _key_ratio(2)),  # harmonic mean of precision and recall
     },
 }
-_CLOSENESS = {  # rewards that are 1 without an error, and e⁻¹ where the error is the scale
+_CLOSENESS = {  # rewards exp(-(error / scale)²): the error, and the scale in its unit
     "body_position": ("body_position_error", 0.1),
     "body_orientation": ("body_orientation_error", 0.4),
     "joint_position": ("joint_error", 0.3),
@@ -253,7 +244,7 @@ def _closeness(of: str, scale: float) -> StepMetric:
     def values(c: StepContext, s: StepSample) -> FloatArray:
         return np.asarray(np.exp(-np.square(error.values(c, s) / scale)))
 
-    return StepMetric("1", f"exp(-({of} / {scale:g} {error.unit})²)", values, error.needs)
+    return StepMetric("1", values, error.needs)
 
 
 _ERRORS = {name: StepMetric(*row, needs) for needs, rows in _ROWS.items() for name, row in rows.items()}
