@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from motion_samples import BODIES, joint_frames, joint_path, lite, state_of
+from motion_samples import BODIES, joint_frames, joint_path, lite, prepare, refusal, state_of
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
@@ -12,7 +11,6 @@ from humanoid_sim.prepare import main
 # The deprecation warnings of lerobot and of what it imports are not ours.
 pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]
 
-POLICY = asset_path("policies", "lite_tracking.onnx")
 ORDER = np.random.default_rng(2).permutation(14)
 
 
@@ -50,18 +48,12 @@ NAMES = {
 }
 
 
-def prepare(tmp_path, *options):
-    return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *options])
-
-
 def test_an_episode_becomes_a_motion(tmp_path, capsys):
     paths = [joint_path(30, seed) for seed in range(3)]
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(path) for path in paths], NAMES)
-    assert prepare(tmp_path, "--motion", str(root)) == 2
-    assert "--episode: is None, expected one of the 3 episodes" in capsys.readouterr().err
-    assert prepare(tmp_path, "--motion", str(root), "--episode", "3") == 2
-    assert "--episode: is 3" in capsys.readouterr().err
-    assert prepare(tmp_path, "--motion", str(root), "--episode", "1") == 0
+    assert "--episode: is None, expected one of the 3 episodes" in refusal(capsys, tmp_path, root)
+    assert "--episode: is 3" in refusal(capsys, tmp_path, root, "--episode", "3")
+    assert prepare(tmp_path, root, "--episode", "1") == 0
     motion = read_motion(tmp_path / "out" / "dances_1.mcap")
     np.testing.assert_allclose(motion.frames, joint_frames(lite(), paths[1]), atol=2e-6)
     assert "5 bodies fit" in capsys.readouterr().out
@@ -71,7 +63,7 @@ def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys):
     frames = joint_frames(lite(), joint_path())
     episode = {"motion_body_pos_b": frames[:, :12], "motion_body_ori_b": frames[:, 12:]}
     root = write_dataset(tmp_path / "dances", [episode], {})
-    assert prepare(tmp_path, "--motion", str(root)) == 0
+    assert prepare(tmp_path, root) == 0
     np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, frames, atol=2e-6)
     assert "inverse kinematics" in capsys.readouterr().out
 
@@ -80,18 +72,13 @@ def test_a_damaged_dataset(tmp_path, capsys):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
     file = next((root / "data").rglob("*.parquet"))
     file.write_bytes(file.read_bytes()[:-100])
-    assert prepare(tmp_path, "--motion", str(root)) == 2
-    error = capsys.readouterr().err
-    assert f"{root}" in error
-    assert "cannot be read as a LeRobot dataset" in error
+    assert f"{root}: cannot be read as a LeRobot dataset" in refusal(capsys, tmp_path, root)
 
 
 @pytest.mark.timeout(180)
 def test_a_dataset_on_the_hub_while_offline(tmp_path, capsys):
-    assert prepare(tmp_path, "--motion", "lab/dances-that-nobody-has") == 2
-    error = capsys.readouterr().err
-    assert "'lab/dances-that-nobody-has' cannot be fetched from the hub" in error
-    assert error.count("\n") == 1
+    name = "lab/dances-that-nobody-has"
+    assert f"'{name}' cannot be fetched from the hub" in refusal(capsys, tmp_path, name)
 
 
 @pytest.mark.timeout(180)  # by itself the library asks again for hours
