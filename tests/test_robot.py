@@ -36,7 +36,7 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     assert actuators["knee"] == ["servo", "100", "3", "any", "0.2 to 2"]
     assert actuators["hip"] == ["motor", "0", "0", "-20 to 20", "any"]
     assert texts["base"] == "floating, body 'trunk', starts with its lowest part on the floor"
-    assert texts["IMU"] == "site 'my_imu' on 'trunk', the base (the site of a gyro)"
+    assert texts["IMU"] == "site 'my_imu' on 'trunk', the base"
     assert texts["CAN motors"].startswith("none")
     assert texts["passive joints"] == "spring"
     assert texts["without effort limit"] == "knee"

@@ -90,26 +90,25 @@ def _described(document: Any, folder: Path) -> RobotDescription:
     return robot
 
 
-def _completed(document: dict[str, Any], mjcf: Path) -> dict[str, Any]:
+def _completed(changes: dict[str, Any], mjcf: Path) -> dict[str, Any]:
+    """Return what an MJCF says, with changes; those of joints and of their initial positions are by name."""
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 
     described = describe_mjcf(mjcf)
-    whole = msgspec.to_builtins(described)
-    for name, fields in document.get("joints", {}).items():
-        require_known("joint", [name], described.joint_names, "joints: ")
+    whole, names = msgspec.to_builtins(described), described.joint_names
+    joints, pose = changes.get("joints", {}), changes.get("initial_position", {})
+    require_known("joint", joints, names, "joints: ")
+    for joint in whole["joints"]:
+        fields = joints.get(joint["name"], {})
         if not isinstance(fields, dict):
-            raise InputError(f"joints.{name}: is {fields!r}, expected fields to change, such as {{effort_limit: 60}}")
-        whole["joints"][described.joint_names.index(name)].update(fields)
-    changes = {name: value for name, value in document.items() if name != "joints"}
-    pose = changes.get("initial_position")
+            raise InputError(f"joints.{joint['name']}: is {fields!r}, expected fields, such as {{effort_limit: 60}}")
+        joint.update(fields)
     if isinstance(pose, dict):
-        require_known("joint", pose, described.joint_names, "initial_position: ")
-        own = dict(zip(described.joint_names, described.initial_position, strict=True))
-        pose = changes["initial_position"] = list((own | pose).values())
-    if pose is not None:  # the robot's standby pose is where it starts
-        for standby in _STANDBYS:
-            whole[standby]["pose_segments"] = [pose]
-    return _merged(whole, changes)
+        require_known("joint", pose, names, "initial_position: ")
+        pose = [pose.get(name, own) for name, own in zip(names, described.initial_position, strict=True)]
+    for standby in _STANDBYS:  # the robot's standby pose is where it starts
+        whole[standby]["pose_segments"] = [pose]
+    return _merged(whole, {**changes, "joints": whole["joints"], "initial_position": pose})
 
 
 def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

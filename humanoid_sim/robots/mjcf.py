@@ -28,9 +28,6 @@ from humanoid_sim.robots.schema import (
 NO_RANGE = (-math.inf, math.inf)
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _SITE = mujoco.mjtObj.mjOBJ_SITE
-_SENSOR = mujoco.mjtSensor
-# Sensors of an orientation, or of how it moves; those of positions alone are often a foot's.
-_FRAME = (_SENSOR.mjSENS_ACCELEROMETER, _SENSOR.mjSENS_FRAMEQUAT, _SENSOR.mjSENS_FRAMEZAXIS, _SENSOR.mjSENS_FRAMEANGVEL)
 _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}  # s: resolves contacts of feet; damping is stable
 _STANDBY_SECONDS = 2.0
@@ -126,7 +123,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
         folder=str(path.resolve().parent),
         joints=tuple(described),
         initial_position=tuple(pose),
-        imu=_find_imu(model, base)[0],
+        imu=_find_imu(model, base),
         base=BaseSettings("floating", model.body(base).name) if is_floating else BaseSettings(),
         simulation=SimulationSettings(physics_timestep=timestep),
         damping_controller=DampingSettings(damping_scalar=0.0),
@@ -153,35 +150,25 @@ def _root_of(model: mujoco.MjModel, joint: int) -> int:
     return int(model.body_rootid[model.jnt_bodyid[joint]])
 
 
-def _find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
-    sites = [i for i in np.flatnonzero(model.body_rootid[model.site_bodyid] == base).tolist() if model.site(i).name]
-    gyros, frames = _with_sensor(model, sites, (_SENSOR.mjSENS_GYRO,)), _with_sensor(model, sites, _FRAME)
-    named = [i for i in sites if "imu" in model.site(i).name.lower() and model.site_bodyid[i] == base]
-    for found, why in (
-        ([i for i in gyros if model.site_bodyid[i] == base], "the site of a gyro"),
-        (gyros if len(gyros) == 1 else [], "the site of the only gyro"),
-        (named, "a site of the base named like an IMU"),
-        (frames if len(frames) == 1 else [], "the only site with a sensor of its orientation"),
-    ):
-        if found:
-            return model.site(found[0]).name, why
-    return model.body(base).name, "no site of the model is clearly the IMU"
-
-
-def _with_sensor(model: mujoco.MjModel, sites: list[int], kinds: tuple[mujoco.mjtSensor, ...]) -> list[int]:
-    chosen = np.isin(model.sensor_type, [int(kind) for kind in kinds]) & (model.sensor_objtype == int(_SITE))
-    return [i for i in dict.fromkeys(model.sensor_objid[chosen].tolist()) if i in sites]
+def _find_imu(model: mujoco.MjModel, base: int) -> str:
+    """Return the site of a gyro on the base, else of the only gyro, else named like an IMU; or the base itself."""
+    is_gyro = (model.sensor_type == mujoco.mjtSensor.mjSENS_GYRO) & (model.sensor_objtype == _SITE)
+    named = [i for i in range(model.nsite) if model.site(i).name]
+    gyros = [i for i in named if i in model.sensor_objid[is_gyro] and model.body_rootid[model.site_bodyid[i]] == base]
+    on_base = [i for i in named if model.site_bodyid[i] == base]
+    places = [i for i in on_base if i in gyros] or (gyros if len(gyros) == 1 else [])
+    places = places or [i for i in on_base if "imu" in model.site(i).name.lower()]
+    return str(model.site(places[0]).name if places else model.body(base).name)
 
 
 def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """Return which frame of a robot's model is its IMU, on which body, and why that one."""
+    """Return which frame of a robot's model is its IMU, and on which body."""
     base = _root_of(model, model.joint(description.joints[0].name).id)
-    name, (found, why) = description.imu, _find_imu(model, base)
+    name = description.imu
     site = mujoco.mj_name2id(model, _SITE, name)
     body = model.body(int(model.site_bodyid[site]) if site >= 0 else name)
     owner = "the base" if body.id == base else f"not the base '{model.body(base).name}'"
-    frame = f"site '{name}' on '{body.name}'" if site >= 0 else f"body '{name}'"
-    return f"{frame}, {owner} ({why if name == found else 'as it was given'})"
+    return f"site '{name}' on '{body.name}', {owner}" if site >= 0 else f"body '{name}', {owner}"
 
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> dict[str, float]:
@@ -207,12 +194,10 @@ def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
     found: dict[str, OwnActuator] = {}
     for i in np.flatnonzero(np.isin(model.actuator_trntype, _ON_JOINT)).tolist():
         own = _own_actuator(model, i)
-        if own.joint in found:  # such as one for its position and one for its velocity
-            other = found[own.joint]
-            stiffness, damping = own.stiffness + other.stiffness, own.damping + other.damping
+        if other := found.get(own.joint):  # such as one for its position and one for its velocity
             force = (own.force_range[0] + other.force_range[0], own.force_range[1] + other.force_range[1])
-            stiffer = own if own.stiffness > other.stiffness else other
-            own = replace(stiffer, stiffness=stiffness, damping=damping, force_range=force)
+            gains = {"stiffness": own.stiffness + other.stiffness, "damping": own.damping + other.damping}
+            own = replace(own if own.stiffness > other.stiffness else other, force_range=force, **gains)
         found[own.joint] = own
     return found
 

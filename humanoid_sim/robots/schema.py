@@ -219,15 +219,6 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
         """Return the description as JSON on one line, without folder: what a recording keeps."""
         document = msgspec.to_builtins(self)
         del document["folder"]
-        # Left out where they are the defaults: digests of older baselines stay comparable.
-        for joint in document["joints"]:
-            if joint["dynamics"] is None:
-                del joint["dynamics"]
-        if self.hardware.imu_mounting == HardwareSettings().imu_mounting:
-            del document["hardware"]["imu_mounting"]
-        for name, default in (("guards", GuardSettings()), ("topic_prefix", ""), ("piano", None)):
-            if getattr(self, name) == default:
-                del document[name]
         return msgspec.json.encode(document).decode()
 
     @classmethod
