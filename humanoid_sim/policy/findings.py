@@ -12,6 +12,7 @@ Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
 _LISTED = 3  # joints that a message names before it counts them
+_WIDTH = 60  # characters of a value
 _VALUES = 6  # values of an array that are shown one by one
 
 
@@ -36,8 +37,8 @@ def list_joints(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> st
     return ", ".join(items) if more <= 1 else f"{', '.join(items[:_LISTED])} and {more} more"
 
 
-def shown(value: Any, width: int = 60) -> str:
-    """Return a value as a person would write it, in at most `width` characters."""
+def shown(value: Any) -> str:
+    """Return a value as a person would write it, in at most 60 characters."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "true", False: "false"}[value]
     if isinstance(value, dict):
@@ -52,7 +53,7 @@ def shown(value: Any, width: int = 60) -> str:
         text = f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
     else:
         text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= width else f"{text[: width - 3]}..."
+    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."
 
 
 def is_assumed(source: str) -> bool:
@@ -74,17 +75,16 @@ def contract_rows(values: Mapping[str, Any], source: Mapping[str, str]) -> list[
     parts: dict[tuple[str, str], list[str]] = {}
     for name, value in values.items():
         owner, _, part = name.rpartition(".")
-        parts.setdefault((owner or name, source[name]), []).append(
-            f"{part} {shown(value)}" if owner else in_words(value)
-        )
-    rows: list[tuple[str, str, str]] = []
-    terms: dict[tuple[str, str], list[str]] = {}
-    for (owner, origin), texts in parts.items():
-        if owner.startswith("observation."):
-            terms.setdefault((", ".join(texts), origin), []).append(owner.removeprefix("observation."))
-        else:
-            rows.append((owner, ", ".join(texts), origin))
-    return rows + [("terms", f"{text} of {', '.join(names)}", origin) for (text, origin), names in terms.items()]
+        text = f"{part} {shown(value)}" if owner else in_words(value)
+        parts.setdefault((owner or name, source[name]), []).append(text)
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for (owner, origin), texts in sorted(parts.items(), key=lambda item: item[0][0].startswith("observation.")):
+        field, _, term = owner.partition(".")
+        rows.setdefault(("terms" if term else field, ", ".join(texts), origin), []).append(term)
+    return [
+        (field, f"{text} of {', '.join(terms)}" if field == "terms" else text, origin)
+        for (field, text, origin), terms in rows.items()
+    ]
 
 
 def in_words(value: Any) -> str:
