@@ -218,7 +218,7 @@ class PolicyContract:
         checks = {
             "lookahead_steps": (has_lookahead, "the steps ahead that target_keys_future shows"),
             "history_layout": (is_one_history, "per_term where terms show different numbers of steps"),
-            "policy_dt": (0.0 < self.policy_dt < np.inf, "seconds > 0"),
+            "policy_dt": (0.0 < self.policy_dt <= 1.0, "seconds > 0, at most 1"),
             "action_clip": (self.action_clip > 0.0, "a number > 0"),
             "action_limit": (self.action_limit > 0.0, "a number > 0"),
         }

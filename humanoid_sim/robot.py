@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
         with whole_file(output) as file:
             file.write(text.encode())
-        print(f"wrote {output}; a URDF has no armature, and often no ranges and effort limits: complete it")
+        print(f"wrote {output}, with the collision geometry alone; a URDF has no armature: complete it")
+        for joint in load_robot(output).joints:
+            bounds = {"range": joint.upper, "effort limit": joint.effort_limit}
+            lacking = [what for what, bound in bounds.items() if math.isinf(bound)]
+            if lacking:
+                print(f"{joint.name} has no {' and no '.join(lacking)}")
         return 0
     robot = load_robot(options.robot)
     model, console = bare_model(robot), make_console()

@@ -16,7 +16,7 @@ def described(capsys, *arguments):
     lines = capsys.readouterr().out.splitlines()
     cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
     texts = dict(line.split("  ", 1) for line in lines if "  " in line and "│" not in line and "━" not in line)
-    rows = [{row[0]: row[1:] for row in cells if len(row) == width} for width in (9, 6)]
+    rows = [{row[0]: row[1:] for row in cells if len(row) == width} for width in (10, 6)]
     return *rows, {name: text for name, text in texts.items() if not name.startswith(("joints of", "the model"))}
 
 
@@ -31,8 +31,8 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
         text = text.replace(old, new)
     hopper.write_text(text)
     joints, actuators, texts = described(capsys, hopper)
-    assert joints["hip"] == ["-1 to 1", "20", "policy's", "policy's", "0.02", "0", "0", "0"]
-    assert joints["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.02", "0.1", "0.25", "0.2"]
+    assert joints["hip"] == ["-1 to 1", "20", "policy's", "policy's", "0.02", "0", "0", "0", "0"]
+    assert joints["knee"] == ["0.2 to 2", "none", "policy's", "policy's", "0.02", "0.1", "0.25", "0", "0.2"]
     assert actuators["knee"] == ["servo", "100", "3", "any", "0.2 to 2"]
     assert actuators["hip"] == ["motor", "0", "0", "-20 to 20", "any"]
     assert texts["base"] == "floating, body 'trunk', starts with its lowest part on the floor"

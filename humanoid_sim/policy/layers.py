@@ -158,7 +158,7 @@ class _Names:
 
     def value(self, key: str, value: Any, where: str) -> Any:
         """Return names of joints, and values by their names, in the order of the joints, where these are known."""
-        with blaming(f"{where}: is not a pattern of names", re.error):
+        with blaming(f"{where}: {shown(value)} has no pattern of names", re.error):
             if self.joints and value is not None and (key == "action_joint_names" or key.endswith(".joints")):
                 return _chosen(value, self.joints, where)
             if self.joints and isinstance(value, dict):
@@ -211,7 +211,7 @@ class _Names:
             if kind.name == HEIGHT_SCAN and f"observation.{name}.width" not in found:
                 needed.append(f"observation.{name}.scan")  # its usual one is mjlab's alone
         needed += ["phase.period"] if any(name.startswith("phase.") for name in found) else []
-        given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value]
+        given = [name for name, (value, _) in found.items() if isinstance(value, np.ndarray) or value not in ("", ())]
         return tuple(dict.fromkeys(name for name in needed if name not in given))
 
 
@@ -227,6 +227,9 @@ def checked(name: str, value: Any, where: str) -> Any:
     is_places = isinstance(value, list) and len(value) > 0 and all(type(item) is int for item in value)
     if option in ("action_joint_names", "joints") and (is_places or isinstance(value, slice)):
         return value
+    choices = [kind for kind in kinds if isinstance(kind, str)]
+    if choices and value not in choices:
+        raise InputError(f"{where}: is {shown(value)}, expected {' or '.join(choices)}")
     with blaming(f"{where}: is {shown(value)}", (msgspec.ValidationError, TypeError, ValueError)):
         if option == "position_clip" and isinstance(value, str):
             return value
@@ -315,7 +318,7 @@ def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContrac
     for name, value in values.items():
         owner, _, part = name.rpartition(".")
         parts[owner][part] = value
-    fields = {**parts[""], "observation": [Term(**parts[name]) for name in terms]}
+    fields = {**parts[""], "observation": [Term(**parts[f"observation.{name}"]) for name in values["observation"]]}
     if parts["phase"]:
         fields["phase"] = PhaseRule(**parts["phase"])
     return PolicyContract(**fields, tensors=TensorNames(**parts["tensors"]), source=source)

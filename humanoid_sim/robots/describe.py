@@ -18,7 +18,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 def joint_table(robot: RobotDescription, model: mujoco.MjModel) -> Table:
     """Return the robot's joints with limits, gains, and the dynamics that simulations have."""
-    headings = ("range", "effort limit", "K_p", "K_d", "armature", "friction", "damping", "start")
+    headings = ("range", "effort limit", "K_p", "K_d", "armature", "friction", "damping", "spring", "start")
     table = _table(f"joints of '{escape(robot.name)}' (rad, N·m, kg·m²)", *headings)
     for joint, start in zip(robot.joints, robot.initial_position, strict=True):
         dof = int(model.joint(joint.name).dofadr[0])
@@ -28,7 +28,7 @@ def joint_table(robot: RobotDescription, model: mujoco.MjModel) -> Table:
             dynamics = [own if value is None else value for own, value in zip(dynamics, measured, strict=True)]
         effort = "none" if math.isinf(joint.effort_limit) else f"{joint.effort_limit:g}"
         gains = [f"{value:g}" if value else "policy's" for value in (joint.stiffness, joint.damping)]
-        values = [f"{value:g}" for value in (*dynamics, start)]
+        values = [f"{value:g}" for value in (*dynamics, model.joint(joint.name).stiffness[0], start)]
         table.add_row(escape(joint.name), _span((joint.lower, joint.upper)), effort, *gains, *values)
     return table
 

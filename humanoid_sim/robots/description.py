@@ -55,6 +55,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
+    if path.is_file() and path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{name}: is no robot, expected an MJCF (.xml), a URDF, or a robot's YAML file")
     document = read_yaml(path, what=f"a robot's YAML file, an MJCF or one of: {', '.join(known)}")
     with blaming(path, InputError):
         return _described(document, path.resolve().parent)

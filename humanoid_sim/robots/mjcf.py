@@ -97,7 +97,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
     model = compile_spec(spec, path)
     joints = _robot_joints(model)
     if not joints:
-        raise InputError(f"{path}: has no hinge joint, expected a robot")
+        raise InputError(f"{path}: has no hinge joint, or its actuators drive none, expected a robot")
     base = _root_of(model, joints[0])
     if not all(model.joint(i).name for i in joints) or not model.body(base).name:
         raise InputError(f"{path}: a hinge joint or its base has no name, by which policies find it")

@@ -14,6 +14,7 @@ import numpy as np
 
 from humanoid_sim.controllers.rotation import conjugate, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.guards import rated_speed
@@ -156,6 +157,8 @@ def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, i
     """
     if path.suffix != ".urdf":
         raise InputError(f"{path}: is not a .urdf")
+    if "${" in regular_file(path, "a URDF").read_text(encoding="utf-8", errors="replace"):
+        raise InputError(f"{path}: holds xacro (${{...}}), expected a URDF: expand it with xacro")
     spec = read_spec(path)
     spec.compiler.fusestatic = False  # MuJoCo merges links without a joint into their parents
     for mesh in spec.meshes:

@@ -108,7 +108,7 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
         ("joint_stiffness: [1.0, 2.0, -3.0]", "joint_stiffness: is -3.0 for c"),
         ("policy_dt: fast", "policy_dt: is fast"),
         ("action_joint_names: [7]", "expected places of 3 joints"),
-        ("action_joint_names: ['[']", "is not a pattern"),
+        ("action_joint_names: ['[']", "has no pattern"),
         ("terms: {mood: {scale: 2.0}}", "of no observation term, expected one of joint_pos, joint_vel"),
         ("terms: {joint_pos: {colour: 1}}", "colour"),
         ("position_clip: {a: [0, 1], b: 2}", "position_clip"),

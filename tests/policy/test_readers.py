@@ -163,7 +163,7 @@ SCALED = {"scale": 1.0}
         ({"joint_ids_map": [0, 1, 9], "stiffness": 1.0, "damping": 1.0}, "joint_ids_map is for another robot"),
         ({"joint_ids_map": [0, -1]}, "joint_ids_map: "),
         ({"step_dt": "50 Hz"}, "is 50 Hz"),
-        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["["]}}}, "is not a pattern"),
+        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["["]}}}, "has no pattern"),
         ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["knee"]}}}, "unknown joint 'knee'"),
         ({"actions": {"JointVelocityAction": {}}}, "expected JointPositionAction alone"),
         ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
@@ -260,3 +260,24 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
     reading = read(tmp_path)
     assert reading.values["observation"] == ("joint_pos", "actions")
     assert (reading.values["observation.joint_pos.history"], reading.unused) == (3, ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("JointPositionAction", "JointEffortAction", "is a JointEffortAction, expected a JointPositionAction"),
+        ("observations:base_ang_vel", "observations:root_quat_w", "gyro is computed by isaaclab.envs.mdp"),
+        ("scale: 0.2,", "scale: 0.2, modifiers: [{bias: 1}],", "gyro has modifiers"),
+        ("concatenate_terms: true", "concatenate_terms: false", "concatenate_terms is false"),
+    ],
+)
+def test_what_an_env_yaml_does_beyond_a_contract_is_named(tmp_path, old, new, line):
+    (tmp_path / "env.yaml").write_text(ENV.replace(old, new))
+    assert any(line in unused for unused in read(tmp_path).unused)
+
+
+def test_the_joints_of_a_term_in_an_env_yaml_are_in_the_robots_order(tmp_path):
+    chosen = "history_length: 3, params: {asset_cfg: {joint_ids: null, joint_names: [d, '[ab]']}}"
+    (tmp_path / "env.yaml").write_text(ENV.replace("history_length: 3", chosen))
+    (tmp_path / "contract.yaml").write_text("joint_names: [a, c, b, d]\n")
+    assert read(tmp_path).contract.terms[2].joints == ("a", "b", "d")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ def read_env(path: Path, _: object) -> list[Layer]:
 def _layers(path: Path) -> list[Layer]:
     file = read_section(path)
     values: dict[str, Any] = {}
+    unused: tuple[str, ...] = ()
     physics, key = (file.at("sim"), "dt") if "dt" in file.at("sim") else (file.at("sim", "mujoco"), "timestep")
     if physics.get(key) is not None and file.get("decimation") is not None:
         values["policy_dt"] = physics.number(key) * file.number("decimation")
@@ -42,12 +44,13 @@ def _layers(path: Path) -> list[Layer]:
         group = file.at("observations", name)
         if is_group(group):
             terms = group.at("terms")
-            values |= observation_fields(Section({**group, **terms, "terms": None}, group.where))
+            observed, remarks = observation_fields(Section({**group, **terms, "terms": None}, group.where))
+            values, unused = values | observed, (*unused, *remarks)
     ranges = file.at("commands", "base_velocity", "ranges")
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = [ranges[axis] for axis in COMMAND_AXES]
-    order = f"{path.name} does not state the order of the joints (Isaac Lab's is breadth first)"
-    unused = (order,) if "joint_stiffness" in values else ()
+    if "joint_stiffness" in values:
+        unused += (f"{path.name} does not state the order of the joints (Isaac Lab's is breadth first)",)
     return [Layer(path.name, values, unused=unused)]
 
 
@@ -66,6 +69,9 @@ def _action(actions: Section) -> dict[str, Any]:
     if len(names) > 1:
         raise InputError(f"{actions.where} are {', '.join(names)}, expected one, of joint positions")
     action = actions.at(names[0])
+    kind = re.split(r"[:.]", str(action.get("class_type") or names[0]))[-1]
+    if kind.endswith(("Action", "Limits")) and kind != "JointPositionAction":
+        raise InputError(f"{action.where} is a {kind}, expected a JointPositionAction")
     values = action.fields({key: name for key, name in _ACTION.items() if action.get(key)})
     if action.get("use_default_offset") is False:
         values["action_offset"] = action.get("offset", 0.0)

@@ -59,22 +59,30 @@ def is_group(value: Any) -> bool:
     return any(isinstance(item, dict) and key not in ("params", "noise") for key, item in value.items())
 
 
-def observation_fields(group: Section) -> dict[str, Any]:
-    """Return the fields of a contract that an observation group of Isaac Lab's form gives, term by term."""
+def observation_fields(group: Section) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the fields of a contract that an observation group of Isaac Lab's form gives, and what is not read."""
     names = [name for name, term in group.items() if isinstance(term, dict)]
     if not names:
-        return {}
+        return {}, ()
     stacked = group.get("use_gym_history") is True
     found: dict[str, Any] = {"observation": names, "history_layout": "per_step" if stacked else "per_term"}
+    unused = (
+        ["concatenate_terms is false, but a policy has one input"] if group.get("concatenate_terms") is False else []
+    )
     commands: list[str] = []
     for name in names:
         if is_group(group[name]):
             raise InputError(f"{group.where}: has the groups {', '.join(names)}, expected one, for one input")
         term, params, field = group.at(name), group.at(name, "params"), f"observation.{name}"
         function = str(term.get("func") or "").rpartition(":")[2].replace("generated_commands", "command")
-        kind = term_kind(name)
-        if kind.meaning == "live input" and term_kind(function).meaning != "live input":
-            found[f"{field}.kind"], kind = function, term_kind(function)
+        kind, computed = term_kind(name), term_kind(function)
+        if function and computed.meaning != "live input":  # the function counts, whatever the term is called
+            found |= {f"{field}.kind": function} if computed.name != kind.name else {}
+            kind = computed
+        elif function not in ("", "builtin_sensor"):  # mjlab's, of any sensor
+            unused.append(f"{name} is computed by {term['func']}, but taken for {kind.name}")
+        if term.get("modifiers"):
+            unused.append(f"{name} has modifiers, which are not applied")
         if kind.name == "joint_pos" and function in ("joint_pos", "joint_pos_rel"):
             found[f"{field}.relative"] = function == "joint_pos_rel"
         scale = 1.0 if term.get("scale") is None else term["scale"]
@@ -86,9 +94,20 @@ def observation_fields(group: Section) -> dict[str, Any]:
         found[f"{field}.history"] = history or 1  # 0: no history, the present step alone
         if isinstance(params.get("command_name"), str):
             commands.append(params["command_name"])
-        joints = params.at("asset_cfg").get("joint_ids")
-        if kind.reads.startswith("joint_") and joints not in (None, slice(None)):
+        if kind.reads.startswith("joint_") and (joints := _joints(params.at("asset_cfg"))):
             found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
             found["phase.period"] = params.number("period")
-    return found | ({"command_names": list(dict.fromkeys(commands))} if commands else {})
+    found |= {"command_names": list(dict.fromkeys(commands))} if commands else {}
+    return found, tuple(f"{group.where}: {line}" for line in unused)
+
+
+def _joints(asset: Section) -> Any:
+    """Return a term's joints by place or, as patterns, in the robot's order; None for all."""
+    if asset.get("joint_ids") not in (None, slice(None)):
+        return asset["joint_ids"]
+    names = asset.get("joint_names") or []
+    patterns = [names] if isinstance(names, str) else list(names)
+    if patterns == [".*"] or asset.get("preserve_order") is True:
+        return None if patterns == [".*"] else patterns
+    return [f"(?:{pattern})" for pattern in patterns]

@@ -24,7 +24,7 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
     group = file.at("observations")
     while len(group) == 1 and is_group(next(iter(group.values()))):
         group = group.at(*group)
-    values = observation_fields(group)
+    values, unused = observation_fields(group)
     values |= file.fields({"step_dt": "policy_dt", "default_joint_pos": "default_joint_pos"})
     with blaming(f"{path}: joint_ids_map", msgspec.ValidationError):
         places = msgspec.convert(file.get("joint_ids_map") or [], list[Annotated[int, msgspec.Meta(ge=0)]])
@@ -57,11 +57,10 @@ def read_deploy(path: Path, robot_joints: tuple[str, ...] | None) -> list[Layer]
         what = f"{path}: joint_ids_map is for another robot: this one has {len(robot_joints)} joints"
         order = _order(places, len(robot_joints), what)
         layers.append(Layer(f"{path.name} and the robot", {"joint_names": [robot_joints[i] for i in order]}))
-    unused: tuple[str, ...] = ()
     if gaps := sorted(set(range(max(places, default=0))) - set(places)):
         what = "gains are read as the policy's own, but Unitree's program puts them on motors 0 to"
         rest = f"{len(places) - 1}, and leaves those to {max(places)} without"
-        unused = (f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}",)
+        unused += (f"{path.name}: joint_ids_map leaves out places {shown(gaps)}: {what} {rest}",)
     return [*layers, Layer(path.name, values, unused=unused)]
 
 
