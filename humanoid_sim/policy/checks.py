@@ -115,19 +115,11 @@ def _pose_findings(contract: PolicyContract, description: RobotDescription) -> I
     message = f"is beyond the range, rad, of {{}}{'; is it in degrees?' if (np.abs(pose[far]) > np.pi).all() else ''}"
     text = "{:g}, range {:.4g} to {:.4g}"
     yield from _on("error", "default_joint_pos", message, names, far, text, pose, lower, upper)
-    driven, offset = contract.action_joint_names, contract.action_offset
+    offset, driven = np.array(contract.action_offset, dtype=np.float64), contract.action_joint_names
     default = pose[[names.index(name) for name in driven]]
-    differs = np.abs(offset - default) > rounding(offset) + rounding(default)
-    yield from _on(
-        "warning",
-        "action_offset",
-        "is not default_joint_pos for {}",
-        driven,
-        differs & (offset != 0.0),
-        "{:g}, pose {:g}",
-        offset,
-        default,
-    )
+    differs = (np.abs(offset - default) > rounding(offset) + rounding(default)) & offset.any()
+    message, text = "is not default_joint_pos for {}", "{:g}, pose {:g}"
+    yield from _on("warning", "action_offset", message, driven, differs, text, offset, default)
 
 
 def effort_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:

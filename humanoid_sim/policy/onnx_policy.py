@@ -139,11 +139,10 @@ class OnnxPolicy:
         where = f"{model.path}: "
         self._time_step = tensors.time_step or ("time_step" if "time_step" in inputs and len(inputs) > 1 else "")
         self._observation = tensors.observation or next((name for name in inputs if name != self._time_step), "")
-        likely = [name for name in ("actions", "action") if name in outputs] or list(outputs)
-        if not tensors.action and len(likely) > 1 and likely[0] not in ("actions", "action"):
-            raise InputError(
-                f"{where}has the outputs {', '.join(outputs)}: name one in x.contract.yaml, tensors.action"
-            )
+        likely = [name for name in outputs if name in ("action", "actions")] or list(outputs)
+        if not tensors.action and len(likely) > 1:
+            many = f"has the outputs {', '.join(outputs)}"
+            raise InputError(f"{where}{many}, expected tensors.action in x.contract.yaml to name one")
         self._action = tensors.action or likely[0]
         named = [name for name in (self._time_step, self._observation) if name]
         require_known("input", named, inputs, where)

@@ -196,8 +196,9 @@ def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
         own = _own_actuator(model, i)
         if other := found.get(own.joint):  # such as one for its position and one for its velocity
             force = (own.force_range[0] + other.force_range[0], own.force_range[1] + other.force_range[1])
-            gains = {"stiffness": own.stiffness + other.stiffness, "damping": own.damping + other.damping}
-            own = replace(own if own.stiffness > other.stiffness else other, force_range=force, **gains)
+            stiffness, damping = own.stiffness + other.stiffness, own.damping + other.damping
+            stiffer = own if own.stiffness > other.stiffness else other
+            own = replace(stiffer, stiffness=stiffness, damping=damping, force_range=force)
         found[own.joint] = own
     return found
 
