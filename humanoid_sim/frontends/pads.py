@@ -118,11 +118,14 @@ class Pads:
             self._open.popitem()[1].close()
 
 
-def describe_pads(pads: Sequence[Pad]) -> tuple[bool, list[str]]:
-    """Return True if one can be used, and a line on each, or that there is none."""
+def describe_pads(pads: Sequence[Pad], folder: Path = Path("/dev/input")) -> tuple[bool, list[str]]:
+    """Return True if one can be used, and a line on each, or why there is none."""
     lines = [
         pad.name if pad.is_known else f"{pad.name} cannot be used: its layout is not known, expected XInput's"
         for pad in pads
     ]
-    none = "no gamepad is plugged in, as /dev/input/js* that this user may read"
+    none = f"no gamepad is plugged in, as {folder}/js* of the kernel's module joydev"
+    for path in sorted(folder.glob("js*")):
+        if not os.access(path, os.R_OK):
+            none = f"{path}: this user may not read it: sudo usermod -aG input $USER, then log in again"
     return any(pad.is_known for pad in pads), lines or [none]

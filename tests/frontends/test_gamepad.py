@@ -6,6 +6,7 @@ from fake_pads import BLUETOOTH, DUALSENSE, XBOX, FakePads
 
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import pads as pads_module
 from humanoid_sim.frontends.joy import read_bindings
 from humanoid_sim.gamepad import Driver
 from humanoid_sim.messages import Mode
@@ -62,6 +63,12 @@ def test_buttons_lead_through_the_modes_on_each_maker_s_pad(local, pads, codes):
     assert desk.press(pad, "X") is Mode.DAMPING
     assert desk.press(pad, "L1", "B") is Mode.STANDBY
     assert desk.press(pad, "X") is Mode.DAMPING
+
+
+def test_a_gamepad_that_this_user_may_not_read_is_named(monkeypatch, tmp_path):
+    (tmp_path / "js0").touch()
+    monkeypatch.setattr(pads_module.os, "access", lambda *_: False)
+    assert "js0: this user may not read it: sudo usermod" in pads_module.describe_pads((), tmp_path)[1][0]
 
 
 def test_a_combination_that_is_held_acts_once_and_in_any_order(local, pads, pad):
