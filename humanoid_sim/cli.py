@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import importlib
 import io
 import os
@@ -55,23 +54,14 @@ def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positi
     """Return a program's options, of a frozen dataclass or a union of those of its commands; exits for --help.
 
     `program` is the verb, or a file such as `examples/mine.py`; with `positional` required options are given by their
-    place. Raises `InputError` with what tyro says about options that are not accepted.
+    place. Exits with status 2 for options that are not accepted, which tyro names.
     """
     import tyro  # noqa: PLC0415 - a DAMP does without it
 
     conf = tyro.conf
     markers = (conf.FlagCreatePairsOff, conf.OmitSubcommandPrefixes, *[conf.PositionalRequiredArgs] * positional)
     run = f"python {program}" if "." in program else f"python -m humanoid_sim.{program}"
-    box = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(box):
-            return tyro.cli(options, prog=run, args=arguments, config=markers)
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        rows = (line.strip(" │╰╯") for line in box.getvalue().splitlines()[1:])  # below the title
-        text = " ".join(row if row.strip("─-") else ";" for row in rows if row)  # a rule between two parts
-        raise InputError(text.strip("; ").replace(" ;", ";")) from None
+    return tyro.cli(options, prog=run, args=arguments, config=markers)
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
@@ -81,8 +71,7 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
             stream.reconfigure(errors="replace")
     try:
         status = program(arguments)
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
         return status
     except (InputError, RobotError) as error:
         complain(f"error: {error}")
@@ -91,8 +80,6 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         return ExitStatus.FAILED
     except OSError as error:
         complain(f"error: {'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
-        if error.errno == errno.ENOSPC:  # standard output, perhaps, which would fail again at the end
-            mute_output()
     except KeyboardInterrupt:
         complain("interrupted")
         return ExitStatus.INTERRUPTED
@@ -100,11 +87,9 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr: names from a user's file may hold characters that end it, or steer a terminal."""
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
-    if sys.stderr is not None:
-        with contextlib.suppress(OSError):
-            print(line, file=sys.stderr)
+    """Print one line on stderr."""
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(message, file=sys.stderr)
 
 
 def mute_output() -> None:

@@ -150,7 +150,7 @@ class Run:
 
     def _sinks(self, console: Console) -> list[Sink]:
         plan, outputs, first = self.plan, self.plan.outputs, self.plan.policies.first
-        is_drawn = outputs.html is not None or outputs.video is not None
+        is_drawn = "html" in outputs or "video" in outputs
         motion = ghost = None
         if first is not None and len(plan.policies.choices) == 1:
             motion = MotionFigures(plan.description, first.loaded)
@@ -163,9 +163,9 @@ class Run:
             available=plan.supervisor.controllers,
         )
         self.recorder = None
-        if outputs.record is not None:
+        if "record" in outputs:
             self.recorder = McapRecorder(
-                outputs.record,
+                outputs["record"],
                 overwrite=plan.config.overwrite,
                 inline=not plan.realtime,
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),

@@ -9,7 +9,6 @@ from pathlib import Path
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.joy import read_bindings
 from humanoid_sim.frontends.pads import Pads, describe_pads
-from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import Policies
@@ -77,8 +76,6 @@ def operator_notices(
         notices += [KEY_HELP, VELOCITY_HELP] if policies.walks else [KEY_HELP]
     elif steps is None and not config.dry_run:
         notices.append("waits for an operator, in another terminal: python -m humanoid_sim.mode damp, load_a, ...")
-    if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
-        notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
     for name in external:
         how = ", such as python -m humanoid_sim.midi" if name == KEY_PRESSED else ""
         notices.append(f"the policy observes {name}, which another program has to send{how}")

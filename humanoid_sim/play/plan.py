@@ -7,7 +7,6 @@ import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import InputError, blaming
@@ -35,15 +34,6 @@ from humanoid_sim.stack import build_supervisor
 
 _RUNS = Path("runs")
 _SUFFIXES = {"record": ".mcap", "html": ".html", "video": ".mp4", "summary": ".json"}
-
-
-class Outputs(NamedTuple):
-    """The files that a run leaves; None for those that it does not."""
-
-    record: Path | None = None
-    html: Path | None = None
-    video: Path | None = None
-    summary: Path | None = None
 
 
 class Plan:
@@ -95,7 +85,7 @@ class Plan:
         )
         self.notices = [text for text in notices if text]
         """For an operator, one line each."""
-        self.outputs = Outputs() if config.dry_run else choose_outputs(config)
+        self.outputs = {} if config.dry_run else choose_outputs(config)
         self.front_ends = () if config.dry_run else front_ends
 
 
@@ -117,8 +107,8 @@ def refuse(config: PlayConfig) -> None:
         raise InputError(f"--duration: is {config.duration}, expected a finite number > 0")
 
 
-def choose_outputs(config: PlayConfig) -> Outputs:
-    """Resolve `auto` and `none`; refuse to replace files that exist."""
+def choose_outputs(config: PlayConfig) -> dict[str, Path]:
+    """Return the files that a run leaves, by the option that names each; refuse to replace files that exist."""
     given = {name: getattr(config, name) for name in _SUFFIXES}
     paths = {name: Path(value) for name, value in given.items() if value not in (None, "none", "auto")}
     automatic: dict[str, Path] = {}
@@ -136,7 +126,7 @@ def choose_outputs(config: PlayConfig) -> Outputs:
     if automatic:
         with blaming(f"folder '{_RUNS}' for recordings cannot be made", OSError):
             _RUNS.mkdir(exist_ok=True)
-    return Outputs(**paths, **automatic)
+    return {**paths, **automatic}
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

@@ -32,7 +32,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
             "skipped_deadlines": result.skipped,
         },
         "hardware": plan.setup.figures(),
-        "recording": None if plan.outputs.record is None else str(plan.outputs.record),
+        "recording": str(plan.outputs["record"]) if "record" in plan.outputs else None,
     }
 
 

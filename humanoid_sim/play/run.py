@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,14 +11,13 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
-from humanoid_sim.cli import ExitStatus, complain, mute_output
+from humanoid_sim.cli import ExitStatus, mute_output
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.report import print_report, summarise, write_summary
-from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.session.requests import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -39,7 +37,6 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     or a file could not be written; 128 plus the signal's number if a signal ended it. Raises `InputError` before
     anything moves.
     """
-    output = sys.stdout
     with ExitStack() as left:
         plan = Plan(config, left)
         for warning in (one.warning for one in plan.policies.choices if one.warning):
@@ -58,25 +55,18 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
             raise RobotError(flattened(str(error))) from None
         finally:
             run.close()
-            if run.console.error is not None or run.console.is_alive:
-                mute_output()  # what is printed from here on would fail as well, or wait as that thread does
+            if run.console.is_alive:
+                mute_output()  # what is printed from here on would wait as that thread does
                 console = PlayConsole(quiet=console.quiet)  # that thread may hold the lock of the other one
         problems = _problems(run, result)
         summary = summarise(run, result)
-    if plan.outputs.summary is not None:  # before anything is printed: its reader may leave early
-        with _noting(problems):
-            write_summary(plan.outputs.summary, summary)
-    with _noting(problems):
-        print_report(console, summary)
-        is_automatic = config.script is None and plan.steps is not None and config.remote == "none"
-        if is_automatic and plan.policies.first is not None and not summary["inferences"]:
-            console.print("note: the policy did not run: the run ended before LOCOMOTION")
-    _write_files(console, run, problems)
+    print_report(console, summary)
+    is_automatic = config.script is None and plan.steps is not None and config.remote == "none"
+    if is_automatic and plan.policies.first is not None and not summary["inferences"]:
+        console.print("note: the policy did not run: the run ended before LOCOMOTION")
+    _write_files(console, run, summary, problems)
     for problem in problems:
-        if sys.stdout is output:
-            console.print(f"[bold red]failed:[/] {escape(problem)}")
-        else:
-            complain(f"failed: {problem}")
+        console.print(f"[bold red]failed:[/] {escape(problem)}")
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
     passed = not (fell or problems or summary["faults"] or summary["safety"])
     return Outcome(128 + received[0] if received else ExitStatus.of(passed), summary, tuple(problems))
@@ -98,43 +88,37 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     return found
 
 
-@contextmanager
-def _noting(problems: list[str]) -> Iterator[None]:
-    """Note an output that cannot be written, so that the others still are."""
-    try:
-        yield
-    except InputError as error:
-        problems.append(str(error))
-    except OSError as error:
-        problems.append(f"standard output cannot be written: {error.strerror}")
-        mute_output()
-
-
-def _write_files(console: Console, run: Run, problems: list[str]) -> None:
-    """Draw what was asked for and name every file that the run left."""
+def _write_files(console: Console, run: Run, summary: dict[str, Any], problems: list[str]) -> None:
+    """Write what is made of a run, and name every file that it left; one that fails spares the others."""
 
     def say(kind: str, text: object) -> None:
-        with _noting(problems):
-            console.print(f"{kind:<9}  {text}", markup=False)
+        console.print(f"{kind:<9}  {text}", markup=False)
 
-    outputs, path = run.plan.outputs, run.plan.outputs.record
+    outputs = run.plan.outputs
+    path = outputs.get("record")
     if path is not None and path.exists():
         say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
-    for kind, file in (("page", outputs.html), ("video", outputs.video)):
-        if run.poses is None or file is None:
+    for kind in ("summary", "html", "video"):
+        if kind not in outputs:
             continue
+        file = outputs[kind]
         try:
-            with _noting(problems), console.status(f"writing the {kind} (Ctrl-C skips it)"):
-                _draw(file, run.plan, run.poses)
-                say(kind, f"{file}   {file.stat().st_size / 1e6:.1f} MB")
+            if kind == "summary":
+                write_summary(file, summary)
+            else:
+                with console.status(f"writing {file} (Ctrl-C skips it)"):
+                    _draw(file, run)
+            say(kind, f"{file}   {file.stat().st_size / 1e6:.1f} MB")
+        except InputError as error:
+            problems.append(str(error))
         except KeyboardInterrupt:
             say(kind, "skipped")
-    if outputs.summary is not None and outputs.summary.exists():
-        say("summary", outputs.summary)
 
 
-def _draw(file: Path, plan: Plan, poses: Poses) -> None:
+def _draw(file: Path, run: Run) -> None:
     """Write a page or a video, whose packages take seconds to import."""
+    plan, poses = run.plan, run.poses
+    assert poses is not None
     if file.suffix.lower() == ".html":
         from humanoid_sim.rendering.replay_page import write_page  # noqa: PLC0415
 

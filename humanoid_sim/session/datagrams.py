@@ -11,7 +11,6 @@ import numpy as np
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.session.sources import printable
 
 _LONGEST = 1 << 14  # bytes; no message is longer
 
@@ -62,9 +61,7 @@ class Message(NamedTuple):
 def read_message(datagram: bytes, sender: object = None) -> Message:
     """Return what a datagram holds, which may be anything."""
     *lines, body = (*datagram.split(b"\n", 4), b"", b"", b"", b"")[:5]
-    text, producer, token, stamp = (
-        "\t".join(map(printable, line.decode(errors="replace").split("\t"))) for line in lines
-    )
+    text, producer, token, stamp = (line.decode(errors="replace") for line in lines)
     word, _, rest = text.partition(" ")
     values = np.frombuffer(body[: len(body) // 8 * 8], dtype="<f8")
     address = sender if isinstance(sender, str) else ""

@@ -14,7 +14,6 @@ import msgspec
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.session.sources import printable
 
 _SHORTEST, _LONGEST = 0.02, 3600.0  # s of a watchdog
 
@@ -56,9 +55,9 @@ class OutsideSafety:
         with blaming("safety status", msgspec.MsgspecError, FieldError):
             report = msgspec.json.decode(text, type=_Report)
         level = SafetyLevel(min(report.level, SafetyLevel.CRITICAL))  # one of a later version is not OK either
-        source = printable(report.source) or "unnamed"
+        source = report.source or "unnamed"
         flags = SafetyFlag(report.flags & 0xFFFFFFFF)
-        self._statuses[source] = SafetyStatus(level, flags, source, printable(report.message))
+        self._statuses[source] = SafetyStatus(level, flags, source, report.message)
         self._reported[source] = max(self._reported.get(source, 0), min(report.stamp, self._clock()))
         return f"{source} is {level.name}{': the robot is damped' if level else ''}"
 

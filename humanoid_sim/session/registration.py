@@ -35,9 +35,7 @@ class Registration:
 
     def register(self, *, robot: str, policy: str, hardware: str) -> None:
         fields = {"process": os.getpid(), "robot": robot, "policy": policy, "folder": os.getcwd(), "hardware": hardware}
-        temporary = self.path / "session"
-        temporary.write_text(json.dumps(fields), encoding="utf-8")
-        temporary.rename(self.path / "session.json")
+        (self.path / "session.json").write_text(json.dumps(fields), encoding="utf-8")
 
     def close(self) -> None:
         if not self._lock.closed:

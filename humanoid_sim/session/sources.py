@@ -36,12 +36,6 @@ class ExternSource(Protocol):
         """Return the latest value of every term that ever came."""
 
 
-def printable(text: str) -> str:
-    """Return a text of another program as one line that cannot steer a terminal."""
-    line = " ".join(text.split())
-    return line if line.isprintable() else "".join(c if c.isprintable() else "?" for c in line)
-
-
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
     """Return why a command of shape (n,) is not accepted by a robot with these joints, in this order; else ''."""
     if tuple(joint_names) != joints:

@@ -135,7 +135,7 @@ def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, 
     result = run("--robot", quick, "--duration", "0.1", "--viewer", "auto", *PLACEHOLDER)
     assert result.status == 1
     assert "failed: s.json: cannot be written: No space left on device" in result.out
-    assert "page       r.html   " in result.out
+    assert "html       r.html   " in result.out
     assert (folder / "r.html").is_file(), "nobody watches: the page lies beside the recording"
     assert len(result.ticks) > 20
 

@@ -1,20 +1,9 @@
-import socket
-import threading
-from contextlib import suppress
-
 import pytest
 
 from humanoid_sim.client import Answer, monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel, SafetyStatus
 from humanoid_sim.session.intent_socket import IntentSocket
-
-
-def send(local, data):
-    """Send a datagram to the intents without waiting."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
-        client.setblocking(False)
-        client.sendto(data, str(local.registration.path / "intents"))
 
 
 @pytest.mark.parametrize("passive", [Mode.DAMPING, Mode.ZERO_TORQUE])
@@ -40,41 +29,10 @@ def test_what_was_meant_for_the_mode_before_is_refused_however_young(local, pass
     assert operator.answer(token, 1.0) == Answer(True, text), "one who saw it may ask at once"
 
 
-def test_broken_messages_do_nothing(local):
-    for data in (b"", b"\xff\xfe", b"\n\n\n", b"damp " * 2, b"load_a\n\n\n" + b"9" * 5000):
-        send(local, data)
-    assert local.tick().input.intents == ()
-
-
 def test_the_longest_safety_status_damps(local):
     local.tick(Intent.DAMP)
     local.intake("lidar").post_safety("\U0001f600" * 80, 2, "\U0001f600" * 300, flags=2**32 - 1)
     assert not local.tick().input.safety[0].is_ok
-
-
-def test_everything_in_the_socket_is_taken_in_one_tick_and_a_flood_costs_a_bounded_time(local):
-    sent = 0
-    with suppress(BlockingIOError):
-        while sent < 10_000:
-            send(local, f"load_b\n\n\n{monotonic_ns()}".encode())
-            sent += 1
-    assert 1 < sent < 10_000
-    stop = threading.Event()
-
-    def flood():
-        intake = local.intake("flood")
-        while not stop.is_set():
-            intake.post("load_a")
-
-    thread = threading.Thread(target=flood)
-    thread.start()
-    first = len(local.tick().input.intents)
-    assert max(len(local.tick().input.intents) for _ in range(20)) <= sent + 1
-    stop.set()
-    while thread.is_alive():
-        local.tick()
-    thread.join()
-    assert sent <= first
 
 
 def test_the_folder_is_for_its_user_alone_and_a_path_too_long_is_one_line(local, tmp_path):
