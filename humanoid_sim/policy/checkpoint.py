@@ -18,13 +18,14 @@ from humanoid_sim.policy.layers import MALFORMED, Layer, Reading, join
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, read_metadata
-from humanoid_sim.policy.readers import berkeley, holosoma, isaaclab, mjlab, own, unitree
+from humanoid_sim.policy.readers import agent, berkeley, holosoma, isaaclab, mjlab, own, unitree
 from humanoid_sim.policy.readers.trainer_files import find_beside
 from humanoid_sim.robots.description import RobotDescription
 
 PLACEHOLDER = "placeholder"  # source of the stand-in that runs where no policy can run
 _METADATA = (own.read_stamp, mjlab.read_csv, holosoma.read_holosoma)  # the first whose keys are there
 _FILES: Mapping[str, Callable[[Path, tuple[str, ...] | None], list[Layer]]] = {
+    "agent.yaml": agent.read_agent,
     "env.yaml": isaaclab.read_env,
     "deploy.yaml": unitree.read_deploy,
     "{stem}.yaml": berkeley.read_berkeley,

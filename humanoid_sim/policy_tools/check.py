@@ -21,6 +21,7 @@ from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
+from humanoid_sim.policy.readers.agent import missing_normaliser
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import verify_golden
 from humanoid_sim.policy_tools import Check
@@ -98,6 +99,8 @@ def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Fi
         joint = contract.action_joint_names[int(np.argmax(action))]
         message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
         yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
+    if text := missing_normaliser(policy.model.path):
+        yield Finding("error", "model", text)
     source, has_samples = str(policy.model.path), GOLDEN_KEY in policy.model.metadata
     try:
         motion = sweep_motion(policy, contract) if has_samples else None

@@ -281,3 +281,9 @@ def test_the_joints_of_a_term_in_an_env_yaml_are_in_the_robots_order(tmp_path):
     (tmp_path / "env.yaml").write_text(ENV.replace("history_length: 3", chosen))
     (tmp_path / "contract.yaml").write_text("joint_names: [a, c, b, d]\n")
     assert read(tmp_path).contract.terms[2].joints == ("a", "b", "d")
+
+
+@pytest.mark.parametrize(("text", "clip"), [("clip_actions: 5.0", 5.0), ("params: {env: {clip_actions: 1}}", 1.0)])
+def test_actions_are_clipped_as_the_learner_did(tmp_path, text, clip):
+    (tmp_path / "agent.yaml").write_text(text)
+    assert read(tmp_path, MJLAB).contract.action_clip == clip

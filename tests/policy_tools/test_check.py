@@ -44,6 +44,15 @@ def test_an_answer_that_is_not_finite(tmp_path, robot):
     assert "left_hip" in found(check_checkpoint(path, robot), "error model: expected a finite number").message
 
 
+def test_a_normaliser_that_the_export_lost(walker, robot):
+    agent = walker.with_name("agent.yaml")
+    for text in ("policy: {actor_obs_normalization: true}", "empirical_normalization: true"):
+        agent.write_text(text)
+        found(check_checkpoint(walker, robot), "error model: with the normaliser")
+    agent.write_text("empirical_normalization: false")
+    assert not any(finding.field == "model" for finding in check_checkpoint(walker, robot))
+
+
 @needs_policies
 @pytest.mark.usefixtures("near_ends")
 def test_published_policies(cli, tmp_path):

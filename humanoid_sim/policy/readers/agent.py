@@ -1,0 +1,39 @@
+"""`params/agent.yaml` of a training: what the learner does to actions and observations (rsl_rl, rl_games, skrl)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import onnx
+
+from humanoid_sim.policy.layers import Layer
+from humanoid_sim.policy.readers.trainer_files import find_beside, read_section
+
+
+def read_agent(path: Path, _: object) -> list[Layer]:
+    """Return the magnitude at which the environment's wrapper clips raw actions."""
+    file = read_section(path)
+    clip = file.get("clip_actions") or file.at("params", "env").get("clip_actions")  # rsl_rl, rl_games
+    return [Layer(path.name, {"action_clip": clip} if clip else {})]
+
+
+def missing_normaliser(path: Path) -> str:
+    """Return what is wrong if the trainer normalised observations and the network begins with its first layer."""
+    agent = find_beside(path, "agent.yaml")
+    if agent is None:
+        return ""
+    file = read_section(agent)
+    keys = {
+        "empirical_normalization": file,  # rsl_rl, as it was; as it is
+        "actor_obs_normalization": file.at("policy"),
+        "obs_normalization": file.at("actor"),
+        "normalize_input": file.at("params", "config"),  # rl_games
+        "state_preprocessor": file.at("agent"),  # skrl
+    }
+    said = next((key for key, section in keys.items() if section.get(key)), "")
+    graph = onnx.load(str(path), load_external_data=False).graph
+    names = {tensor.name for tensor in graph.input}
+    first = next((node.op_type for node in graph.node if names.intersection(node.input)), "")
+    if not said or first not in ("Gemm", "MatMul"):
+        return ""
+    return f"{agent.name} says {said}, but the network begins with its first layer: export it with the normaliser"
