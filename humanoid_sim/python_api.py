@@ -22,7 +22,7 @@ from rich.console import Console
 from humanoid_sim.assets import policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.errors import InputError, needing, require_known
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy_tools.show import print_checkpoint
@@ -170,17 +170,6 @@ class SuiteRun(_Shown):
     def passed(self) -> bool:
         """Return whether no policy is worse than the baseline by more than the suite tolerates."""
         return self.results.passed
-
-    def frame(self) -> Any:
-        """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
-        baseline = () if self.results.baseline is None else (self.results.baseline,)
-        with needing("pandas", "report", "a frame"):
-            import pandas as pd  # noqa: PLC0415 - an optional package
-        return pd.DataFrame(
-            {"policy": run.name, **{name: getattr(e, name) for name in ("case", "seed", "failure")}, **e.metrics}
-            for run in (*baseline, *(candidate.run for candidate in self.results.candidates))
-            for e in run.episodes
-        )
 
     def _print(self, console: Console) -> None:
         from humanoid_sim.regress.report import print_results  # noqa: PLC0415

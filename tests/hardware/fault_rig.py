@@ -1,8 +1,7 @@
-"""A robot, its supervisor and mock motors on one channel, tick by tick: in virtual time, or of another process."""
+"""A robot, its supervisor and mock motors on one channel, tick by tick in virtual time: no machine is too slow."""
 
 import contextlib
 import dataclasses
-import sys
 import threading
 import time
 from collections import deque
@@ -15,7 +14,7 @@ from msgspec.structs import replace
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.can_bus import frame_of, message_of, open_bus
+from humanoid_sim.hardware.can_bus import frame_of, message_of
 from humanoid_sim.hardware.mock.motors import MockMotors
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
@@ -24,7 +23,6 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.realtime import real_time
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
@@ -68,81 +66,6 @@ class Tick:
     messages: tuple[str, ...]
 
 
-class Rig:
-    """A robot that is activated, in ZERO_TORQUE; what its motors do, and the loop."""
-
-    def __init__(self, channel, clock, open_bus):
-        description = lite()
-        self.robot = HardwareRobot(
-            description,
-            [channel],
-            calibration=dict.fromkeys(description.joint_names, 0.0),
-            control_period=PERIOD,
-            can_timeout=CAN_TIMEOUT,
-            allow_no_timeout=True,
-            clock=clock,
-            open_bus=open_bus,
-        )
-        self._step = supervisor().step
-        self._memory = supervisor().initial()
-        n, pose = description.joint_count, np.array(description.standby_controller_a.pose_segments[-1])
-        self._hold = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
-
-    def __enter__(self):
-        self.robot.activate()
-        return self
-
-    def __exit__(self, *_):
-        self.clear_faults()
-        with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
-            self.robot.close()
-        self.close()
-
-    def tick(self, *intents):
-        """One turn of the loop, a period after the last."""
-        self.wait()
-        state, safety = self.robot.read()
-        remote = RemoteCommand(self._hold, float(state.time))
-        self._memory, output = self._step(self._memory, TickInput(state, safety, intents, remote))
-        self.robot.write(output.command)
-        self.sent()
-        flags = SafetyFlag.NONE
-        for status in safety:
-            flags |= status.flags
-        words = tuple(status.message for status in safety)
-        mode = output.control_mode.mode
-        return Tick(float(state.time), flags, all(status.is_ok for status in safety), mode, words)
-
-    def reach(self, mode):
-        """Walk up to a mode as an operator would, to where its motors hold the arms up."""
-        for _ in range(2):
-            tick = self.tick()
-        for intent in WALK[mode]:
-            tick = self.tick(intent)
-            for _ in range(5 if intent is Intent.LOAD_A else 2):
-                tick = self.tick()
-                assert tick.is_ok, tick.messages
-        assert tick.mode is mode
-
-    def inject(self, fault):
-        """Let a fault begin within the next period; returns when, s, robot's clock."""
-        began = self.robot.time + 0.007
-        self.call(lambda mock: mock.inject(dataclasses.replace(fault, start=mock.time + 0.007)))
-        return began
-
-    def is_harmless(self, only=()):
-        """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
-        drives = []
-        self.call(lambda mock: drives.extend(drives_of(mock, only)))
-        return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
-
-
-def drives_of(mock, only=()):
-    """The commands in force of motors that have power."""
-    motors = zip(mock.names, mock.motors, mock.has_power, strict=True)
-    return [motor.drive() for name, motor, has_power in motors if has_power and (not only or name in only)]
-
-
 class VirtualBus(can.BusABC):
     """The computer's end of a channel. While `runs`, a ms passes with every poll; else as much as the test says."""
 
@@ -184,57 +107,75 @@ class VirtualBus(can.BusABC):
             time.sleep(0.0001)
 
 
-class VirtualRig(Rig):
-    """In virtual time: nothing waits for a clock, so that no machine is too slow."""
+class Rig:
+    """A robot that is activated, in ZERO_TORQUE; what its motors do, and the loop."""
 
     def __init__(self):
-        self.mock = MockMotors(lite())
+        description = lite()
+        self.mock = MockMotors(description)
         self.bus = VirtualBus(self.mock)
-        super().__init__("virtual:faults", lambda: self.mock.time, lambda _: self.bus)
+        self.robot = HardwareRobot(
+            description,
+            ["virtual:faults"],
+            calibration=dict.fromkeys(description.joint_names, 0.0),
+            control_period=PERIOD,
+            can_timeout=CAN_TIMEOUT,
+            allow_no_timeout=True,
+            clock=lambda: self.mock.time,
+            open_bus=lambda _: self.bus,
+        )
+        self._step = supervisor().step
+        self._memory = supervisor().initial()
+        n, pose = description.joint_count, np.array(description.standby_controller_a.pose_segments[-1])
+        self._hold = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
 
     def __enter__(self):
-        super().__enter__()
+        self.robot.activate()
         self.bus.runs = False
         return self
 
-    def clear_faults(self):
+    def __exit__(self, *_):
         self.bus.runs = True
         self.mock.clear_faults()
-
-    def close(self):
+        with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
+            self.robot.close()
         self.bus.shutdown()
 
-    def wait(self, duration=PERIOD):
-        self.bus.advance(duration)
-        self._attempts = self.bus.attempts
+    def tick(self, *intents):
+        """One turn of the loop, a period after the last."""
+        self.bus.advance(PERIOD)
+        sent = self.bus.attempts
+        state, safety = self.robot.read()
+        remote = RemoteCommand(self._hold, float(state.time))
+        self._memory, output = self._step(self._memory, TickInput(state, safety, intents, remote))
+        self.robot.write(output.command)
+        self.bus.until_sent(sent + len(self.robot.joints))
+        flags = SafetyFlag.NONE
+        for status in safety:
+            flags |= status.flags
+        words = tuple(status.message for status in safety)
+        mode = output.control_mode.mode
+        return Tick(float(state.time), flags, all(status.is_ok for status in safety), mode, words)
 
-    def sent(self):
-        self.bus.until_sent(self._attempts + len(self.robot.joints))
+    def reach(self, mode):
+        """Walk up to a mode as an operator would, to where its motors hold the arms up."""
+        for _ in range(2):
+            tick = self.tick()
+        for intent in WALK[mode]:
+            tick = self.tick(intent)
+            for _ in range(5 if intent is Intent.LOAD_A else 2):
+                tick = self.tick()
+                assert tick.is_ok, tick.messages
+        assert tick.mode is mode
 
-    def call(self, action):
-        action(self.mock)
+    def inject(self, fault):
+        """Let a fault begin within the next period; returns when, s, robot's clock."""
+        began = self.robot.time + 0.007
+        self.mock.inject(dataclasses.replace(fault, start=began))
+        return began
 
-
-class Driver(Rig):
-    """In real time, with motors of another process."""
-
-    def __init__(self, channel):
-        super().__init__(channel, time.monotonic, open_bus)
-        self._deadline = 0.0
-
-    def wait(self):
-        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + PERIOD
-        time.sleep(max(self._deadline - time.monotonic(), 0.0))
-
-    def sent(self):
-        pass
-
-
-if __name__ == "__main__":  # `fault_rig.py CHANNEL MODE`: drive motors of another process until killed
-    with real_time():
-        driver = Driver(sys.argv[1])
-        driver.robot.activate()
-        driver.reach(Mode[sys.argv[2]])
-        print("there", flush=True)
-        while True:
-            driver.tick()
+    def is_harmless(self, only=()):
+        """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
+        motors = zip(self.mock.names, self.mock.motors, self.mock.has_power, strict=True)
+        drives = [motor.drive() for name, motor, has_power in motors if has_power and (not only or name in only)]
+        return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)

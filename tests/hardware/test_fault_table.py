@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from fault_rig import CAN_TIMEOUT, PERIOD, VirtualRig
+from fault_rig import CAN_TIMEOUT, PERIOD, Rig
 from motor_surface import short_waits
 
 from humanoid_sim.hardware.mock.faults import FAULTS, Fault
@@ -51,12 +51,12 @@ def test_every_fault_has_a_case():
 def test_a_fault_ends_in_damping(name, mode):
     fault, flag, longest = CASES[name]
     harmless = Mode.ZERO_TORQUE if mode is Mode.ZERO_TORQUE else Mode.DAMPING
-    with VirtualRig() as rig:
+    with Rig() as rig:
         rig.reach(mode)
         assert rig.is_harmless() == (mode is harmless), "there is something to fall"
         began = rig.robot.time
         if fault is None:
-            rig.wait(STANDSTILL)
+            rig.bus.advance(STANDSTILL)
         else:
             began = rig.inject(replace(fault, duration=longest))
         ticks = [rig.tick() for _ in range(round((longest + AFTERWARDS) / PERIOD))]
@@ -73,7 +73,7 @@ def test_a_fault_ends_in_damping(name, mode):
 @pytest.mark.parametrize("name", ["wrong_id", "bus_off"])
 def test_motors_that_no_command_reaches_stop_by_their_own_timeout(name):
     fault = CASES[name][0]
-    with VirtualRig() as rig:
+    with Rig() as rig:
         rig.reach(Mode.STANDBY)
         rig.inject(Fault(fault.kind, fault.joints))
         for _ in range(round(CAN_TIMEOUT / PERIOD) + 2):
@@ -82,7 +82,7 @@ def test_motors_that_no_command_reaches_stop_by_their_own_timeout(name):
 
 
 def test_a_few_lost_frames_are_tolerated():
-    with VirtualRig() as rig:
+    with Rig() as rig:
         rig.reach(Mode.LOCOMOTION)
         rig.inject(Fault("silent", value=0.1))
         ticks = [rig.tick() for _ in range(25)]
@@ -101,7 +101,7 @@ def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_
         if kind != FrameType.ACTIVE_REPORT and not (is_clear and len(clears) == 1):
             send(message, timeout)
 
-    with VirtualRig() as rig:
+    with Rig() as rig:
         rig.reach(Mode.DAMPING)
         rig.inject(Fault("motor_fault", ELBOW, duration=0.01))
         assert not [rig.tick(), rig.tick()][-1].is_ok
