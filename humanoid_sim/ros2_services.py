@@ -124,9 +124,6 @@ def _serve(session: int | None, profiles: Path) -> None:
         os.environ.pop(variable, None)
         if value is not None:
             os.environ[variable] = value
-    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    if not (domain.isascii() and domain.isdigit() and int(domain) <= 232):  # Fast DDS would exit
-        raise SessionError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to 232")
     begun = turn = monotonic_ns()  # a call came after `begun`
     settled = 0
     calls: list[str] = []

@@ -16,18 +16,23 @@ from humanoid_sim.recording.header import json_document
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 
 
+def urdf_model(urdf: str) -> mujoco.MjModel:
+    """Return a URDF as a model with all its links. Raises `InputError` if it is none."""
+    with blaming("a robot's URDF cannot be read", (ValueError, mujoco.FatalError)):
+        spec = mujoco.MjSpec.from_string(urdf)
+        spec.compiler.fusestatic = False  # MuJoCo merges links without a joint into their parents
+        for joint in spec.joints:
+            if joint.type == _FREE and joint.parent.parent != spec.worldbody:  # URDF has no ball joint
+                joint.type = _BALL
+        return spec.compile()
+
+
 class Links:
     """The links of one robot. Keeps the last position of joints that fall silent; one instance per run."""
 
     def __init__(self, header: SessionHeader, urdf: str) -> None:
         """Read a URDF of the header's robot. Raises `InputError` if it is none."""
-        with blaming("recording: its robot's URDF cannot be read", (ValueError, mujoco.FatalError)):
-            spec = mujoco.MjSpec.from_string(urdf)
-            spec.compiler.fusestatic = False  # MuJoCo merges links without a joint into their parents
-            for joint in spec.joints:
-                if joint.type == _FREE and joint.parent.parent != spec.worldbody:  # URDF has no ball joint
-                    joint.type = _BALL
-            self._model = model = spec.compile()
+        self._model = model = urdf_model(urdf)
         parents, names = model.body_parentid.copy(), [model.body(i).name for i in range(model.nbody)]
         model.body_parentid[:] = 0  # so that MuJoCo leaves each pose in the parent's frame
         self._data = mujoco.MjData(model)

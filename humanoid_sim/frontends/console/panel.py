@@ -29,7 +29,7 @@ class Panel:
         gui = self._gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        gui.set_panel_label(source.description.name)
+        gui.set_panel_label(source.header.robot)
         self._summary = gui.add_html("")
         self._velocity: list[Any] = []
         self._goals: list[Any] = []

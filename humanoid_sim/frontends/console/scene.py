@@ -22,7 +22,7 @@ class Scene:
     def __init__(self, server: viser.ViserServer, source: Source) -> None:
         self.server = server
         self._model = source.model()
-        self._addresses = joint_addresses(self._model, source.description.joint_names).qpos
+        self._addresses = joint_addresses(self._model, source.header.joint_names).qpos
         self._qpos: FloatArray = self._model.qpos0.copy()
         loaded = recorded_policy(source.header, no_policy)
         self._ghost: ReferenceGhost | None = None

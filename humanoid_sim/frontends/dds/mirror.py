@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import copy
-import tempfile
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.dds_client import JointStates, RobotClient
-from humanoid_sim.errors import blaming
 from humanoid_sim.frontends.attach import Source, Tick, attached
 from humanoid_sim.messages import SafetyLevel, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
-from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
-from humanoid_sim.robots.urdf import convert_urdf
+from humanoid_sim.recording.links import urdf_model
 from humanoid_sim.simulation.model import joint_addresses
 
 _PERIOD = 0.02  # s between two messages of a robot's topics on hardware
+_KEEP_SHAPES = '<mujoco><compiler discardvisual="false"/></mujoco>'  # MuJoCo drops what a URDF only shows
 _SAFETY = SafetyStatus(SafetyLevel.WARNING, source="network", message="not known here: it stays on the robot's machine")
-_KEEP_SHAPES = '<mujoco><compiler discardvisual="false"/></mujoco>'
-"""MuJoCo drops what a URDF only shows."""
 
 
 class Mirror(Source):
@@ -43,10 +37,10 @@ class Mirror(Source):
         while states is None or client.control_mode() is None or client.description() is None:
             states = client.state() or states
         self._start = states.time_ns
-        description, self._model = _described(client.description() or "")
+        urdf = client.description() or ""
+        self._model = urdf_model(re.sub("(<robot[^>]*>)", rf"\1{_KEEP_SHAPES}", urdf, count=1))
         self._joints = joint_addresses(self._model, states.names).qpos
-        documents = {"robot": description.to_json(), "settings": "{}"}
-        self.header = SessionHeader(description.name, states.names, _PERIOD, self._start, documents)
+        self.header = SessionHeader(prefix, states.names, _PERIOD, self._start)
         self._count = 0
 
     def __str__(self) -> str:
@@ -82,21 +76,6 @@ class Mirror(Source):
             if pose is not None and np.isfinite(pose).all():
                 qpos[:7] = pose
         return qpos
-
-
-def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
-    """Return the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if not."""
-    with blaming("/robot_description: is not a URDF", ElementTree.ParseError):
-        root = ElementTree.fromstring(urdf)
-    moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
-    root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
-    with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as name:
-        folder = Path(name)
-        source, target = folder / "robot.urdf", folder / "robot.xml"
-        source.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
-        target.write_text(convert_urdf(source, "floating" if moves else "fixed", folder), encoding="utf-8")
-        description = describe_mjcf(target)
-        return description, bare_model(description)
 
 
 @dataclass(frozen=True)
