@@ -44,11 +44,7 @@ class Edit:
 
 
 def single_edits(
-    contract: PolicyContract,
-    robot: RobotDescription,
-    motion: Motion | None = None,
-    *,
-    all_pairs: bool = False,
+    contract: PolicyContract, robot: RobotDescription, motion: Motion | None = None, *, all_pairs: bool = False
 ) -> tuple[Edit, ...]:
     """Return every edit that fits the contract and changes it, no edited contract twice.
 

@@ -17,6 +17,7 @@ from humanoid_sim.doctor.trial import Subject, episode_errors, run_episode
 from humanoid_sim.regress.results import Episode
 
 _SECONDS, _LONG = 4.0, 20.0  # s, of the episodes of the edits, and of the contract as it is
+_NOTICEABLE = 1.0  # errors below which nothing is wrong with a robot that stays up
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
@@ -103,7 +104,8 @@ def judge(contract: PolicyContract, now: Episode, long: Episode, tried: Sequence
         note += f"; in a longer episode {_describe(long)}"
     up = [Row(edit, cost(edit.contract, end, edit.family), _describe(end)) for edit, end in tried if not end.failure]
     up.sort(key=lambda row: row.score)
-    if up and (now.failure or up[0].score < (1.0 - _SAVES) * cost(contract, now)):
+    present = cost(contract, now)
+    if up and (now.failure or (present > _NOTICEABLE and up[0].score < (1.0 - _SAVES) * present)):
         return _found(up, note)
     if now.failure:
         return Result("No single change keeps the robot up: several mistakes, or its model", (), note)

@@ -26,9 +26,9 @@ _SETTLE = 0.5  # s from the start until the velocity counts
 _TIMESTEP = 0.005  # s, of physics, at most: damping is integrated implicitly, so any gains are stable
 _NOTICED: Mapping[str, float] = {
     **{"velocity_error": 0.2, "yaw_rate_error": 0.5, "tilt": 0.1, "effort": 15.0, "action_rate": 5.0},
-    **{"joint_error": 0.1, "body_position_error": 0.3, "body_orientation_error": 0.2},
+    **{"joint_error": 0.1, "body_position_error": 0.3, "body_orientation_error": 0.2, "wrong keys": 0.2},
 }
-"""Metrics of `regress` that are errors, and from where on an onlooker begins to notice them, in their unit."""
+"""Metrics of `regress` that are errors, and 1 less F1, and from where on an onlooker notices them, in their unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ def run_episode(subject: Subject, seconds: float) -> Episode:
     """Run a policy that walks and turns, or follows its motion; one that cannot run at all has failed after 0 s."""
     contract = subject.contract
     case = Case(name="doctor")
-    task: TaskName = "tracking"
+    task: TaskName = "piano" if contract.task_type == "piano" else "tracking"
     if contract.task_type == "locomotion" and subject.description.is_floating:
         bounds = np.array([[-np.inf, np.inf]] * 3) if contract.command_ranges is None else contract.command_ranges
         vx, vy, yaw_rate = np.clip(_WALK_AND_TURN, bounds[:, 0], bounds[:, 1]).tolist()
@@ -112,5 +112,8 @@ def run_episode(subject: Subject, seconds: float) -> Episode:
 
 def episode_errors(episode: Episode) -> dict[str, float]:
     """Return the errors of an episode by metric, the largest first, each about 1 where one begins to notice it."""
-    known = {name: value / _NOTICED[name] for name, value in episode.metrics.items() if value and name in _NOTICED}
-    return dict(sorted(known.items(), key=lambda item: -item[1]))
+    known, played = dict(episode.metrics), episode.metrics.get("f1")
+    if played is not None:
+        known["wrong keys"] = 1.0 - played
+    errors = {name: value / _NOTICED[name] for name, value in known.items() if value and name in _NOTICED}
+    return dict(sorted(errors.items(), key=lambda item: -item[1]))

@@ -37,6 +37,7 @@ def edit(name, contract=PAIR):
     [
         (up(2.0), [(edit("a"), up(1.9))], None, True),  # some edit suits every healthy policy
         (up(2.0), [(edit("a"), up(1.9)), (edit("b"), up(1.2))], "b", False),
+        (up(0.2), [(edit("a"), up(0.1))], None, True),  # nobody would notice
         (up(2.0), [(edit("a"), lost(3.9))], None, True),
         (up(2.0), [(edit("a", UNEVEN), up(1.5))], None, True),  # gains that differ between the sides
         (lost(3.9), [(edit("a"), lost(3.95)), (edit("b"), up(9.0))], "b", False),
