@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -21,7 +20,17 @@ MODE_STYLES = {
     Mode.LOCOMOTION: "green",
     Mode.REMOTE: "magenta",
 }
+_UNITS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "share": (100.0, "%")}
+"""By unit what to multiply a value by for a person, and the unit that it then has."""
 _SHOWN = 40  # of these that are printed; JSON has them all
+
+
+def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
+    """Return a value with the unit that a person reads it in, such as `12.1 mm`; empty where there is none."""
+    if value is None:
+        return ""
+    factor, shown = _UNITS.get(unit, (1.0, unit))
+    return f"{round(factor * value, 9):{'+' if signed else ''}.3g} {shown}"
 
 
 def print_table(console: Console, title: str, rows: Iterable[Sequence[str]], *headings: str) -> None:
@@ -41,10 +50,10 @@ def print_figures(console: Console, summary: dict[str, Any], kinds: Sequence[str
     print_table(console, "Modes", modes, "mode", "from", "to", "controller", "reason")
     tracking, base, piano = (summary[name] for name in ("tracking", "base", "piano"))
     if tracking:
-        rows = []
-        for name, error in tracking["errors"].items():
-            factor, unit = (1e3, "mm") if error["unit"] == "m" else (np.degrees(1.0), "°")
-            rows.append((name, *(f"{factor * error[figure]:.1f} {unit}" for figure in ("mean", "rms", "max"))))
+        rows = [
+            (name, *(quantity(error[figure], error["unit"]) for figure in ("mean", "rms", "max")))
+            for name, error in tracking["errors"].items()
+        ]
         title = f"Tracking, {tracking['samples']} policy steps while the motion ran"
         print_table(console, title, rows, "error", "mean", "RMS", "max")
     if base and base["velocity"]:

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.regress.results import WORSE, PolicyRun, Results, quantity
+from humanoid_sim.evaluation.run_report import quantity
+from humanoid_sim.regress.results import WORSE, PolicyRun, Results
 
 _FAILURES_SHOWN = 5
 _COLOURS = {WORSE: "red", "worse within tolerance": "yellow", "better": "green"}
@@ -52,20 +53,16 @@ def report_page(results: Results) -> str:
 
 
 def junit_xml(results: Results) -> bytes:
-    """Return the verdicts as a JUnit XML document: a test case for each metric, skipped with nothing to compare."""
+    """Return the verdicts as a JUnit XML document: a test case for each metric."""
     root = ElementTree.Element("testsuites", name=f"regress {results.suite.name}")
     for candidate in results.candidates:
-        skipped = [seen for seen in candidate.comparisons if seen.verdict == "not compared"]
-        counts = {"tests": len(candidate.comparisons), "failures": len(candidate.worse), "skipped": len(skipped)}
-        totals = {"name": candidate.run.name, **{name: str(count) for name, count in counts.items()}}
-        suite = ElementTree.SubElement(root, "testsuite", totals)
+        name, counts = candidate.run.name, {"tests": len(candidate.comparisons), "failures": len(candidate.worse)}
+        suite = ElementTree.SubElement(root, "testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}})
         for seen in candidate.comparisons:
-            classname = f"{results.suite.name}.{candidate.run.name}"
+            classname = f"{results.suite.name}.{name}"
             case = ElementTree.SubElement(suite, "testcase", name=seen.metric, classname=classname)
             if seen.verdict == WORSE:
                 ElementTree.SubElement(case, "failure", message=f"{seen.verdict}: {seen.text}")
-            elif seen in skipped:
-                ElementTree.SubElement(case, "skipped")
         ElementTree.SubElement(suite, "system-out").text = "\n".join(_failures(candidate.run))
     ElementTree.indent(root)
     document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)

@@ -5,12 +5,12 @@ Numbers that do not exist (an error of an episode that failed in its first step)
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
 
+from humanoid_sim.evaluation.run_report import quantity
 from humanoid_sim.regress.suite import Suite
 
 Verdict = Literal["worse beyond tolerance", "worse within tolerance", "better", "no difference seen", "not compared"]
@@ -110,15 +110,3 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     def passed(self) -> bool:
         """Return whether no metric of any candidate is worse beyond its tolerance."""
         return not any(candidate.worse for candidate in self.candidates)
-
-
-_SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "share": (100.0, "%")}
-"""By unit what to multiply a value by for a person, and the unit that it then has."""
-
-
-def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
-    """Return a value with the unit that a person reads it in, such as `12.1 mm`; empty where there is none."""
-    if value is None:
-        return ""
-    factor, shown = _SHOWN.get(unit, (1.0, unit))
-    return f"{round(factor * value, 9):{'+' if signed else ''}.3g} {shown}"
