@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import io
 import os
 import sys
 import textwrap
@@ -66,9 +65,6 @@ def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positi
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
     """Run a program; what its user can fix becomes one line on stderr and exit status 2."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
     try:
         status = program(arguments)
         sys.stdout.flush()

@@ -125,8 +125,7 @@ class Run:
         sources += [intents] if self.keyboard is None else [intents, self.keyboard]
         self.script = None
         if plan.steps is not None:
-            frames = {choice.name: choice.motion_frames for choice in policies.choices}
-            self.script = Script(plan.steps, frames, requests=requests, operators=sources)
+            self.script = Script(plan.steps, requests=requests, operators=sources)
         self.session = Session(
             setup.robot,
             plan.supervisor,

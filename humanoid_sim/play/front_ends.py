@@ -96,6 +96,6 @@ def automatic_steps(config: PlayConfig, policies: Policies) -> tuple[ScriptStep,
         start = "start_remote; "
     elif policies.first is not None:
         start = "start_locomotion; "
-        if policies.first.motion_frames:
+        if policies.first.loaded.motion is not None:
             run = "motion; hold 0.5"
     return parse_script(f"hold 0.5; damp; hold 1; load_a; wait; hold 0.2; {start}{run}; damp; hold 1")

@@ -44,11 +44,6 @@ class PolicyChoice:
         return Path(self.checkpoint.source).stem
 
     @property
-    def motion_frames(self) -> int:
-        """Frames of the motion; 0 without one."""
-        return 0 if self.loaded.motion is None else len(self.loaded.motion.frames)
-
-    @property
     def label(self) -> str:
         source, file = self.checkpoint.source, self.motion_file
         return source if file is None else f"{source}, motion {file.name}"

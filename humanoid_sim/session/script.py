@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import NamedTuple
 
@@ -61,16 +61,14 @@ class Script(IntentSource):
     """
 
     steps: Sequence[ScriptStep]
-    motion_frames: Mapping[str, int] = field(default_factory=lambda: {"": 0})
-    """Length of each policy's motion in policy steps, by the policy's name, the selected one first."""
     _: KW_ONLY
     requests: Requests = field(default_factory=Requests)
     operators: Sequence[IntentSource] = ()  # take over with their first intent; polled in every tick
 
     def __post_init__(self) -> None:
         self._steps = list(self.steps)
-        self._policy = next(iter(self.motion_frames), "")  # none of a run without a policy
         self._hold_until: float | None = None
+        self._frame: int | None = None  # that the policy was shown last
         self._is_motion_over = self._was_moving = self._requested_damp = False
         self._is_taken_over = self._has_begun = False
 
@@ -92,10 +90,9 @@ class Script(IntentSource):
         self._hold_until = None
         if step.kind == "policy":
             self.requests.policy = step.policy
-            self._policy = step.policy if step.policy in self.motion_frames else self._policy
         if step.intent is None:
             return intents
-        self._is_motion_over, self._requested_damp = False, step.intent is Intent.DAMP
+        self._frame, self._is_motion_over, self._requested_damp = None, False, step.intent is Intent.DAMP
         return [step.intent]
 
     def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
@@ -104,8 +101,9 @@ class Script(IntentSource):
             self._steps.clear()
 
     def _follow(self, output: TickOutput) -> None:
-        if output.policy_step is not None:
-            self._is_motion_over = output.policy_step.frame >= self.motion_frames[self._policy] - 1
+        if output.policy_step is not None:  # the last frame of a motion is held
+            self._is_motion_over = output.policy_step.frame == self._frame
+            self._frame = output.policy_step.frame
         is_moving = output.control_mode.mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
         fell = self._was_moving and not is_moving and not self._requested_damp
         self._was_moving = is_moving

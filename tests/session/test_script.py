@@ -41,9 +41,9 @@ def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text):
         parse_script(text)
 
 
-def play(text, frames=0, fault=None, operators=()):
+def play(text, fault=None, operators=()):
     """Run a script; `fault` is the time of a one-tick safety fault, s. The script, its result and ticks, the modes."""
-    script, sink = Script(parse_script(text), {"": frames}, operators=operators), FakeSink()
+    script, sink = Script(parse_script(text), operators=operators), FakeSink()
     statuses = (SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF),)
     run = session(
         FakeRobot(),
@@ -59,7 +59,7 @@ def play(text, frames=0, fault=None, operators=()):
 
 def test_steps_are_played_in_order_one_intent_per_tick():
     text = "damp; load_a; wait; hold 0.1; start_locomotion; motion; damp; hold 0.2; quit"
-    _, _, records, modes = play(text, frames=4)
+    _, _, records, modes = play(text)
     assert max(len(record.input.intents) for record in records) == 1
     assert list(dict.fromkeys(modes)) == ["DAMPING", "STANDBY", "LOCOMOTION"]
     # The pose is reached 4 ticks after LOAD_A, which `wait` sees one tick later; then 0.1 s.
@@ -79,7 +79,7 @@ def test_steps_are_played_in_order_one_intent_per_tick():
     ],
 )
 def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text, mode):
-    script, reason, records, modes = play(text, frames=1000, fault=0.5)
+    script, reason, records, modes = play(text, fault=0.5)
     assert modes[24] == mode
     assert set(modes[25:]) == {"DAMPING"}
     assert (script.finished, reason) == (True, "script finished")
@@ -97,7 +97,7 @@ def test_an_operator_takes_the_scripts_place_until_the_end():
 
 def test_a_fault_that_moves_nothing_drops_the_rest():
     """LOAD_A that fails to start leaves the robot in DAMPING: no fall, but what was planned is off."""
-    script = Script(parse_script("damp; load_a; hold 1; load_b"), {})  # of a run without a policy
+    script = Script(parse_script("damp; load_a; hold 1; load_b"))
     damping = ControlMode(Mode.DAMPING, "damping_controller")
     assert script.poll(0.0, None) == [Intent.DAMP]
     assert script.poll(0.1, TickOutput(MITCommand.zeros(2), damping)) == [Intent.LOAD_A]
