@@ -38,7 +38,6 @@ TICK, STATUS = range(2)  # kinds of the feed: a tick by the message definition; 
 VELOCITY_TIMEOUT = 0.25  # s after which a velocity command that is not repeated is zero
 LIVE_TIMEOUT = 0.5  # s after which a live input that is not repeated is stale, unless its contract says otherwise
 _KEPT = 256  # ticks that a feed keeps
-_LONGEST_WORD = 5000  # characters of a request: the longest safety status is JSON of 4,700
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2  # s that a full socket is waited for: for data, and for intents
 _NAMES = count()
 
@@ -346,11 +345,11 @@ class Intake(_Connection):
     def post(self, word: str, *, seen: int | None = None) -> str:
         """Request as `ask` does without waiting; returns what `answer` takes."""
         token = str(next(_NAMES))
-        line = " ".join(word.splitlines())[:_LONGEST_WORD]
         try:
             self._socket.settimeout(None)
             # Not connected: it takes answers from whatever socket the session sends them by.
-            self._socket.sendto(self._message(line, seen, token), str(self.session.path / "intents"))
+            message = self._message(" ".join(word.splitlines()), seen, token)
+            self._socket.sendto(message, str(self.session.path / "intents"))
         except OSError as error:
             raise self._unreachable(error) from None
         return token

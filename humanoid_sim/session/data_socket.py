@@ -114,8 +114,10 @@ class DataSocket(ExternSource, Sink):
         problem = remote_problem(names, command, self.joints)
         if problem:
             return problem
-        if is_remote and not turn.admit(message.producer, arrival_time + self.stale_timeout):
+        if is_remote and turn.owner not in ("", message.producer):
             return f"REMOTE: belongs to {turn.owner}"
+        if is_remote:
+            turn.take(message.producer, arrival_time + self.stale_timeout)
         self.remote = RemoteCommand(command, arrival_time)
         return ""
 

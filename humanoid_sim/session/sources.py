@@ -58,12 +58,9 @@ class Turn:
             self.owner = ""
         return not self.owner
 
-    def admit(self, producer: str, until: float, *, deliberate: bool = False) -> bool:
-        """Return True if a sample of that producer counts, which then owns the turn until that time."""
-        if self.owner not in ("", producer) and not deliberate:
-            return False
+    def take(self, producer: str, until: float) -> None:
+        """Let that producer own the turn until that time."""
         self.owner, self.until = producer, until
-        return True
 
 
 _STEP = 0.1  # m/s, and rad/s, that one key press adds
@@ -114,7 +111,7 @@ class VelocityCommand:
 
     def press(self, key: str) -> None:
         change = VELOCITY_KEYS[key]
-        self.turn.admit(KEYBOARD, math.inf, deliberate=True)
+        self.turn.take(KEYBOARD, math.inf)
         self._set(self._clipped(self.command + change if any(change) else np.zeros(3)), 0.0, math.inf)
 
     def offer(self, producer: str, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool) -> bool:
@@ -124,7 +121,7 @@ class VelocityCommand:
         """
         if not deliberate and self.turn.owner != producer:
             return False
-        self.turn.admit(producer, arrival_time + timeout, deliberate=True)
+        self.turn.take(producer, arrival_time + timeout)
         self._set(self._clipped(value), arrival_time, timeout)
         return True
 
