@@ -131,7 +131,7 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
     columns = [i for i, joint in enumerate(hinges) if joint in contract.joint_names]
     for key in {"joint_position", "joint_velocity", "target"} & arrays.keys():
         arrays[key] = arrays[key][:, columns]
-    for key in given.keys() & set(_MEMORY):
+    for key in given.keys() & {"frame", "alignment"}:
         arrays[key] = np.broadcast_to(given[key], (steps, 7)) if given[key].shape == (7,) else given[key]
         if len(np.atleast_1d(arrays[key])) != steps:
             raise FieldError(f"{key} has shape {arrays[key].shape}, expected {steps} rows")

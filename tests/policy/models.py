@@ -73,27 +73,6 @@ def linear_model(
     return finished(graph, metadata)
 
 
-def looping_model() -> onnx.ModelProto:
-    """`action = observation · weights`, computed, and then copied as many times as the largest observation says."""
-    number, flag, float32 = TensorProto.INT64, TensorProto.BOOL, TensorProto.FLOAT
-    info = helper.make_tensor_value_info
-    body = helper.make_graph(
-        [helper.make_node("Identity", ["go_on"], ["again"]), helper.make_node("Identity", ["before"], ["after"])],
-        "body",
-        [info("trip", number, []), info("go_on", flag, []), info("before", float32, [1, 2])],
-        [info("again", flag, []), info("after", float32, [1, 2])],
-    )
-    nodes = [
-        helper.make_node("MatMul", ["observation", "weights"], ["product"]),
-        helper.make_node("ReduceMax", ["observation"], ["largest"], keepdims=0),
-        helper.make_node("Cast", ["largest"], ["count"], to=number),
-        helper.make_node("Loop", ["count", "", "product"], ["action"], body=body),
-    ]
-    ends = [info("observation", float32, [1, 8])], [info("action", float32, [1, 2])]
-    graph = helper.make_graph(nodes, "policy", *ends, [numpy_helper.from_array(weights(8, 2), "weights")])
-    return finished(graph, None)
-
-
 def finished(graph: onnx.GraphProto, metadata: Mapping[str, str] | None) -> onnx.ModelProto:
     """A model of a graph, with metadata: by default that of `contract()`."""
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

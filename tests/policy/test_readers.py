@@ -99,22 +99,19 @@ def test_holosomas_metadata_with_its_experiment(tmp_path):
     assert older.values["action_scale"].tolist() == [0.5, 0.25]
 
 
-DEPLOY = {
-    "joint_ids_map": [2, 0, 3, 1],
-    "step_dt": 0.02,
-    "stiffness": [10.0, 11.0, 12.0, 13.0],
-    "damping": [1.0, 1.1, 1.2, 1.3],
-    "default_joint_pos": [0.2, 0.0, 0.3, 0.1],
-    "commands": {
-        "base_velocity": {"ranges": {"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_z": [-2, 2], "heading": None}}
-    },
-    "actions": {"JointPositionAction": {"clip": None, "joint_names": [".*"], "scale": [0.25] * 4, "offset": [0.0] * 4}},
-    "observations": {
-        "base_ang_vel": {"params": {}, "clip": None, "scale": [0.2, 0.2, 0.2], "history_length": 5},
-        "joint_pos_rel": {"params": {}, "clip": [-10, 10], "scale": None, "history_length": 0},
-        "gait_phase": {"params": {"period": 0.6}, "clip": None, "scale": [1.0, 1.0]},
-    },
-}
+DEPLOY = yaml.safe_load("""
+joint_ids_map: [2, 0, 3, 1]
+step_dt: 0.02
+stiffness: [10.0, 11.0, 12.0, 13.0]
+damping: [1.0, 1.1, 1.2, 1.3]
+default_joint_pos: [0.2, 0.0, 0.3, 0.1]
+commands: {base_velocity: {ranges: {lin_vel_x: [-1, 1], lin_vel_y: [0, 0], ang_vel_z: [-2, 2], heading: null}}}
+actions: {JointPositionAction: {clip: null, joint_names: [.*], scale: [0.25, 0.25, 0.25, 0.25], offset: [0, 0, 0, 0]}}
+observations:
+  base_ang_vel: {params: {}, clip: null, scale: [0.2, 0.2, 0.2], history_length: 5}
+  joint_pos_rel: {params: {}, clip: [-10, 10], scale: null, history_length: 0}
+  gait_phase: {params: {period: 0.6}, clip: null, scale: [1.0, 1.0]}
+""")
 
 
 def deployed(folder, robot=ROBOT, **changes):
@@ -221,42 +218,39 @@ def test_isaac_labs_env_yaml(tmp_path):
     assert "env.yaml cannot be read" in read(tmp_path).unused[0]
 
 
-BERKELEY = {
-    "joints": list(ROBOT),
-    "policy_checkpoint_path": "checkpoints/policy.onnx",
-    "joint_kp": [20.0, 30.0, 40.0, 50.0],
-    "joint_kd": 2.0,
-    "default_joint_positions": [0.0, 0.1, 0.2, 0.3],
-    "effort_limits": 6.0,
-    "num_observations": 21,
-    "history_length": 1,
-    "action_indices": [1, 3],
-    "action_scale": 0.25,
-    "action_limit_lower": -100.0,
-    "action_limit_upper": 100.0,
-    "policy_dt": 0.04,
-}
+BERKELEY = """
+joints: [a, b, c, d]
+policy_checkpoint_path: checkpoints/policy.onnx
+joint_kp: [20.0, 30.0, 40.0, 50.0]
+joint_kd: 2.0
+default_joint_positions: [0.0, 0.1, 0.2, 0.3]
+effort_limits: 6.0
+num_observations: 21
+history_length: 1
+action_indices: [1, 3]
+action_scale: 0.25
+action_limit_lower: -100.0
+action_limit_upper: 100.0
+policy_dt: 0.04
+"""
 
 
 def test_berkeleys_yaml(tmp_path):
     (tmp_path / "configs").mkdir()
-    (tmp_path / "configs" / "policy.yaml").write_text(yaml.safe_dump(BERKELEY))
+    (tmp_path / "configs" / "policy.yaml").write_text(BERKELEY)
     contract = read(tmp_path).contract
     assert (contract.joint_names, contract.action_joint_names) == (ROBOT, ("b", "d"))
     assert contract.terms[3].joints == ("b", "d")
     assert (contract.terms[0].history, contract.history_layout) == (2, "per_step")
     assert (contract.action_clip, contract.action_limit, contract.policy_dt) == (100.0, 1e4, 0.04)
-    (tmp_path / "configs" / "policy.yaml").write_text(yaml.safe_dump({**BERKELEY, "action_limit_lower": -1.0}))
+    (tmp_path / "configs" / "policy.yaml").write_text(BERKELEY.replace("-100.0", "-1.0"))
     with pytest.raises(InputError, match="not -x and x"):
         read(tmp_path)
 
 
 def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
-    (tmp_path / "params").mkdir()
-    term = {"scale": 0.5, "history_length": 3}
-    terms = {"joint_pos": term, "actions": {}}
-    env = {"observations": {"actor": {"terms": terms, "concatenate_terms": True}}}
-    (tmp_path / "params" / "env.yaml").write_text(yaml.safe_dump(env, sort_keys=False))
+    terms = "{joint_pos: {scale: 0.5, history_length: 3}, actions: {}}"
+    (tmp_path / "env.yaml").write_text(f"observations: {{actor: {{terms: {terms}, concatenate_terms: true}}}}\n")
     reading = read(tmp_path)
     assert reading.values["observation"] == ("joint_pos", "actions")
     assert (reading.values["observation.joint_pos.history"], reading.unused) == (3, ())

@@ -47,22 +47,6 @@ def test_joints_that_the_policy_lacks_are_left_out(samples, saved):
     assert found.arrays["target"].shape == (8, 4)
 
 
-def test_a_run_that_does_not_start_at_activation_gives_its_memory(samples, saved):
-    start = 7
-    arrays = {name: table[start:] for name, table in RUN.arrays().items() if len(table) == RUN.steps}
-    with pytest.raises(InputError, match=r"joint_pos_rel|last_action|sin_phase"):
-        samples(saved(**arrays))
-    before = np.arange(start, RUN.steps)[:, None] - np.arange(trainer.HISTORY, 0, -1)
-    newest = 9 + 4 * (trainer.HISTORY - 1)
-    memory = {
-        "last_action": RUN.action[start - 1 : -1],
-        "frame": np.zeros(RUN.steps - start),
-        "walked": 2.0 * np.pi * 0.02 / 0.8 * np.arange(start, RUN.steps),
-        "history": np.concatenate([RUN.obs[:, :9], RUN.obs[:, newest:]], axis=1)[before],
-    }
-    samples(saved(**arrays, **memory))
-
-
 def test_a_robots_model_knows_imu_and_anchor(robot, saved):
     trace = read_trace(saved(), trainer.contract(), body_reader(robot, trainer.contract(anchor_body="left_thigh")))
     state = trace.state(1)
