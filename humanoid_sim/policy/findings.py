@@ -50,7 +50,8 @@ def shown(value: Any) -> str:
             return f"{value.min():g} to {value.max():g}, {value.size} values"
         value = value.tolist()
     if isinstance(value, list | tuple) and all(isinstance(item, str | float | int) for item in value):
-        text = f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
+        form = str if all(isinstance(item, str) for item in value) else repr  # a text among numbers shows as one
+        text = f"[{', '.join(form(item) if isinstance(item, str) else f'{item:g}' for item in value)}]"
     else:
         text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."

@@ -22,7 +22,6 @@ from humanoid_sim.policy.layers import Reading
 from humanoid_sim.policy.loaded_policy import contract_layout, width_problem
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.agent import missing_normaliser
-from humanoid_sim.policy.readers.own import GOLDEN_KEY
 from humanoid_sim.policy.traces import verify_golden
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
@@ -101,15 +100,15 @@ def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Fi
         yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
     if text := missing_normaliser(policy.model.path):
         yield Finding("error", "model", text)
-    source, has_samples = str(policy.model.path), GOLDEN_KEY in policy.model.metadata
+    source = str(policy.model.path)
     try:
-        motion = sweep_motion(policy, contract) if has_samples else None
-        proof = verify_golden(Checkpoint(contract, policy, source, motion=motion))
+        proof = verify_golden(Checkpoint(contract, policy, source, motion=sweep_motion(policy, contract)))
         none = "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
         yield Finding("info", "golden vectors", proof or none)
     except InputError as error:
-        reason = str(error).removeprefix(f"{source}: ").removeprefix("golden vectors: ")
-        yield Finding("error", "golden vectors", reason)
+        reason = str(error).removeprefix(f"{source}: ")
+        field = "golden vectors" if reason.startswith("golden vectors") else "model"
+        yield Finding("error", field, reason.removeprefix("golden vectors: "))
 
 
 def _stability_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:

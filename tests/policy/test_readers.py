@@ -262,6 +262,8 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
         ("JointPositionAction", "JointEffortAction", "is a JointEffortAction, expected a JointPositionAction"),
         ("observations:base_ang_vel", "observations:root_quat_w", "gyro is computed by isaaclab.envs.mdp"),
         ("scale: 0.2,", "scale: 0.2, modifiers: [{bias: 1}],", "gyro has modifiers"),
+        ("legs: {", 'legs: {class_type: "isaaclab.actuators:ActuatorNetLSTM", ', "legs are ActuatorNetLSTM, a network"),
+        ("legs: {", 'legs: {class_type: "isaaclab.actuators:DelayedPDActuator", ', "whose delay is not read"),
         ("concatenate_terms: true", "concatenate_terms: false", "concatenate_terms is false"),
     ],
 )

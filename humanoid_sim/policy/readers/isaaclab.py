@@ -33,10 +33,17 @@ def _layers(path: Path) -> list[Layer]:
     robot = file.at("scene", "robot")
     if pose := robot.at("init_state", "joint_pos"):
         values["default_joint_pos"] = {".*": 0.0, **pose}
+    actuators = robot.at("actuators")
+    for name in actuators:
+        kind = str(actuators.at(name).get("class_type") or "").rpartition(":")[2]
+        if kind.startswith("ActuatorNet"):
+            raise InputError(f"actuators {name} are {kind}, a network that is not reproduced here")
+        if kind.startswith("Delayed"):
+            unused += (f"{path.name}: actuators {name} are {kind}, whose delay is not read",)
     for key, name in _GAINS.items():
         gains: dict[str, Any] = {}
-        for actuator in robot.at("actuators"):
-            gains |= _by_pattern(robot.at("actuators", actuator), key)
+        for actuator in actuators:
+            gains |= _by_pattern(actuators.at(actuator), key)
         if gains:
             values[name] = gains
     values |= _action(file.at("actions"))
