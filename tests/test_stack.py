@@ -61,14 +61,14 @@ def test_a_piano_policy_observes_as_many_keys_as_it_has_goals():
     ("contract", "followed", "width", "expected"),
     [
         (lite_contract(), None, None, "p.onnx: task_type tracking follows a motion"),
-        (lite_contract(), motion(body_names=("left_foot",)), None, "p.onnx: m.mcap describes "),
-        (lite_contract(), motion(policy_dt=0.021), None, "p.onnx: m.mcap has a frame every 0.021 s"),
+        (lite_contract(), motion(body_names=("left_foot",)), None, "p.onnx: motion: describes "),
+        (lite_contract(), motion(policy_dt=0.021), None, "p.onnx: motion: has a frame every 0.021 s"),
         (lite_contract(), motion(), 24, "p.onnx: observation: is 23 wide"),
     ],
 )
 def test_what_does_not_fit_is_one_line_with_the_file(contract, followed, width, expected):
     with pytest.raises(InputError) as caught:
-        load_policy(contract, zero_policy(14), followed, width, source="p.onnx", motion_source="m.mcap")
+        load_policy(contract, zero_policy(14), followed, width, source="p.onnx")
     assert str(caught.value).startswith(expected)
     assert "\n" not in str(caught.value)
 

@@ -138,7 +138,7 @@ def _choose(config: PlayConfig, description: RobotDescription, name: str | None)
             checkpoint = Checkpoint(contract, zero_policy(contract.action_count), str(path))
             warning = f"PLACEHOLDER POLICY: {path.name} does NOT run; the action is zero. Run: pip install onnxruntime"
     motion, motion_file, notices = _motion(config, checkpoint, description, is_shipped=is_shipped)
-    loaded = checkpoint.with_motion(motion, str(motion_file))
+    loaded = checkpoint.with_motion(motion)
     return PolicyChoice(loaded, checkpoint, motion_file, warning, (*_notices(checkpoint, warning), *notices))
 
 

@@ -65,10 +65,10 @@ class Checkpoint:
         if self.model is not None:
             self.model.time_limit = seconds
 
-    def with_motion(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
+    def with_motion(self, motion: Motion | None = None) -> LoadedPolicy:
         """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
-        motion, width = self.motion if motion is None else motion, self.observation_width
-        return load_policy(self.contract, self.policy, motion, width, source=self.source, motion_source=motion_source)
+        followed = self.motion if motion is None else motion
+        return load_policy(self.contract, self.policy, followed, self.observation_width, source=self.source)
 
 
 def load_checkpoint(

@@ -59,14 +59,13 @@ def load_policy(
     observation_width: int | None = None,
     *,
     source: str = "policy",
-    motion_source: str = "motion",
 ) -> LoadedPolicy:
     """Bring a policy and its motion together, N as the model declares it; raises `InputError` if they do not fit."""
     with blaming(source):
         for name, topic in contract.live_topics.items():
             if topic_kind(topic.name) is not LIVE_INPUT:
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
-        loaded = LoadedPolicy(contract, _reference(contract, motion, motion_source), policy, motion)
+        loaded = LoadedPolicy(contract, _reference(contract, motion), policy, motion)
         layout = loaded.layout
         if observation_width not in (None, layout.width):
             raise FieldError(f"observation: {width_problem(layout, observation_width)}")
@@ -79,21 +78,21 @@ def width_problem(layout: ObservationLayout, width: int | None) -> str:
     return f"is {layout.width} wide, the model's input {width}: {terms}"
 
 
-def _reference(contract: PolicyContract, motion: Motion | None, motion_source: str) -> MotionReference:
+def _reference(contract: PolicyContract, motion: Motion | None) -> MotionReference:
     task = contract.task_type
     if task == "locomotion":
         return no_reference()
     if motion is None:
         raise FieldError(f"task_type {task} follows a motion, and none is given: use --motion")
     if motion.task_type not in ("", task):
-        raise FieldError(f"{motion_source} is a motion for task_type {motion.task_type}, expected one for {task}")
+        raise FieldError(f"motion: is for task_type {motion.task_type}, expected one for {task}")
     if not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
         rates = f"{motion.policy_dt:g} s, expected policy_dt {contract.policy_dt:g} s"
-        raise FieldError(f"{motion_source} has a frame every {rates}; resample the motion")
+        raise FieldError(f"motion: has a frame every {rates}; resample it")
     if motion.layout == "joints_bodies_w":
         return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
     if task == "tracking" and motion.body_names not in ((), contract.body_names):
-        raise FieldError(f"{motion_source} describes {motion.body_names}, expected the bodies {contract.body_names}")
+        raise FieldError(f"motion: describes {motion.body_names}, expected the bodies {contract.body_names}")
     return build_reference(contract, motion.frames)
 
 

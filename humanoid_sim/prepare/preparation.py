@@ -40,7 +40,7 @@ def prepare(options: PrepareOptions) -> int:
     else:
         motion, lines, name = _motion(options, checkpoint, robot)
     if checkpoint is not None:
-        checkpoint.with_motion(motion, name)  # the same check as `play` makes: terms, widths, bodies and rate
+        checkpoint.with_motion(motion)  # the same check as `play` makes: terms, widths, bodies and rate
     stem = re.sub(r"[^\w.-]+", "_", options.name or name)
     target = folder / f"{stem}.mcap"
     if target.exists() and not options.overwrite:

@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from models import linear_model, saved
+from models import contract_of, linear_model, saved
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
 from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
@@ -50,8 +50,6 @@ MJCF = f"""
 def contract(**changes: Any) -> PolicyContract:
     """How the policy is wired."""
     values: dict[str, Any] = {
-        "task_type": "locomotion",
-        "joint_names": JOINTS,
         "action_joint_names": DRIVEN,
         "joint_stiffness": [40.0, 41.0, 50.0, 51.0],
         "joint_damping": [1.5, 1.6, 2.0, 2.1],
@@ -60,11 +58,10 @@ def contract(**changes: Any) -> PolicyContract:
         "command_names": ("twist",),
         "action_scale": SCALE,
         "policy_dt": DT,
-        "body_names": (),
         "command_ranges": [[-1.0, 1.0], [-0.5, 0.5], [-1.0, 1.0]],
         "phase": PhaseRule(PERIOD),
     }
-    return PolicyContract(**{**values, **changes})
+    return contract_of(changes.pop("joint_names", JOINTS), **{**values, **changes})
 
 
 def terms(**changes: dict[str, Any]) -> list[Term]:
@@ -101,17 +98,14 @@ class Run:
     def __init__(self) -> None:
         rng = np.random.default_rng(11)
         time = DT * np.arange(self.steps)[:, None]
-        q = DEFAULT + 0.3 * np.sin(6.0 * time + np.arange(4))  # in the policy's order
-        qd = 1.8 * np.cos(6.0 * time + np.arange(4))
+        q, qd = DEFAULT + 0.3 * np.sin(6.0 * time + np.arange(4)), 1.8 * np.cos(6.0 * time + np.arange(4))
         quaternion = np.array([0.6, 0.05, -0.1, 0.7]) + 0.05 * rng.normal(size=(self.steps, 4))
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-        position = np.array([0.3, -0.2, 0.8]) + 0.01 * time
-        order = [JOINTS.index(name) for name in ROBOT_JOINTS]
+        position, order = np.array([0.3, -0.2, 0.8]) + 0.01 * time, [JOINTS.index(name) for name in ROBOT_JOINTS]
         self.qpos = np.concatenate([position, quaternion, q[:, order]], axis=1)
         self.qvel = np.concatenate([rng.normal(size=(self.steps, 6)), qd[:, order]], axis=1)
         self.cmd = np.array([0.5, -0.1, 0.3])
-        last, relative = np.zeros(3, dtype=np.float32), q - DEFAULT
-        observations, actions = [], []
+        last, relative, actions, observations = np.zeros(3, dtype=np.float32), q - DEFAULT, [], []
         for k in range(self.steps):
             gravity = _rotation(quaternion[k]).T @ np.array([0.0, 0.0, -1.0])
             angles = 2.0 * np.pi * DT / PERIOD * (k + 1) + np.array([0.0, np.pi])
