@@ -100,7 +100,10 @@ class Gate:
         """Answer a request; None where a socket may open."""
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
         if not self._is_admitted(request, is_socket=is_socket):
-            return connection.respond(HTTPStatus.NOT_FOUND, "not found")
+            if request.headers.get_all("Host") == [self.authority] or not self._has_token(request.path):
+                return connection.respond(HTTPStatus.NOT_FOUND, "not found")
+            text = f"open it at {self.authority}: through a proxy or a tunnel its address must be the same (--port)"
+            return connection.respond(HTTPStatus.FORBIDDEN, text)
         if is_socket:
             return None
         response = connection.respond(HTTPStatus.OK, self._page)
@@ -114,9 +117,12 @@ class Gate:
             return False
         if origins != [f"http://{self.authority}"] and (is_socket or origins):  # sockets of browsers always have one
             return False
-        token, slash, kind = request.path.partition("?")[0].removeprefix("/").partition("/")
-        is_known = secrets.compare_digest(token.encode(errors="replace"), self._token.encode())
-        return is_known and bool(slash) and kind in (("console", "viser") if is_socket else ("",))
+        _, slash, kind = request.path.partition("?")[0].removeprefix("/").partition("/")
+        return self._has_token(request.path) and bool(slash) and kind in (("console", "viser") if is_socket else ("",))
+
+    def _has_token(self, path: str) -> bool:
+        token = path.partition("?")[0].removeprefix("/").partition("/")[0]
+        return secrets.compare_digest(token.encode(errors="replace"), self._token.encode())
 
     async def _overlay(self, connection: ServerConnection) -> None:
         """Show facts at a page, and receive its presses, DAMP, and its heartbeats: the stamp of what it shows."""

@@ -28,9 +28,9 @@ def socket(gate, name="console", origin=None):
     return connect(gate.address.replace("http", "ws", 1) + name, origin=origin or f"http://{gate.authority}")
 
 
-def status(gate, path):
+def status(gate, path, **headers):
     with closing(HTTPConnection(gate.authority)) as connection:
-        connection.request("GET", path)
+        connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
         return answer.status, answer.read()
 
@@ -45,6 +45,13 @@ def test_the_page_is_viser_s_with_the_overlay(gate):
 @pytest.mark.parametrize("path", ["/", "/x/", "//", "/TOKEN", "/TOKEN/console", "/TOKEN/../x", "/TOKENx/"])
 def test_without_a_whole_token_and_path_there_is_nothing(gate, path):
     assert status(gate, path.replace("TOKEN", gate.address.split("/")[3]))[0] == 404
+
+
+def test_behind_a_proxy_the_one_who_has_the_token_reads_which_address_it_takes(gate):
+    path = "/" + gate.address.split("/", 3)[3]
+    found, body = status(gate, path, Host="robot.local")
+    assert (found, gate.authority in body.decode()) == (403, True)
+    assert status(gate, "/x/", Host="robot.local") == (404, b"not found")
 
 
 @pytest.mark.parametrize(("name", "origin"), [("console", "http://x"), ("other", None)])
