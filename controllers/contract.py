@@ -92,7 +92,6 @@ class Term:
     joints: tuple[str, ...] | None = None  # for joint positions and velocities, in this order; None: all, the policy's
     scan: HeightScan | None = None  # for a height scan: its grid; None: mjlab's
     width: int | None = None  # number of values of a live input that no kind of term expresses; None: the kind's
-    topic: str | None = None  # topic on which other programs publish a live input; None: the kind's
     timeout: float | None = None  # s after arrival from which a live input is stale; None: 0.5
 
     def __post_init__(self) -> None:
@@ -105,15 +104,17 @@ class Term:
         usual = term_kind(self.kind, is_declared=self.width is not None)
         is_reported = self.kind in EXTERN_WIDTHS or self.kind.startswith(BASE_LINEAR_VELOCITY)
         is_sent = usual.topic and not is_reported  # else it is the robot's, or made of its state: nobody else's to send
-        is_topic = re.fullmatch(r"(/[A-Za-z_]\w*)+", self.topic or usual.topic, re.ASCII)
         live = "of a live input; a width declares one, as in width: 2"
         checks = {
             "scale": (np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
             "clip": (self.clip is None or self.clip[0] <= self.clip[1], "a lower and an upper bound"),
+            "kind": (
+                self.width is None or re.fullmatch(r"[A-Za-z_]\w*", self.kind, re.ASCII),
+                "a name of a ROS 2 topic",
+            ),
             "history": (self.history >= 1, "a whole number >= 1"),
             "scan": (self.scan is None or has_scan, "none: only a height_scan has one"),
             "width": (self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),
-            "topic": (is_topic if is_sent else self.topic is None, f"a ROS 2 name such as '/foot_contact', {live}"),
             "timeout": (self.timeout is None or (is_sent and self.timeout > 0.0), f"seconds > 0, or .inf, {live}"),
         }
         require_fields(where, self, checks)
@@ -250,12 +251,9 @@ class PolicyContract:
             if term.joints is not None:
                 require_names(f"{owner}.observation: term '{term.name}'", term.joints, self.joint_names)
             same = [other for other in self.terms if other.kind == term.kind]
-            if len({(other.width, other.topic, other.timeout, other.scan) for other in same}) > 1:
+            if len({(other.width, other.timeout, other.scan) for other in same}) > 1:
                 names = " and ".join(other.name for other in same)
-                raise FieldError(f"{owner}.observation: {names} differ in width, topic, timeout or scan")
-        topics = [topic.name for topic in self.live_topics.values()]
-        if topics:
-            require_names(f"{owner}.observation: topics", topics)
+                raise FieldError(f"{owner}.observation: {names} differ in width, timeout or scan")
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -316,7 +314,7 @@ class PolicyContract:
     def live_topics(self) -> Mapping[str, LiveTopic]:
         """Topics of the live inputs that are observed and that other programs may publish, by name."""
         kinds = ((term, self.kind(term)) for term in self.terms)
-        return {kind.reads: LiveTopic(term.topic or kind.topic, term.timeout) for term, kind in kinds if kind.topic}
+        return {kind.reads: LiveTopic(kind.topic, term.timeout) for term, kind in kinds if kind.topic}
 
 
 def _is_gain(values: FloatArray) -> BoolArray:

@@ -217,7 +217,7 @@ class TermKind:
     relative: bool = False  # True if positions are relative to the default pose unless the term says otherwise
     requires: str = ""  # field of the contract without which it means nothing
     scales: tuple[float, ...] = (1.0,)  # scales seen in published policies
-    topic: str = ""  # topic on which other programs publish it, where the term names none; empty: none does
+    topic: str = ""  # topic on which other programs publish it; empty: none does
 
     @property
     def task(self) -> Literal["", "tracking", "piano"]:
@@ -299,7 +299,7 @@ TERM_KINDS: Mapping[str, TermKind] = {kind.name: kind for kind in _KINDS}  # eve
 TERM_NAMES: Mapping[str, str] = {name: kind.name for kind in _KINDS for name in (kind.name, *kind.names)}
 """Every known name of a term, and its kind's."""
 USUAL_TOPICS: Mapping[str, str] = {kind.reads: kind.topic for kind in _KINDS if kind.topic}
-"""Topics of live inputs, where a contract has no others."""
+"""Topics of the live inputs that have a kind of their own."""
 
 
 def term_kind(name: str, command_names: tuple[str, ...] = (), *, is_declared: bool = False) -> TermKind:

@@ -70,9 +70,6 @@ def make_wiring(
     if channel_count not in {1, buses}:
         raise InputError(f"{name}: {channel_count} channels given, expected 1, or one for each of its {buses} buses")
     offsets = dict.fromkeys(joints, 0.0) if calibration is None else calibration
-    wrong = set(offsets) ^ set(joints) | {joint for joint, offset in offsets.items() if not math.isfinite(offset)}
-    if wrong:
-        raise InputError(f"{name}: calibration: expected a finite offset of every joint; wrong: {', '.join(wrong)}")
     models = [MOTORS[motor.model] for motor in motors]
     families = [FAMILIES[model.family] for model in models]
     places = [(motor.bus if channel_count > 1 else 0, motor.can_id) for motor in motors]

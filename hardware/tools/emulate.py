@@ -6,7 +6,6 @@ import signal
 import time
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.mock.server import MockServer
@@ -24,10 +23,6 @@ def emulate(config: Emulate) -> int:
         if address.interface == "virtual":
             raise InputError(f"--channel: is '{address}', expected one between processes: vcan0 or udp_multicast:…")
     faults = [parse_fault(text, description) for text in config.fault]
-    offsets = {}
-    if config.calibration is not None:
-        entries = load_calibration(config.calibration, description).entries
-        offsets = {name: entries[name].homing_offset or 0.0 for name in description.joint_names if name in entries}
 
     def log(when: float, text: str) -> None:
         if not config.quiet:
@@ -40,7 +35,7 @@ def emulate(config: Emulate) -> int:
     }
     try:
         with punctual_threads(behind=10) as punctuality:
-            motors = MockServer(description, addresses, homing_offset=offsets, log=log)
+            motors = MockServer(description, addresses, log=log)
         with motors:
             for fault in faults:
                 motors.inject(fault)

@@ -120,8 +120,6 @@ class Emulate:
     """A fault to inject, KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s: over_temperature:left_elbow_pitch@5+2.
     May be repeated. Kinds: silent late garbage wrong_id motor_fault over_temperature brown_out stuck encoder_jump
     second_master bus_off."""
-    calibration: Path | None = None
-    """Assemble the motors as this calibration file says; without, every homing offset is 0."""
     quiet: bool = False  # Print no changes of motors and faults.
 
 

@@ -43,11 +43,10 @@ def test_a_field_that_does_not_fit_is_named(changes, message):
     [
         (lambda: Term("joint_pos", history=0), "history: is 0"),
         (lambda: Term("joint_pos", scan=HeightScan()), "only a height_scan has one"),
-        (lambda: Term("foot_contact", topic="/feet"), "a width declares one"),
-        (lambda: Term("foot_contact", width=2, topic="feet"), "expected a ROS 2 name"),
+        (lambda: Term("foot_contact", timeout=1.0), "a width declares one"),
         (lambda: Term("foot_contact", width=2, timeout=0.0), "expected seconds > 0"),
         (lambda: HeightScan(grid=(1.6,)), "expected two lengths"),
-        (lambda: Term("left-hand 2", width=2), "expected a ROS 2 name"),
+        (lambda: Term("left-hand 2", width=2), "expected a name of a ROS 2 topic"),
         (lambda: PhaseRule(1.0, offsets=[]), "offsets: is"),
     ],
 )
@@ -82,7 +81,7 @@ def wired(*terms, extern):
 def test_a_policy_has_one_scan_of_the_robots_width():
     again = Term("again", kind="height_scan", scan=TWO.scan, history=3)
     assert wired(TWO, again, extern={"height_scan": 2}).layout.width == 2 + 6 + 3
-    with pytest.raises(FieldError, match="height_scan and other differ in width, topic, timeout or scan"):
+    with pytest.raises(FieldError, match="height_scan and other differ in width, timeout or scan"):
         wired(TWO, Term("other", kind="height_scan"), extern={"height_scan": 2})
     with pytest.raises(FieldError, match="is 2 wide, but the input has 187"):
         wired(TWO, extern={"height_scan": 187})
@@ -110,20 +109,17 @@ def test_a_live_input_that_is_missing_or_stale_stops_the_policy_and_is_never_zer
         assert "has come, or the last one is too old" in problem
 
 
-def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise():
+def test_topics_are_named_after_their_inputs():
     terms = (
         FOOT,
         Term("toe", width=1, timeout=np.inf),
         Term("keys", "key_pressed", width=12),
-        Term("height_scan", topic="/elevation", timeout=0.1),
+        Term("height_scan", timeout=0.1),
     )
     made = contract(task_type="locomotion", body_names=(), observation=terms)
     assert dict(made.live_topics) == {
         "foot_contact": ("/foot_contact", None),
         "toe": ("/toe", np.inf),
         "key_pressed": ("/piano/key_state", None),
-        "height_scan": ("/elevation", 0.1),
+        "height_scan": ("/height_scan", 0.1),
     }
-    twice = (FOOT, Term("toe", width=1, topic="/foot_contact"))
-    with pytest.raises(FieldError, match="topics: is /foot_contact"):
-        contract(task_type="locomotion", body_names=(), observation=twice)

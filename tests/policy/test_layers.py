@@ -113,8 +113,8 @@ def test_values_by_name_pattern_and_place():
 
 
 def test_a_live_input_on_a_topic_of_the_sessions_own_is_refused():
-    wiring = joined(by_hand(**{"observation": ["mood"], "observation.mood.width": 2, "observation.mood.topic": "/tf"}))
-    with pytest.raises(InputError, match="live input 'mood': its topic is /tf, which a session uses itself"):
+    wiring = joined(by_hand(**{"observation": ["tf"], "observation.tf.width": 2}))
+    with pytest.raises(InputError, match="live input 'tf': its topic is /tf, which a session uses itself"):
         load_policy(wiring.contract, zero_policy(3), None)
 
 

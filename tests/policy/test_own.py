@@ -43,7 +43,7 @@ UNUSUAL = contract(
         Term("motion_command", relative=True, history=2),
         Term("actions", form="scaled", history=2),
         Term("height_scan", scan=HeightScan("head", (0.4, 0.2), 0.2, 0.1, 3.0), history=2),
-        Term("mood", width=2, topic="/mood", timeout=np.inf, history=2),
+        Term("mood", width=2, timeout=np.inf, history=2),
     ],
     command_names=("motion",),
     body_names=("pelvis", "head"),
