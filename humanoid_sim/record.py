@@ -42,10 +42,10 @@ class Info:
     def run(self) -> None:
         recording = open_recording(self.file)
         header = recording.header
-        robot = RobotDescription.from_json(header.documents["robot"]) if "robot" in header.documents else None
+        with blaming(f"{recording.path}: its header lacks the robot", KeyError):
+            robot = RobotDescription.from_json(header.documents["robot"])
         loaded = recorded_policy(header, no_policy) if len(recorded_contracts(header)) == 1 else None
-        motion = None if robot is None or loaded is None else MotionFigures(robot, loaded)
-        figures = RunFigures(robot, motion=motion)
+        figures = RunFigures(robot, motion=None if loaded is None else MotionFigures(robot, loaded))
         with blaming(recording.path):
             for entry in recording.entries():
                 if isinstance(entry, Event):

@@ -92,7 +92,7 @@ class RunFigures:
 
     def __init__(
         self,
-        robot: RobotDescription | None = None,
+        robot: RobotDescription,
         *,
         motion: MotionFigures | None = None,
         base: BaseObserver | None = None,
@@ -104,7 +104,7 @@ class RunFigures:
         self.ticks = self.missing = self.overruns = self.inferences = 0
         self.time = 0.0
         self._durations: deque[float] = deque(maxlen=_NEWEST)  # s
-        self._effort: FloatArray = np.zeros(0 if robot is None else robot.joint_count)
+        self._effort: FloatArray = np.zeros(robot.joint_count)  # N·m, largest magnitudes
         self._safety = ""
         self._released: float | None = None  # s, robot's clock
         self._standing_height = 0.0  # m, of the centre of mass
@@ -120,8 +120,7 @@ class RunFigures:
         self.ticks += 1
         self.overruns += record.overrun
         self._durations.append(record.duration)
-        if self._effort.size:
-            np.fmax(self._effort, np.abs(state.joint_effort), out=self._effort)
+        np.fmax(self._effort, np.abs(state.joint_effort), out=self._effort)
         if not self.modes or self.modes[-1]["controller"] != control.controller_name:
             names = {"mode": control.mode.name, "controller": control.controller_name, "reason": control.status_message}
             self.modes.append({**names, "start": time})
@@ -161,11 +160,9 @@ class RunFigures:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures, JSON, in SI units and radians; times in s on the robot's clock."""
-        efforts = []
-        if self._robot is not None:
-            limits = self._robot.effort_limit.tolist()
-            rows = zip(self._robot.joint_names, self._effort.tolist(), limits, strict=True)
-            efforts = [{"joint": name, "peak": peak, "limit": limit} for name, peak, limit in rows]
+        limits = self._robot.effort_limit.tolist()
+        rows = zip(self._robot.joint_names, self._effort.tolist(), limits, strict=True)
+        efforts = [{"joint": name, "peak": peak, "limit": limit} for name, peak, limit in rows]
         base = None
         if self._released is not None:
             mean = (self._speed / self._moving).tolist() if self._moving else None  # m/s forward, to the left; rad/s

@@ -79,8 +79,6 @@ def describe_spread(seconds: dict[str, float] | None) -> str:
 
 def describe_effort(efforts: Sequence[dict[str, Any]]) -> str:
     """Return the effort closest to its limit: `37.1 of 88 N·m at left_knee_joint`."""
-    if not efforts:
-        return "-"
     joint, peak, limit = (efforts[0][name] for name in ("joint", "peak", "limit"))
     return f"{peak:.1f}{f' of {limit:g}' if math.isfinite(limit) else ''} N·m at {joint}"
 
