@@ -155,12 +155,8 @@ class Run:
             motion = MotionFigures(plan.description, first.loaded)
             if is_drawn:
                 ghost = ReferenceGhost(plan.description, first.loaded.contract, first.loaded.reference)
-        self.console = ConsoleSink(
-            console,
-            has_keys=plan.config.has_keys,
-            walks=plan.policies.walks,
-            available=plan.supervisor.controllers,
-        )
+        available = plan.supervisor.controllers
+        self.console = ConsoleSink(console, has_keys=plan.config.has_keys, available=available)
         self.recorder = None
         if "record" in outputs:
             self.recorder = McapRecorder(

@@ -39,13 +39,12 @@ class ConsoleSink(WorkerSink):
         console: Console,
         *,
         has_keys: bool = False,
-        walks: bool = False,
         available: Container[str] = (),  # names of the controllers that exist
     ) -> None:
         super().__init__("console")
         self._console = console
         self._has_line = console.is_terminal and not console.is_dumb_terminal
-        self._has_keys, self._walks, self._available = has_keys, walks, available
+        self._has_keys, self._available = has_keys, available
         self._mode: Mode | None = None
         self._controller = self._message = ""
         self._time = 0.0
@@ -98,7 +97,7 @@ class ConsoleSink(WorkerSink):
             percent = 100.0 * (standby.current_segment + standby.progress) / standby.total_segments
             parts.append("reached" if is_reached else f"{percent:.0f} %")
         velocity = state.extern.get(VELOCITY_COMMAND)
-        if self._walks and velocity is not None:
+        if velocity is not None:
             parts.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
         parts.append(f"{float(state.time):.1f} s")
         if self._has_keys:

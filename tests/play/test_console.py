@@ -76,10 +76,8 @@ def test_refusals_and_faults_without_a_transition_are_lines_too():
 
 
 def line(*arguments, width=200, **output):
-    options = {"has_keys": True, "available": MODES, "walks": True}
-    return (
-        printed(record(*arguments, **output), terminal=True, width=width, **options).split("\x1b[2K")[-2].rstrip("\r")
-    )
+    text = printed(record(*arguments, **output), terminal=True, width=width, has_keys=True, available=MODES)
+    return text.split("\x1b[2K")[-2].rstrip("\r")
 
 
 def test_the_line_shows_what_is_and_what_is_possible_with_which_key_as_far_as_there_is_room():
