@@ -30,14 +30,12 @@ class ViewerConfig:
     """A robot to show without a session: a shipped one, or the path of a robot's YAML file or of an MJCF."""
 
 
-def window_text(record: TickRecord | None, late: str, clock: str) -> tuple[int, int, str, str]:
+def window_text(record: TickRecord, late: str, clock: str) -> tuple[int, int, str, str]:
     """Return the text over a picture, as `set_texts` of MuJoCo's window takes it.
 
     `late` says that it is not the present; by `clock` a picture that stands still gives itself away.
     """
     size, place = int(mujoco.mjtFontScale.mjFONTSCALE_150), int(mujoco.mjtGridPos.mjGRID_BOTTOMLEFT)
-    if record is None:
-        return (size, place, "clock", f"{clock}, no tick yet")
     control = record.output.control_mode
     status = late or ("pose unknown" if record.qpos is None else control.status_message)
     values = f"{clock}\n{float(record.input.state.time):.1f} s\n{control.mode.name}\n{status}"
@@ -68,10 +66,10 @@ def _show(model: mujoco.MjModel, attachment: Attachment | None) -> None:
             qpos = data.qpos.copy()
             if attachment is not None:
                 attachment.ticks()
-                record = None if attachment.latest is None else attachment.latest.record
-                window.set_texts(window_text(record, attachment.lateness(), time.strftime("%H:%M:%S")))
-                if record is not None and record.qpos is not None:
-                    qpos = record.qpos
+                if attachment.latest is not None:
+                    record = attachment.latest.record
+                    window.set_texts(window_text(record, attachment.lateness(), time.strftime("%H:%M:%S")))
+                    qpos = qpos if record.qpos is None else record.qpos
             with window.lock():
                 update_pose(model, data, qpos)
             window.sync()

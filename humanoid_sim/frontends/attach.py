@@ -47,7 +47,6 @@ class Source:
     header: SessionHeader
     latest: Tick | None = None  # newest tick that `ticks` has returned
     is_hardware = False
-    live_inputs: Mapping[str, int] = {}  # names and widths of those that the session receives from other programs
 
     def ticks(self, timeout: float = 0.0) -> list[Tick]:
         """Return the ticks that are new since the last call; waits up to `timeout` s for one."""
@@ -81,7 +80,9 @@ class Attachment(Source):
     def __init__(self, session: SessionInfo, feed: Feed, intake: Intake) -> None:
         """Begin with the newest tick. Raises `InputError` for a session of another version."""
         self.session, self._feed, self.intake = session, feed, intake
-        self.is_hardware, self.live_inputs = bool(session.hardware), feed.live_inputs
+        self.is_hardware = bool(session.hardware)
+        self.live_inputs: Mapping[str, int] = feed.live_inputs
+        """Names and widths of those that the session receives from other programs."""
         fields, documents = feed.header["session"], feed.header["documents"]
         blobs = {name: feed.blob(name) for name in json.loads(fields["attachments"])}
         self.header = parse_header(str(session), fields, documents, blobs)

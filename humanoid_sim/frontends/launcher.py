@@ -50,7 +50,7 @@ class FrontEnds(Sink):
         show: Callable[[str], None],
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
-        is_ending: Callable[[], bool] = lambda: False,
+        is_ending: Callable[[], bool],
     ) -> None:
         """Launch them, with ordinary priority: not within a loop that has another.
 

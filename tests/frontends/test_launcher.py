@@ -33,6 +33,7 @@ def launch(local, monkeypatch):
             show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),
             status=dict,
+            is_ending=lambda: False,
         )
         local.stack.callback(front_ends.close)
         front_ends.start(HEADER)

@@ -7,11 +7,10 @@ import mido
 import pytest
 from local_session import LocalSession
 
+from humanoid_sim import midi as module
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.frontends import midi_keyboard as module
-from humanoid_sim.frontends.midi_keyboard import Keyboard
-from humanoid_sim.midi import Sender, main
+from humanoid_sim.midi import Keyboard, Sender, main
 
 NAMES = ["Midi Through:0 14:0", "Pads:0 20:0", "Keystation 88:0 24:0"]
 

@@ -20,4 +20,3 @@ def test_a_window_says_what_it_shows():
     assert window_text(RECORD, "", "12:00:00")[2:] == ("clock\ntime\nmode\nstatus", "12:00:00\n12.3 s\nSTANDBY\nready")
     assert window_text(RECORD, "BEHIND", "12:00:00")[3].endswith("\nBEHIND")
     assert window_text(replace(RECORD, qpos=None), "", "12:00:00")[3].endswith("\npose unknown")
-    assert window_text(None, "", "12:00:00")[2:] == ("clock", "12:00:00, no tick yet")
