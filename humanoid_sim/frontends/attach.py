@@ -25,7 +25,6 @@ from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.session.realtime import punctual_threads
 
 _LATE = 0.2  # s after which a tick is the past, or three control periods
-_STATUS_WITHIN = 0.6  # s that the session's status is waited for, which it sends twice a second
 _BEHIND = 30  # priorities behind the control loop, and behind all its threads
 
 
@@ -137,9 +136,6 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
         info = find_session(session)
         with Feed(info) as feed, Intake(info, producer) as intake:
             os.nice(niceness)
-            deadline = time.monotonic() + _STATUS_WITHIN
-            while not feed.status() and time.monotonic() < deadline:
-                time.sleep(0.005)
             yield Attachment(info, feed, intake)
     except SessionError as error:
         raise InputError(str(error)) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from time import time
@@ -25,7 +25,7 @@ class Panel:
 
     def __init__(self, source: Source, scene: Scene, operator: Operator | None) -> None:
         self._source, self._scene, self._operator, self._gui = source, scene, operator, scene.server.gui
-        self._plots = Plots(source)
+        self._plots, self._has_push = Plots(source), False
         gui = self._gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
@@ -37,17 +37,16 @@ class Panel:
             self._add_requests(operator)
             self._add_velocity(operator)
             self._add_joints(operator)
-        with gui.add_folder("Plots", expand_by_default=False):
-            self._plots.add_controls(gui)
+        self._plots.add_controls(gui)
 
     def _add_requests(self, operator: Operator) -> None:
         gui, is_hardware = self._gui, self._source.is_hardware
         words = [intent.value for intent in Intent if intent is not Intent.DAMP]  # DAMP is the overlay's
         for word in (*words, REACTIVATE if is_hardware else "reset"):
             gui.add_button(word.upper()).on_click(lambda _, word=word: operator.request(word))
-        bodies = (self._source.status().get("simulation") or {}).get("bodies", ())
-        if not bodies:
-            return
+
+    def _add_push(self, operator: Operator, bodies: Sequence[str]) -> None:
+        gui, self._has_push = self._gui, True
         with gui.add_folder("Push", expand_by_default=False):
             body = gui.add_dropdown("Body", tuple(bodies))
             x, y = (gui.add_number(f"{axis}, m/s", value, step=0.1) for axis, value in (("x", 0.5), ("y", 0.0)))
@@ -104,6 +103,9 @@ class Panel:
             self._summary.content = f"<div style='padding: 0 1em; font-size: 0.85em'>{rows}</div>"
             if operator is not None:
                 self._show_sliders(operator)
+                bodies = (self._source.status().get("simulation") or {}).get("bodies", ())
+                if bodies and not self._has_push:
+                    self._add_push(operator, bodies)
         control = tick.record.output.control_mode
         return {
             "control": operator is not None,

@@ -36,10 +36,11 @@ class Plots:
         self._shown: list[tuple[str, GuiUplotHandle]] = []
 
     def add_controls(self, gui: GuiApi) -> None:
-        """Add the controls to a GUI; charts come below them."""
-        add = gui.add_dropdown("Add a plot", ("…", *self.charts))
-        clear = gui.add_button("Remove all plots")
-        folder = gui.add_folder("Plots")
+        """Add a folder with the controls to a GUI; charts come below them."""
+        folder = gui.add_folder("Plots", expand_by_default=False)
+        with folder:
+            add = gui.add_dropdown("Add a plot", ("…", *self.charts))
+            clear = gui.add_button("Remove all plots")
 
         def added(_: object) -> None:
             if add.value in self.charts:
