@@ -108,10 +108,7 @@ class Term:
         checks = {
             "scale": (np.ndim(self.scale) <= 1 and np.isfinite(self.scale).all(), "a finite number, or one per value"),
             "clip": (self.clip is None or self.clip[0] <= self.clip[1], "a lower and an upper bound"),
-            "kind": (
-                self.width is None or re.fullmatch(r"[A-Za-z_]\w*", self.kind, re.ASCII),
-                "a name of a ROS 2 topic",
-            ),
+            "kind": (self.width is None or re.fullmatch(r"[A-Za-z_]\w*", self.kind, re.ASCII), "a ROS 2 name"),
             "history": (self.history >= 1, "a whole number >= 1"),
             "scan": (self.scan is None or has_scan, "none: only a height_scan has one"),
             "width": (self.width is None or (self.width >= 1 and is_sent), "none: only a live input has one, >= 1"),

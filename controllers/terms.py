@@ -228,7 +228,7 @@ class TermKind:
 
     @property
     def is_estimate(self) -> bool:
-        """Whether it is made of what a simulation knows and a robot has to estimate."""
+        """True if it is made of what a simulation knows and a robot has to estimate."""
         return self.reads in (BASE_LINEAR_VELOCITY, ANCHOR_POSE)
 
     def is_relative(self, term: Term) -> bool:

@@ -65,9 +65,6 @@ class MockServer(contextlib.AbstractContextManager["MockServer"]):
         """Schedule a fault, on `clock`."""
         self.call(lambda motors: motors.inject(fault))
 
-    def clear_faults(self) -> None:
-        self.call(lambda motors: motors.clear_faults())
-
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         self.call(lambda motors: motors.plant.support.move(held, lifts=lifts))
 

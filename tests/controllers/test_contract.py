@@ -46,7 +46,7 @@ def test_a_field_that_does_not_fit_is_named(changes, message):
         (lambda: Term("foot_contact", timeout=1.0), "a width declares one"),
         (lambda: Term("foot_contact", width=2, timeout=0.0), "expected seconds > 0"),
         (lambda: HeightScan(grid=(1.6,)), "expected two lengths"),
-        (lambda: Term("left-hand 2", width=2), "expected a name of a ROS 2 topic"),
+        (lambda: Term("left-hand 2", width=2), "expected a ROS 2 name"),
         (lambda: PhaseRule(1.0, offsets=[]), "offsets: is"),
     ],
 )

@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import can
 import numpy as np
@@ -50,11 +50,8 @@ def rig(before=lambda _: None, control_period=None):
             can_timeout=1.0,  # a busy machine may not send for a while
             clock=motors.clock,
         )
-        try:
+        with closing(robot):
             yield robot, motors, told
-        finally:
-            motors.clear_faults()
-            robot.close()
 
 
 def hold(robot, seconds, stiffness=0.0):

@@ -44,7 +44,7 @@ def test_every_motor_is_found_with_its_joint(run, table_rows):
 def test_status_1_where_a_joint_is_missing(run, motors, inject):
     inject(motors, Fault("silent", ("right_wrist_pitch",)))
     status, _, complained = run("discover", CHANNEL, "--robot", "lite")
-    motors.clear_faults()
+    motors.call(lambda mock: mock.clear_faults())
     assert (status, complained) == (1, f"missing: right_wrist_pitch (motor 27 on {CHANNEL})\n")
 
 
