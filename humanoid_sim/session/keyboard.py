@@ -67,15 +67,15 @@ class Keyboard(IntentSource):
         self._is_lost = False
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        if self._is_lost or not select.select([self._fd], [], [], 0.0)[0]:
+        if not select.select([self._fd], [], [], 0.0)[0]:
             return ()
         try:
             text = os.read(self._fd, 4096).decode(errors="replace")  # all that a terminal holds: no DAMP stays behind
         except OSError:  # a terminal that has hung up, or is another program's by now
             text = ""
-        if not text:  # an operator whose keys do not arrive must not be moved on
-            self._is_lost = True
-            return (Intent.DAMP,)
+        was_lost, self._is_lost = self._is_lost, not text
+        if self._is_lost:  # an operator whose keys do not arrive must not be moved on
+            return () if was_lost else (Intent.DAMP,)
         return self._pressed(text)
 
     def take_terminal(self) -> None:

@@ -1,5 +1,6 @@
 import os
 import pty
+import select
 import sys
 import termios
 from contextlib import closing
@@ -49,6 +50,20 @@ def test_keys_become_intents(terminal):
         assert names == ["DAMP", "DAMP", "LOAD_A", "LOAD_B", "START_LOCOMOTION", "START_REMOTE", "START_REMOTE", "QUIT"]
         terminal.type("xyz\n1\trq")  # whatever else is on a keyboard does nothing
         assert heard(keyboard, 2) == [Intent.START_REMOTE, Intent.QUIT]
+
+
+def test_a_terminal_that_is_another_programs_damps_once_and_counts_again_when_it_is_back(terminal, monkeypatch):
+    def refuse(*_):
+        raise OSError(5, "Input/output error")  # of a process in the background
+
+    with closing(Keyboard()) as keyboard:
+        terminal.type("l")
+        until(lambda: select.select([terminal.slave], [], [], 0.0)[0])
+        with monkeypatch.context() as background:
+            background.setattr(os, "read", refuse)
+            assert [*keyboard.poll(0.0, None), *keyboard.poll(0.0, None)] == [Intent.DAMP]
+        terminal.type(" ")
+        assert heard(keyboard, 2) == [Intent.START_LOCOMOTION, Intent.DAMP]
 
 
 def test_the_terminal_is_given_back_as_it_was(terminal):
