@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
 
 _Kind = TypeVar("_Kind")
@@ -71,4 +71,17 @@ def converted(
         return msgspec.convert(document, kind, dec_hook=dec_hook)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
+        if problem.startswith("Object contains unknown field"):
+            problem = known_names("field", problem.split("`")[1], _fields(kind, place))
         raise InputError(": ".join(filter(None, (where, place.strip(".`"), problem)))) from None
+
+
+def _fields(kind: type, place: str) -> list[str]:
+    """Return the names of the fields that a type has at a place such as `.joints[3].motor`."""
+    node: Any = msgspec.inspect.type_info(kind)
+    for name in [*re.findall(r"[^\W\d]\w*", place), ""]:
+        while not hasattr(node, "fields"):  # of a union the first, of a list or mapping an item
+            inner = node.types[0] if hasattr(node, "types") else getattr(node, "item_type", None)
+            node = inner or node.value_type
+        node = next((field.type for field in node.fields if field.encode_name == name), node)
+    return [field.encode_name for field in node.fields]

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
-from humanoid_sim.errors import InputError, blaming, require_known
+from humanoid_sim.errors import InputError, blaming, reason_of, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
 
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
+_SOURCE = re.compile(r"\) (?=[A-Z])|\.(?:cc|h):\d+ \w+ ")  # ends ONNX Runtime's place in its own source
 _LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
 _SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
 
@@ -49,9 +50,11 @@ class OnnxModel:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # no spinning workers beside the control loop
         options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
-        # ONNX Runtime raises its own types, which differ between builds.
-        with blaming(f"{path}: is not a model that ONNX Runtime can load", Exception):
+        try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # of types that differ between builds
+            reason = _SOURCE.split(reason_of(error))[-1]
+            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {reason}") from None
         self.path = path
         self.inputs, self.outputs = (
             tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in nodes)

@@ -74,7 +74,13 @@ def _package_file(package: str, name: str, model: Path) -> Path:
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     """Compile a model, which messages call `path`. Raises `InputError` where that fails."""
     with blaming(f"{path}: does not compile", _MUJOCO_ERRORS):
-        return spec.compile()
+        try:
+            return spec.compile()
+        except _MUJOCO_ERRORS:
+            for mesh in spec.meshes:
+                if mesh.file and (file := Path(spec.modelfiledir, spec.meshdir, mesh.file)).is_file():
+                    regular_file(file, "a mesh")  # MuJoCo does not know what stands in its place
+            raise
 
 
 def bare_model(description: RobotDescription) -> mujoco.MjModel:

@@ -59,7 +59,7 @@ def test_a_configuration_and_keywords_make_the_same_environment():
         ({"joint_noise": -1.0}, "joint_noise: is -1.0"),
         ({"motion": "polka"}, "polka"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
-        ({"randomisation": {"colour": (0, 1)}}, "randomisation: .*unknown field `colour`"),
+        ({"randomisation": {"colour": (0, 1)}}, "randomisation: .*unknown field .colour."),
         ({"implicit": True}, "implicit: .*expected a vector environment"),
         ({"render_mode": "ascii"}, "render_mode: is 'ascii'"),
     ],

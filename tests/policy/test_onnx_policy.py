@@ -72,3 +72,10 @@ def test_a_model_of_another_form_is_refused_in_one_line(model, expected, tmp_pat
         load_checkpoint(path)
     assert str(caught.value).startswith(f"{path}: {expected}")
     assert "\n" not in str(caught.value)
+
+
+def test_a_newer_format_is_refused_with_both_versions_alone(tmp_path):
+    model = models.linear_model()
+    model.ir_version = 99
+    with pytest.raises(InputError, match=r"policy.onnx: .* can load: Unsupported model IR version: 99, max supported"):
+        load_checkpoint(models.saved(tmp_path / "policy.onnx", model))

@@ -259,7 +259,6 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
-        ("JointPositionAction", "JointEffortAction", "is a JointEffortAction, expected a JointPositionAction"),
         ("observations:base_ang_vel", "observations:root_quat_w", "gyro is computed by isaaclab.envs.mdp"),
         ("scale: 0.2,", "scale: 0.2, modifiers: [{bias: 1}],", "gyro has modifiers"),
         ("legs: {", 'legs: {class_type: "isaaclab.actuators:ActuatorNetLSTM", ', "legs are ActuatorNetLSTM, a network"),
@@ -270,6 +269,12 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
 def test_what_an_env_yaml_does_beyond_a_contract_is_named(tmp_path, old, new, line):
     (tmp_path / "env.yaml").write_text(ENV.replace(old, new))
     assert any(line in unused for unused in read(tmp_path).unused)
+
+
+def test_other_actions_are_refused_whatever_else_is_known(tmp_path):
+    (tmp_path / "env.yaml").write_text(ENV.replace("JointPositionAction", "JointEffortAction"))
+    with pytest.raises(InputError, match="is a JointEffortAction, expected a JointPositionAction"):
+        read(tmp_path, MJLAB)
 
 
 def test_the_joints_of_a_term_in_an_env_yaml_are_in_the_robots_order(tmp_path):

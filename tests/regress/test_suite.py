@@ -36,7 +36,7 @@ def test_a_suite_of_ones_own(tmp_path):
         ("motion: wave", "command: [1, 0, 0]", "cases[0]: gives command, expected a motion"),
         ("effort:", "elbow_error:", "tolerances: unknown metric 'elbow_error'"),
         ("{relative: 0.05}", "{relative: -1}", "relative: Expected `float` >= 0.0"),
-        ("mass: [0.9, 1.1]", "weight: [1, 1]", "unknown field `weight`"),
+        ("mass: [0.9, 1.1]", "weight: [1, 1]", "unknown field 'weight'"),
     ],
 )
 def test_a_bad_suite_is_one_line(tmp_path, before, after, message):

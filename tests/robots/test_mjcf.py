@@ -99,6 +99,13 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path, text, problem):
     assert "\n" not in str(caught.value)
 
 
+def test_a_mesh_that_was_not_fetched_is_named(tmp_path):
+    (tmp_path / "leg.stl").write_text("version https://git-lfs.github.com/spec/v1")
+    (tmp_path / "x.xml").write_text(MESHES.format(LEG.format("leg.stl")))
+    with pytest.raises(InputError, match=r"leg.stl: is a pointer of Git LFS"):
+        load_robot(tmp_path / "x.xml")
+
+
 @pytest.mark.parametrize("is_named", [True, False])
 def test_a_package_path_is_in_the_folder_above_that_is_the_package(tmp_path, is_named):
     package = tmp_path / ("my_robot" if is_named else "checkout")

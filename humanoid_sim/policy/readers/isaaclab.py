@@ -14,11 +14,17 @@ _GAINS = {"stiffness": "joint_stiffness", "damping": "joint_damping", "effort_li
 _ACTION = {"scale": "action_scale", "clip": "position_clip", "joint_names": "action_joint_names"}
 
 
+class _OtherActionError(InputError):
+    """The policy's actions are no joint positions: nothing else that is stated helps."""
+
+
 def read_env(path: Path, _: object) -> list[Layer]:
     """Return gains, pose, scale, terms and rate, or that they cannot be read: the file may hold what only it needs."""
     try:
         with blaming(path, MALFORMED):
             return _layers(path)
+    except _OtherActionError:
+        raise
     except InputError as error:
         return [Layer(path.name, {}, unused=(f"{path.name} cannot be read: {error}",))]
 
@@ -78,7 +84,7 @@ def _action(actions: Section) -> dict[str, Any]:
     action = actions.at(names[0])
     kind = re.split(r"[:.]", str(action.get("class_type") or names[0]))[-1]
     if kind.endswith(("Action", "Limits")) and kind != "JointPositionAction":
-        raise InputError(f"{action.where} is a {kind}, expected a JointPositionAction")
+        raise _OtherActionError(f"{action.where} is a {kind}, expected a JointPositionAction")
     values = action.fields({key: name for key, name in _ACTION.items() if action.get(key)})
     if action.get("use_default_offset") is False:
         values["action_offset"] = action.get("offset", 0.0)
