@@ -100,7 +100,8 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path, text, problem):
 
 
 def test_a_mesh_that_was_not_fetched_is_named(tmp_path):
-    (tmp_path / "leg.stl").write_text("version https://git-lfs.github.com/spec/v1")
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "leg.stl").write_text("version https://git-lfs.github.com/spec/v1")
     (tmp_path / "x.xml").write_text(MESHES.format(LEG.format("leg.stl")))
     with pytest.raises(InputError, match=r"leg.stl: is a pointer of Git LFS"):
         load_robot(tmp_path / "x.xml")
