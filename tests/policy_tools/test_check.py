@@ -4,7 +4,6 @@ import numpy as np
 import onnx
 import pytest
 from findings import found
-from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import contract, network, save_checkpoint
 
 from humanoid_sim.policy_tools.check import check_checkpoint
@@ -51,17 +50,3 @@ def test_a_normaliser_that_the_export_lost(walker, robot):
         found(check_checkpoint(walker, robot), "error model: with the normaliser")
     agent.write_text("empirical_normalization: false")
     assert not any(finding.field == "model" for finding in check_checkpoint(walker, robot))
-
-
-@needs_policies
-@pytest.mark.usefixtures("near_ends")
-def test_published_policies(cli, tmp_path):
-    for name, (model, _) in TRACES.items():
-        rest = contract_beside(name, tmp_path)
-        status, out, error = cli("check", POLICIES / model, "--robot", G1, *(("--contract", rest) if rest else ()))
-        assert (status, error) == (0, ""), out
-        assert "0 error(s)" in out
-    status, out, _ = cli("check", POLICIES / TRACES["waltz"][0], "--robot", G1, "--hardware")
-    assert status == 1
-    for term in ("base_lin_vel", "motion_anchor_pos_b"):
-        assert f"error   observation term {term}: needs" in out
