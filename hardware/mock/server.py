@@ -13,6 +13,8 @@ import can
 from humanoid_sim.hardware.can_bus import BusAddress, frame_of, message_of, open_bus, parse_address
 from humanoid_sim.hardware.mock.faults import Fault
 from humanoid_sim.hardware.mock.motors import Log, MockMotors
+from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.mit import MITState
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -64,6 +66,12 @@ class MockServer(contextlib.AbstractContextManager["MockServer"]):
     def inject(self, fault: Fault) -> None:
         """Schedule a fault, on `clock`."""
         self.call(lambda motors: motors.inject(fault))
+
+    def set_versions(self, versions: Mapping[str, FirmwareVersion]) -> None:
+        """Have the motors of these models report other versions of firmware."""
+        for motor in self._motors.motors:
+            if isinstance(motor, RobstrideMotor):
+                motor.version = versions.get(motor.model.name, motor.version)
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         self.call(lambda motors: motors.plant.support.move(held, lifts=lifts))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
@@ -43,6 +44,15 @@ def model_name(version: FirmwareVersion) -> str | None:
     """Return the model that a version is of; none if it is of no known one."""
     name = f"rs-{version[1]:02d}"
     return name if name in MOTORS else None
+
+
+def parse_version(text: str) -> FirmwareVersion:
+    """Return a version from `0.2.3.6`; an `InputError` if the text is not one."""
+    parts = text.split(".")
+    if len(parts) != 4 or not all(part.isascii() and part.isdigit() and int(part) <= 255 for part in parts):
+        raise InputError(f"firmware version: is '{text}', expected four numbers of 0 to 255 such as 0.2.3.6")
+    first, second, third, fourth = map(int, parts)
+    return (first, second, third, fourth)
 
 
 def version_text(version: FirmwareVersion) -> str:

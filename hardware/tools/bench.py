@@ -65,6 +65,8 @@ def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
     """Return the error for a channel on which `no motor answers`, with what was received there instead."""
     check_channels(link)
     troubles = "; ".join(link.line.channels[channel].troubles())
+    if not troubles and link.line.channels[channel].address.interface == "slcan":
+        troubles = "does the adapter speak SLCAN? the vendor's own speaks AT frames, which nothing here does"
     return SilentMotorError(f"{text} on {link.sources[channel]}{f' ({troubles})' if troubles else ''}")
 
 

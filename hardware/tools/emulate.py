@@ -5,15 +5,24 @@ from __future__ import annotations
 import signal
 import time
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.mock.server import MockServer
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, parse_version
 from humanoid_sim.hardware.tools.options import Emulate
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
 _WAKE = 0.05  # s between two checks for an end
+
+
+def _version(text: str) -> tuple[str, FirmwareVersion]:
+    model, _, version = text.partition("=")
+    require_known("motor model", [model], MOTORS, "--firmware: ")
+    return model, parse_version(version)
 
 
 def emulate(config: Emulate) -> int:
@@ -23,6 +32,10 @@ def emulate(config: Emulate) -> int:
         if address.interface == "virtual":
             raise InputError(f"--channel: is '{address}', expected one between processes: vcan0 or udp_multicast:…")
     faults = [parse_fault(text, description) for text in config.fault]
+    versions, offsets = dict(map(_version, config.firmware)), {}
+    if config.calibration is not None:
+        entries = load_calibration(config.calibration, description).entries
+        offsets = {name: entries[name].homing_offset or 0.0 for name in description.joint_names if name in entries}
 
     def log(when: float, text: str) -> None:
         if not config.quiet:
@@ -35,8 +48,9 @@ def emulate(config: Emulate) -> int:
     }
     try:
         with punctual_threads(behind=10) as punctuality:
-            motors = MockServer(description, addresses, log=log)
+            motors = MockServer(description, addresses, homing_offset=offsets, log=log)
         with motors:
+            motors.set_versions(versions)
             for fault in faults:
                 motors.inject(fault)
             who = f"{description.joint_count} motors of {description.name}"

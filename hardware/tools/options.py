@@ -27,6 +27,7 @@ class Discover:
 
     channels: _Channels
     robot: str | None = None  # Name the joints of this robot, and its missing motors.
+    last: int = 127  # Highest id to ask.
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,10 @@ class Emulate:
     """A fault to inject, KIND[=VALUE][:JOINT,…][@START[+DURATION]], times in s: over_temperature:left_elbow_pitch@5+2.
     May be repeated. Kinds: silent late garbage wrong_id motor_fault over_temperature brown_out stuck encoder_jump
     second_master bus_off."""
+    firmware: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """Version that the motors of a model report, MODEL=VERSION, such as rs-02=0.2.3.32. May be repeated."""
+    calibration: Path | None = None
+    """Assemble the motors as this calibration file says; without, every homing offset is 0."""
     quiet: bool = False  # Print no changes of motors and faults.
 
 

@@ -29,10 +29,11 @@ _POSITION = PARAMETERS["mechPos"]
 
 def discover(config: Discover) -> int:
     """Scan, print, and return the exit status."""
+    bench.check_id("--last", config.last)
     addresses = parse_addresses(config.channels)
     wiring = None if config.robot is None else make_wiring(load_robot(config.robot), len(addresses))
     with bench.open_bench(addresses) as link:
-        answers = link.scan(EVERY_ID, _QUIET, _PACE)
+        answers = link.scan([one for one in EVERY_ID if one <= config.last], _QUIET, _PACE)
         found = sorted({(channel, reply.motor_id, reply.uid.hex()) for channel, reply in answers})
         silent = set(range(len(addresses))) - {channel for channel, *_ in found}
         errors = [bench.silence(link, channel, "no motor answers") for channel in sorted(silent)]

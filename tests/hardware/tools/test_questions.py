@@ -41,6 +41,11 @@ def test_every_motor_is_found_with_its_joint(run, table_rows):
     assert len({row[2] for row in found.values()}) == 14
 
 
+def test_a_motor_reports_the_firmware_that_it_was_given(run, motors):
+    motors.set_versions({"rs-02": (0, 2, 3, 32)})
+    assert "0.2.3.32" in run("ping", CHANNEL, "11")[1]
+
+
 def test_status_1_where_a_joint_is_missing(run, motors, inject):
     inject(motors, Fault("silent", ("right_wrist_pitch",)))
     status, _, complained = run("discover", CHANNEL, "--robot", "lite")
