@@ -29,42 +29,38 @@ class Metric(NamedTuple):
     """A figure of an episode."""
 
     name: str
-    unit: str
     summary: Literal["rms", "mean", "episode"]  # of the policy steps; `episode`: a figure of the episode as a whole
     task: TaskName | None = None
     better: Literal["lower", "higher"] = "lower"
+    own_unit: str = ""  # where it is no row of the table of step metrics
 
-
-def _of_steps(
-    name: str,
-    summary: Literal["rms", "mean"],
-    task: TaskName | None = None,
-    better: Literal["lower", "higher"] = "lower",
-) -> Metric:
-    return Metric(name, METRICS[name].unit, summary, task, better)
+    @property
+    def unit(self) -> str:
+        """Return its unit."""
+        return METRICS[self.name].unit if self.name in METRICS else self.own_unit
 
 
 _ROWS = (
-    _of_steps("body_position_error", "rms", "tracking"),
-    _of_steps("body_orientation_error", "rms", "tracking"),
-    _of_steps("joint_error", "rms", "tracking"),
-    Metric("losses", "share", "episode", "tracking"),  # the robot strayed too far from the motion
-    Metric("velocity_error", "m/s", "mean", "velocity"),  # over the last second against the command
-    Metric("yaw_rate_error", "rad/s", "mean", "velocity"),
+    Metric("body_position_error", "rms", "tracking"),
+    Metric("body_orientation_error", "rms", "tracking"),
+    Metric("joint_error", "rms", "tracking"),
+    Metric("losses", "episode", "tracking", own_unit="share"),  # the robot strayed too far from the motion
+    Metric("velocity_error", "mean", "velocity"),  # over the last second against the command
+    Metric("yaw_rate_error", "mean", "velocity"),
     # mean speed over the commanded along each axis, at most 1; where it is to move
-    *(Metric(name, "×", "episode", "velocity", "higher") for name in REACHED),
-    _of_steps("tilt", "rms", "velocity"),
-    _of_steps("power", "mean", "velocity"),
-    Metric("falls", "share", "episode", "velocity"),
-    _of_steps("f1", "mean", "piano", "higher"),
-    _of_steps("precision", "mean", "piano", "higher"),
-    _of_steps("recall", "mean", "piano", "higher"),
-    Metric("key_force", "N", "episode", "piano"),  # hardest touch of a key, of every physics step
-    Metric("hard_touches", "share", "episode", "piano"),  # a key was touched harder than the robot allows
-    _of_steps("effort", "rms"),
-    Metric("action_rate", "rad/s", "rms"),  # change of the commanded positions from step to step
-    Metric("faults", "share", "episode"),  # the controller refused an observation or action, or physics diverged
-    Metric("survival", "share", "episode", None, "higher"),  # part of the planned episode that was reached
+    *(Metric(name, "episode", "velocity", "higher", "×") for name in REACHED),
+    Metric("tilt", "rms", "velocity"),
+    Metric("power", "mean", "velocity"),
+    Metric("falls", "episode", "velocity", own_unit="share"),
+    Metric("f1", "mean", "piano", "higher"),
+    Metric("precision", "mean", "piano", "higher"),
+    Metric("recall", "mean", "piano", "higher"),
+    Metric("key_force", "episode", "piano", own_unit="N"),  # hardest touch of a key, of every physics step
+    Metric("hard_touches", "episode", "piano", own_unit="share"),  # a key was touched harder than the robot allows
+    Metric("effort", "rms"),
+    Metric("action_rate", "rms", own_unit="rad/s"),  # change of the commanded positions from step to step
+    Metric("faults", "episode", own_unit="share"),  # an observation or action was refused, or physics diverged
+    Metric("survival", "episode", None, "higher", "share"),  # part of the planned episode that was reached
 )
 
 
