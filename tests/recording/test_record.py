@@ -34,11 +34,8 @@ def test_info_as_json(path, capsys):
 def test_info_for_a_person(path, capsys):
     assert record(["info", str(path)]) == 0
     out = capsys.readouterr().out
-    for text in ("lite, 14 joints", "560 at 50 Hz, 1 overruns", "rl_policy_controller", "START_LOCOMOTION"):
+    for text in ("lite, 14 joints", "560 at 50 Hz, 1 overruns", "START_LOCOMOTION", "the support let go", " of 14 "):
         assert text in out
-    for text in ("the support let go", "complete", "left_elbow_pitch", " of 14 "):
-        assert text in out
-    assert "not complete" not in out
     path.write_bytes(path.read_bytes()[:-60])
     assert record(["info", str(path)]) == 0
     assert "not complete: cut" in capsys.readouterr().out

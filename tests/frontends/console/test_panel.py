@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.attach import Source, Tick
@@ -32,17 +33,50 @@ class Motors(Source):
         return {"owners": {"REMOTE": "gravity (7)"}, "recording": {"file": "r.mcap", "error": None}}
 
 
-def test_a_watched_robot_s_mode_safety_and_plots_are_shown():
+class Simulation(Motors):
+    """A session whose first status comes after the page."""
+
+    is_hardware = False
+    bodies: tuple[str, ...] = ()
+
+    def status(self):
+        return {"simulation": {"bodies": self.bodies}}
+
+
+@pytest.fixture
+def scene():
+    scene = Scene(Gate("127.0.0.1", 0).serve(), Motors())
+    yield scene
+    scene.close()
+
+
+OUTPUT = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.DAMPING, "damping_controller", "DAMP"))
+
+
+def tick(time, *statuses):
+    state = healthy_state(np.full(LITE.joint_count, 0.25), time)
+    return Tick(TickRecord(0, TickInput(state, statuses), OUTPUT, 0.0, False), monotonic_ns())
+
+
+def test_a_body_can_be_pushed_once_the_session_says_which(scene, monkeypatch):
+    gui, folders, add = scene.server.gui, [], scene.server.gui.add_folder
+    monkeypatch.setattr(gui, "add_folder", lambda label, **rest: folders.append(label) or add(label, **rest))
+    operator = SimpleNamespace(speeds=None, sliders=None, velocity=(), answer="", set_goal=None)
+    source = Simulation()
+    panel, source.latest = Panel(source, scene, operator), tick(0.0)
+    for bodies in ((), ("pelvis",), ("pelvis",)):
+        source.bodies = bodies
+        panel.show()
+    assert folders == ["Joints in REMOTE", "Plots", "Push"]
+
+
+def test_a_watched_robot_s_mode_safety_and_plots_are_shown(scene):
     source, status = Motors(), SafetyStatus(SafetyLevel.FAULT, source="can0", message="<down>")
-    output = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.DAMPING, "damping_controller", "DAMP"))
-    gate = Gate("127.0.0.1", 0)
-    scene = Scene(gate.serve(), source)
     panel = Panel(source, scene, None)
     assert panel.show() == {"age": 0.0}
     panel._plots._shown.append(("left_elbow_pitch position, rad", SimpleNamespace()))
     for time in (3.0, 3.001, 3.02, 0.5, 0.52):
-        state = healthy_state(np.full(LITE.joint_count, 0.25), time)
-        source.latest = Tick(TickRecord(0, TickInput(state, (status,)), output, 0.0, False), monotonic_ns())
+        source.latest = tick(time, status)
         panel.take(source.latest.record)
     scene.show(source.latest.record)
     shown = panel.show()
@@ -53,4 +87,3 @@ def test_a_watched_robot_s_mode_safety_and_plots_are_shown():
     times, position, command = panel._plots._shown[0][1].data
     assert times.tolist() == [0.5, 0.52], "its clock began again"
     assert (position.tolist(), command.tolist()) == ([0.25, 0.25], [0.0, 0.0])
-    scene.close()
