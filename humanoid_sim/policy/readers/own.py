@@ -82,7 +82,8 @@ def decode(text: str, where: str) -> PolicyContract:
         if document["version"] != _VERSION:
             raise ValueError(f"has version {document['version']!r}, expected {_VERSION}")
         stated = flattened(document["contract"], f"{where}: contract")
-        stated.pop("phase.speed", None)  # in older stamps, without a meaning of its own
+        # In older stamps, without a meaning of their own.
+        stated = {name: value for name, value in stated.items() if name.split(".")[-1] not in ("topic", "speed")}
         if stated.get("action_limit", 0.0) is None:  # in older stamps: the usual one
             del stated["action_limit"]
         values = {name: checked(name, value, f"{where}: contract: {name}") for name, value in stated.items()}
