@@ -71,6 +71,12 @@ def stated(made):
     return json.loads(encode(made))["contract"]
 
 
+def test_fields_of_older_stamps_that_mean_nothing_any_more_are_ignored():
+    older = json.loads(encode(UNUSUAL))
+    older["contract"]["observation"][0]["topic"] = "/odd"
+    assert encode(decode(json.dumps(older), "here")) == encode(UNUSUAL)
+
+
 @pytest.mark.parametrize("made", CONTRACTS)
 def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
     again = decode(encode(made), "here")
