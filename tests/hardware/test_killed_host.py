@@ -10,6 +10,7 @@ from waiting import until
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads
 
 pytestmark = pytest.mark.soak
 
@@ -31,7 +32,9 @@ OPTIONS = (
 def test_the_motors_stop_by_themselves_and_stay_so(mode):
     channel, log = f"udp_multicast:239.74.164.{10 + mode}", []
     command = (*(sys.executable, "-u", "-m", "humanoid_sim.play"), *OPTIONS, "--script", SCRIPTS[mode])
-    with MockServer(load_robot("lite"), [channel], log=lambda _, text: log.append((time.monotonic(), text))) as motors:
+    with punctual_threads(behind=10):
+        motors = MockServer(load_robot("lite"), [channel], log=lambda _, text: log.append((time.monotonic(), text)))
+    with motors:
         with subprocess.Popen([*command, "--hardware", channel], stdout=subprocess.PIPE, text=True) as host:
             assert any(
                 ("real-time settings" if mode is Mode.ZERO_TORQUE else f" {mode.name} ") in line for line in host.stdout
