@@ -15,10 +15,12 @@ from humanoid_sim.doctor.edits import DOUBT, Edit, asymmetry, single_edits
 from humanoid_sim.doctor.samples import Samples
 from humanoid_sim.doctor.trial import Subject, episode_errors, run_episode
 from humanoid_sim.regress.results import Episode
+from humanoid_sim.regress.suite import REACHED
 
 _SECONDS, _LONG = 4.0, 20.0  # s, of the episodes of the edits, and of the contract as it is
 _NOTICEABLE = 1.0  # errors below which nothing is wrong with a robot that stays up
 _SAVES = 0.2  # share of its errors that an edit must save where the robot stays up as it is
+_ANSWERED = 0.2  # share of a commanded speed that a policy which answers it reaches
 _AS_GOOD = 0.05  # share of the errors within which two edits are as good
 _ASYMMETRIC = 0.25  # share of the errors that gains, scale or pose which differ between the sides count as
 _PREDICTS = 0.5  # share of the prediction's error that an edit may leave
@@ -102,6 +104,10 @@ def judge(contract: PolicyContract, now: Episode, long: Episode, tried: Sequence
     note = _describe(now)
     if long.failure and not now.failure:
         note += f"; in a longer episode {_describe(long)}"
+    for name in REACHED:
+        reached = long.metrics.get(name)
+        if reached is not None and reached < _ANSWERED:
+            note += f"; in a longer episode it does not answer the command ({name} {reached:.0%})"
     up = [Row(edit, cost(edit.contract, end, edit.family), _describe(end)) for edit, end in tried if not end.failure]
     up.sort(key=lambda row: row.score)
     present = cost(contract, now)

@@ -41,7 +41,7 @@ def contract_findings(
         *_term_findings(contract, hardware=hardware),
         *_symmetry_findings(contract),
         *_actuator_findings(contract, model, damping),
-        *_formula_findings(contract, description),
+        *_formula_findings(contract, description, model),
         *model_damping_findings(contract, damping),
         *_rounding_findings(contract),
     ]
@@ -207,25 +207,33 @@ def _actuator_findings(
         yield from _on("warning", "position_clip", message, names, clips)
 
 
-def _formula_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Yield joints whose scale is not in proportion to effort limit / K_p, where it is for most: mjlab derives it."""
-    names, scale = contract.action_joint_names, contract.action_scale
-    driven = [contract.joint_names.index(name) for name in names]
+def _formula_findings(
+    contract: PolicyContract, description: RobotDescription, model: mujoco.MjModel
+) -> Iterator[Finding]:
+    """Yield joints that break a rule which most keep: mjlab derives K_p from the armature, and the scale from K_p."""
+    names, stiffness = contract.joint_names, contract.joint_stiffness
     effort = _of_robot(description, names, "effort_limit")
     if contract.effort_limit is not None:
-        effort = np.fmin(effort, contract.effort_limit[driven])
-    unit = np.where(np.isfinite(effort), effort, 0.0) / np.maximum(contract.joint_stiffness[driven], 1e-9)
-    is_known = (unit > 0.0) & (scale > 0.0)
-    if is_known.sum() < _FEW:
-        return
-    factors = (scale[is_known] / unit[is_known]).tolist()
-    factor = max(factors, key=lambda factor: int(_agree(scale, factor * unit).sum()))
-    holds = is_known & _agree(scale, factor * unit)
-    kinds = len({f"{value:.2g}" for value in unit[holds].tolist()})
-    if kinds >= 3 and holds.sum() >= _RULED * is_known.sum():  # otherwise nothing shows that it is the exporter's
-        message = f"is {factor:.3g} · effort limit / K_p for {holds.sum()} joints, but not for {{}}"
-        others, text = is_known & ~holds, "{:g}, expected {:.3g}"
-        yield from _on("warning", "action_scale", message, names, others, text, scale, factor * unit)
+        effort = np.fmin(effort, contract.effort_limit)
+    reach = np.where(np.isfinite(effort), effort, 0.0) / np.maximum(stiffness, 1e-9)
+    driven = [names.index(name) for name in contract.action_joint_names]
+    inertia = {name: float(model.dof_armature[model.joint(name).dofadr[0]]) for name in description.joint_names}
+    armature = np.array([inertia.get(name, 0.0) for name in names])
+    for field, joints, values, formula, unit in (
+        ("action_scale", contract.action_joint_names, contract.action_scale, "effort limit / K_p", reach[driven]),
+        ("joint_stiffness", names, stiffness, "armature", armature),
+    ):
+        is_known = (unit > 0.0) & (values > 0.0)
+        if is_known.sum() < _FEW:
+            continue
+        factors = (values[is_known] / unit[is_known]).tolist()
+        factor = max(factors, key=lambda factor: int(_agree(values, factor * unit).sum()))
+        holds = is_known & _agree(values, factor * unit)
+        kinds = len({f"{value:.2g}" for value in unit[holds].tolist()})
+        if kinds >= 3 and holds.sum() >= _RULED * is_known.sum():  # otherwise nothing shows that it is the exporter's
+            message = f"is {factor:.3g} · {formula} for {holds.sum()} joints, but not for {{}}"
+            others, text = is_known & ~holds, "{:g}, expected {:.3g}"
+            yield from _on("warning", field, message, joints, others, text, values, factor * unit)
 
 
 def _rounding_findings(contract: PolicyContract) -> Iterator[Finding]:

@@ -58,6 +58,15 @@ def test_a_robot_that_is_lost_in_the_long_run_is_not_healthy():
     assert "in a longer episode lost after 7.0 s: fell" in result.note
 
 
+def test_a_command_that_is_not_answered_is_named():
+    metrics = {"yaw_rate_error": 0.2, "vx_reached": 0.9, "vy_reached": None, "yaw_rate_reached": 0.1}
+    long = Episode(case="", seed=0, steps=1000, duration=20.0, metrics=metrics)
+    result = judge(PAIR, up(0.2), long, [])
+    assert result.is_healthy
+    assert "does not answer the command (yaw_rate_reached 10%)" in result.note
+    assert "vx" not in result.note
+
+
 def test_edits_that_do_as_well_are_named_beside_the_first():
     result = judge(PAIR, lost(1.0), lost(1.0), [(edit("a"), up(1.0)), (edit("b"), up(1.04)), (edit("c"), up(1.2))])
     assert [row.edit.name for row in result.rows] == ["a", "b"]

@@ -144,6 +144,10 @@ def test_a_joint_that_leaves_the_exporters_formula(motorized):
         motorized(**varied, action_scale=scales),
         "warning action_scale: effort limit / K_p for 5 joints, but not for left_knee",
     )
+    gains = [40.0, 40.0, 80.0, 99.0, 20.0, 20.0]
+    found(
+        motorized(joint_stiffness=gains), "warning joint_stiffness: armature for 5 joints, but not for right_knee (99"
+    )
 
 
 def test_decimals_that_an_exporter_cut(robot):
