@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import sys
 import textwrap
@@ -53,18 +54,30 @@ def parse(options: Any, program: str, arguments: Sequence[str] | None, *, positi
     """Return a program's options, of a frozen dataclass or a union of those of its commands; exits for --help.
 
     `program` is the verb, or a file such as `examples/mine.py`; with `positional` required options are given by their
-    place. Exits with status 2 for options that are not accepted, which tyro names.
+    place. Raises `InputError` with what tyro says about options that are not accepted.
     """
     import tyro  # noqa: PLC0415 - a DAMP does without it
 
     conf = tyro.conf
     markers = (conf.FlagCreatePairsOff, conf.OmitSubcommandPrefixes, *[conf.PositionalRequiredArgs] * positional)
     run = f"python {program}" if "." in program else f"python -m humanoid_sim.{program}"
-    return tyro.cli(options, prog=run, args=arguments, config=markers)
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            return tyro.cli(options, prog=run, args=arguments, config=markers)
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        rows = (line.strip(" │╰╯") for line in box.getvalue().splitlines()[1:])  # below the title
+        text = " ".join(row if row.strip("─-") else ";" for row in rows if row)  # a rule between two parts
+        raise InputError(text.strip("; ").replace(" ;", ";")) from None
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
     """Run a program; what its user can fix becomes one line on stderr and exit status 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         status = program(arguments)
         sys.stdout.flush()
@@ -83,9 +96,10 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr."""
+    """Print one line on stderr: names from a user's file may hold characters that end it, or steer a terminal."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
     with contextlib.suppress(OSError):  # nobody reads it
-        print(message, file=sys.stderr)
+        print(line, file=sys.stderr)
 
 
 def mute_output() -> None:

@@ -21,6 +21,11 @@ from humanoid_sim.errors import InputError, MissingPackageError, RobotError
         ),
         (PermissionError(13, "Permission denied", "robot.xml"), 2, "error: robot.xml: Permission denied"),
         (OSError(24, "Too many open files"), 2, "error: Too many open files"),
+        (
+            InputError("unknown term 'a\nb\x1b[31m\u2028\udc80', expected M⁻¹·K_d …"),
+            2,
+            "error: unknown term 'a\\nb\\x1b[31m\\u2028\\udc80', expected M⁻¹·K_d …",
+        ),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
@@ -47,17 +52,16 @@ def test_the_list_of_verbs(capsys):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_is_a_program_with_help_that_refuses_unknown_options(verb, capsys):
+def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(verb, capsys):
     assert importlib.util.find_spec(f"humanoid_sim.{verb}") is not None  # for `python -m`
     assert callable(load_program(verb))
     with pytest.raises(SystemExit) as caught:
         main([verb, "--help"])
     assert caught.value.code == 0
     assert f"usage: python -m humanoid_sim.{verb}" in capsys.readouterr().out
-    with pytest.raises(SystemExit) as caught:
-        main([verb, "--no-such-option"])
-    assert caught.value.code == 2
-    assert capsys.readouterr().err
+    if verb != "ros2_services":  # which has the standard library's parser
+        assert main([verb, "--no-such-option"]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_help_loads_nothing_heavy():
