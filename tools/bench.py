@@ -182,12 +182,15 @@ with Feed(SessionInfo(0, "", "", "", "", Path(sys.argv[1]))):
 
 
 @contextmanager
-def _feed() -> Iterator[FeedWriter]:
-    """Yield a feed with one subscriber, another process."""
+def _feed(*, subscribed: bool = True) -> Iterator[FeedWriter]:
+    """Yield a feed with one subscriber, another process; or without."""
     description, checkpoint = load_robot("lite"), load_checkpoint(SAMPLE_POLICY)
     loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path(SAMPLE_MOTION)))
     header = run_header(description, 1.0 / description.simulation.control_frequency, loaded, settings={})
     with tempfile.TemporaryDirectory() as folder, closing(FeedWriter(Path(folder), header)) as feed:
+        if not subscribed:
+            yield feed
+            return
         command = [sys.executable, "-c", _SUBSCRIBER, folder]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as subscriber:
             assert subscriber.stdout is not None
@@ -202,9 +205,9 @@ def control_tick(repetitions: int) -> Iterator[Figure]:
     for name, limit in (("control tick of play at 200 Hz", 2.5), ("control tick of play, one subscriber", None)):
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            feeds = [] if limit else [stack.enter_context(_feed())]
+            feed = stack.enter_context(_feed(subscribed=limit is None))
             recorder = stack.enter_context(closing(McapRecorder(folder / "bench.mcap", inline=True)))
-            session, _, robot = stack.enter_context(_playing(*feeds, recorder))
+            session, _, robot = stack.enter_context(_playing(feed, recorder))
             data, decimation = mujoco.MjData(robot.model), round(checkpoint.contract.policy_dt / robot.control_period)
             observation = np.zeros(checkpoint.observation_width or 0, dtype=np.float32)
 
