@@ -12,7 +12,7 @@ from humanoid_sim.errors import RobotError
 class Check(NamedTuple):
     """One line of the list."""
 
-    verdict: str  # `ok`, `warning`, or `problem`: the robot is not enabled
+    verdict: str  # `ok`, `warning`, `question`, which an option answers, or `problem`: the robot is not enabled
     subject: str  # the joint or the channel
     text: str
 
@@ -40,6 +40,10 @@ class CheckList:
         """Note something that an operator should know."""
         self.all.append(Check("warning", subject, text))
 
+    def question(self, subject: str, text: str) -> None:
+        """Note something that an operator has to accept before the robot is enabled."""
+        self.all.append(Check("question", subject, text))
+
     def problem(self, subject: str, text: str) -> None:
         """Note something that keeps the robot from being enabled."""
         self.all.append(Check("problem", subject, text))
@@ -59,9 +63,10 @@ class CheckList:
     def problems(self) -> tuple[str, ...]:
         return self.of("problem")
 
-    def refuse(self) -> None:
-        """Raise a `RobotError` with all problems, if there are some."""
-        if self.problems and self._robot:
-            raise RobotError("\n  - ".join([f"{self._robot}: not enabled:", *self.problems]))
-        if self.problems:
-            raise RobotError("; ".join(self.problems))
+    def refuse(self, *, questions: bool = True) -> None:
+        """Raise a `RobotError` with all problems, and questions on request, if there are some."""
+        reasons = self.problems + (self.of("question") if questions else ())
+        if reasons and self._robot:
+            raise RobotError("\n  - ".join([f"{self._robot}: not enabled:", *reasons]))
+        if reasons:
+            raise RobotError("; ".join(reasons))

@@ -128,7 +128,7 @@ class HardwareRobot:
     # --- activation
 
     def prepare(self) -> None:
-        """Do all that `activate` does before it enables; what an operator should know is in `checks`."""
+        """Do all that `activate` does before it enables; what an operator has to accept is in `checks`."""
         self._bring_up(enables=False)
 
     def activate(self) -> None:
@@ -164,13 +164,13 @@ class HardwareRobot:
         line = self._open(checks)
         for link, _ in self._links:
             link.examine(checks)
-        checks.refuse()
+        checks.refuse(questions=False)
         for link, _ in self._links:
             link.make_ready(checks)
         known = set(range(len(self.joints))) - set(self._wiring.unasked)
         check_positions(self._wiring, known, self._readings().position, checks)
         line.check(checks)
-        checks.refuse()
+        checks.refuse(questions=False)
         self._may_run = frozenset()
         for source, channel in zip(line.sources, line.channels, strict=True):
             for kind, count in channel.strangers.items():

@@ -66,7 +66,7 @@ class RobstrideMotors(RobstrideLink, MotorLink):
             checks.passed(name, f"{where}, {model.name}, firmware {text}, uid {uids[i].hex()}")
             if not firmware.is_documented(model, version) and text not in self._terms.accepted_firmware:
                 known = f"--accept-firmware {text} if you know its ranges and gains"
-                checks.problem(name, f"firmware {text}: no document mentions it: {known}")
+                checks.question(name, f"firmware {text}: no document mentions it: {known}")
 
     def _identify(self, checks: CheckList) -> dict[int, bytes]:
         """Return the unique ids of the motors of which there is one with their id, on their channel."""

@@ -31,7 +31,7 @@ from humanoid_sim.simulation.kinematics import AnchorOrientation
 
 CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
-_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+_STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
 
 
 class HardwareSetup(RobotSetup):
@@ -127,6 +127,7 @@ class HardwareSetup(RobotSetup):
             raise InputError("--yes: is needed where nobody can be asked (standard input is not a terminal)")
         try:
             self.robot.prepare()
+            self.robot.checks.refuse(questions=not config.dry_run)
         except RobotError as error:
             first = str(error).partition("\n")[0].rstrip(": ")
             raise RobotError(f"{first}: the checks on standard output say why") from None

@@ -44,13 +44,17 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
     assert list(result.folder.iterdir()) == []
 
 
-def test_firmware_that_no_document_mentions_is_refused_unless_it_is_accepted(run, quick, monkeypatch):
+def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatch):
     monkeypatch.setattr(robstride_motor, "emulated_version", lambda model: (*emulated_version(model)[:3], 32))
-    refused = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
+    dry = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
+    assert dry.status == 0
+    questions = [line for line in dry.out.splitlines() if line.startswith("question")]
+    assert len(questions) == 14
+    assert all(".32: no document mentions it: --accept-firmware 0." in question for question in questions)
+    assert dry.out.count("\nok ") == 14
+    refused = run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER)
     assert (refused.status, refused.err) == (2, "error: lite: not enabled: the checks on standard output say why\n")
-    problems = [line for line in refused.out.splitlines() if line.startswith("problem")]
-    assert len(problems) == 14
-    accepted = {line.split(".32: no document mentions it: --accept-firmware ")[1].split()[0] for line in problems}
+    accepted = {line.split("--accept-firmware ")[1].split()[0] for line in questions}
     options = ["--accept-firmware", *accepted]
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *options, *PLACEHOLDER).status == 0
 
