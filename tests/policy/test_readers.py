@@ -246,6 +246,8 @@ def test_berkeleys_yaml(tmp_path):
     (tmp_path / "configs" / "policy.yaml").write_text(BERKELEY.replace("-100.0", "-1.0"))
     with pytest.raises(InputError, match="not -x and x"):
         read(tmp_path)
+    (tmp_path / "configs" / "policy.yaml").write_text("[some, other, file]")
+    assert read(tmp_path).values == {}
 
 
 def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):

@@ -7,7 +7,8 @@ from typing import Any
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.layers import Layer
-from humanoid_sim.policy.readers.trainer_files import read_section
+from humanoid_sim.policy.readers.trainer_files import Section
+from humanoid_sim.strict_yaml import read_yaml
 
 _FIELDS = {
     "joints": "joint_names",
@@ -27,9 +28,10 @@ _ACTION_LIMIT = 1e4  # the project's default clip of raw actions, which are in t
 
 def read_berkeley(path: Path, _: object) -> list[Layer]:
     """Return what the file states, and the terms that come with the dialect; nothing if it is some other file."""
-    file = read_section(path)
-    if not file.keys() >= _KNOWN_BY:
+    document = read_yaml(path)
+    if not isinstance(document, dict) or not document.keys() >= _KNOWN_BY:
         return []
+    file = Section(document, str(path))
     values = file.fields(_FIELDS)
     if file.get("action_limit_upper") is not None:
         values["action_clip"] = file.number("action_limit_upper")
