@@ -10,11 +10,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.evaluation.step import StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, length, rms
@@ -48,10 +50,12 @@ class EpisodeBatch:
         scenario, suite = case.scenario, case.suite
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
+        self._feet = Feet(scenario.description) if suite.task == "velocity" else None
+        bodies = scenario.sim_config.bodies if self._feet is None else self._feet.bodies
         self.simulation = BatchSim(
             scenario.description,
             len(seeds),
-            scenario.sim_config,
+            replace(scenario.sim_config, bodies=bodies),
             implicit=suite.implicit,
             threads=threads,
             randomisation=suite.randomisation,
@@ -108,8 +112,9 @@ class EpisodeBatch:
         names = [name for name in metrics_of(task) if name in METRICS and METRICS[name].needs in context.parts]
         rows: dict[str, npt.NDArray[Any]] = {name: METRICS[name].values(context, sample) for name in names}
         rows["position"] = command.position
-        if task == "velocity" and sample.base is not None:
+        if self._feet is not None and sample.base is not None:
             rows["velocity"] = sample.base.planar_velocity
+            rows["soles"] = self._feet.place(*self.simulation.body_poses())
         elif task == "piano":
             rows["touch"] = self.simulation.key_force
         return rows
@@ -120,7 +125,8 @@ class EpisodeBatch:
         command, piano = np.array(case.command or (0.0, 0.0, 0.0)), self.case.scenario.description.piano
         rows = {name: np.stack([step[name] for step in measured]) for name in measured[0]}  # shape (steps, N, ...)
         rows["action_rate"] = rms(np.diff(rows["position"], axis=0) / period)
-        if "velocity" in rows:
+        if self._feet is not None:
+            rows["slip"] = self._feet.slip(rows["soles"][:-1], rows["soles"][1:], period)
             skip, window = round(suite.settle / period), round(_WINDOW / period)
             off = _averaged(rows["velocity"], window)[skip:] - command
             rows["velocity"] = rows["velocity"][skip:]
@@ -130,7 +136,8 @@ class EpisodeBatch:
             episode: dict[str, float] = {}
             for metric in metrics_of(suite.task).values():
                 if metric.summary != "episode" and metric.name in rows:
-                    values = np.ascontiguousarray(rows[metric.name][:, i])  # sums in one order, whatever N is
+                    values = rows[metric.name][:, i]
+                    values = values[~np.isnan(values)]  # in one piece: sums in one order, whatever N is
                     episode[metric.name] = float(rms(values) if metric.summary == "rms" else values.mean())
             for axis, name in enumerate(REACHED):
                 if case.moves[axis]:

@@ -50,6 +50,7 @@ _ROWS = (
     # mean speed over the commanded along each axis, at most 1; where it is to move
     *(Metric(name, "episode", "velocity", "higher", "×") for name in REACHED),
     Metric("tilt", "rms", "velocity"),
+    Metric("slip", "mean", "velocity", own_unit="m/s"),  # of the feet's points that touch the ground
     Metric("power", "mean", "velocity"),
     Metric("falls", "episode", "velocity", own_unit="share"),
     Metric("f1", "mean", "piano", "higher"),

@@ -9,6 +9,7 @@ from models import contract_of
 
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import multiply, rotation_6d
+from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.step import StepContext, StepSample
 from humanoid_sim.evaluation.step_metrics import METRICS, describe_failure, has_fallen, quaternion_angle
 from humanoid_sim.mit import ANCHOR_POSE, KEY_PRESSED, Extern, MITState
@@ -162,3 +163,13 @@ def test_keys_of_a_song():
     step = sample(14, extern={KEY_PRESSED: Extern(pressed, 0.0)})
     found = [float(METRICS[name].values(context, step)) for name in ("no_wrong_key", "precision", "recall", "f1")]
     assert found == [0.0, 0.5, 0.5, 0.5]
+
+
+def test_feet_are_found_and_slide():
+    feet = Feet(ROBOT)
+    assert feet.bodies == ("left_foot", "right_foot")
+    before = feet.place(np.zeros((1, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1, 2, 1)))
+    before[..., 2] = 0.0
+    moved = before + np.array([0.6, 0.8, 0.0]) * 0.5 * 0.02
+    assert feet.slip(before, moved, 0.02) == pytest.approx([0.5])
+    assert np.isnan(feet.slip(before + np.array([0.0, 0.0, 0.02]), moved, 0.02)).all(), "in the air it does not slide"
