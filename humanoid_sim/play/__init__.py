@@ -12,6 +12,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config = parse(PlayConfig, "play", arguments)
 
+    from humanoid_sim.rendering import check_environment  # noqa: PLC0415
+
+    check_environment()
+
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415
     from humanoid_sim.play.run import played  # noqa: PLC0415
 
