@@ -1,4 +1,4 @@
-"""A robot, its supervisor and mock motors on one channel, tick by tick in virtual time: no machine is too slow."""
+"""A robot, its supervisor and mock motors on one channel, tick by tick, in virtual time or in real time."""
 
 import contextlib
 import dataclasses
@@ -14,8 +14,9 @@ from msgspec.structs import replace
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.can_bus import frame_of, message_of
+from humanoid_sim.hardware.can_bus import frame_of, message_of, open_bus
 from humanoid_sim.hardware.mock.motors import MockMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
 from humanoid_sim.mit import MITCommand
@@ -23,6 +24,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
@@ -110,10 +112,8 @@ class VirtualBus(can.BusABC):
 class Rig:
     """A robot that is activated, in ZERO_TORQUE; what its motors do, and the loop."""
 
-    def __init__(self):
+    def __init__(self, clock, opens):
         description = lite()
-        self.mock = MockMotors(description)
-        self.bus = VirtualBus(self.mock)
         self.robot = HardwareRobot(
             description,
             ["virtual:faults"],
@@ -121,8 +121,8 @@ class Rig:
             control_period=PERIOD,
             can_timeout=CAN_TIMEOUT,
             allow_no_timeout=True,
-            clock=lambda: self.mock.time,
-            open_bus=lambda _: self.bus,
+            clock=clock,
+            open_bus=opens,
         )
         self._step = supervisor().step
         self._memory = supervisor().initial()
@@ -131,25 +131,20 @@ class Rig:
 
     def __enter__(self):
         self.robot.activate()
-        self.bus.runs = False
         return self
 
     def __exit__(self, *_):
-        self.bus.runs = True
-        self.mock.clear_faults()
+        self.call(lambda mock: mock.clear_faults())
         with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
             self.robot.close()
-        self.bus.shutdown()
 
     def tick(self, *intents):
         """One turn of the loop, a period after the last."""
-        self.bus.advance(PERIOD)
-        sent = self.bus.attempts
+        self.wait(PERIOD)
         state, safety = self.robot.read()
         remote = RemoteCommand(self._hold, float(state.time))
         self._memory, output = self._step(self._memory, TickInput(state, safety, intents, remote))
-        self.robot.write(output.command)
-        self.bus.until_sent(sent + len(self.robot.joints))
+        self.write(output.command)
         flags = SafetyFlag.NONE
         for status in safety:
             flags |= status.flags
@@ -171,11 +166,69 @@ class Rig:
     def inject(self, fault):
         """Let a fault begin within the next period; returns when, s, robot's clock."""
         began = self.robot.time + 0.007
-        self.mock.inject(dataclasses.replace(fault, start=began))
+        self.call(lambda mock: mock.inject(dataclasses.replace(fault, start=mock.time + 0.007)))
         return began
 
     def is_harmless(self, only=()):
         """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
-        motors = zip(self.mock.names, self.mock.motors, self.mock.has_power, strict=True)
-        drives = [motor.drive() for name, motor, has_power in motors if has_power and (not only or name in only)]
+        drives = []
+
+        def look(mock):
+            motors = zip(mock.names, mock.motors, mock.has_power, strict=True)
+            drives.extend(motor.drive() for name, motor, power in motors if power and (not only or name in only))
+
+        self.call(look)
         return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
+
+
+class VirtualRig(Rig):
+    """In virtual time: nothing waits for a clock, so that no machine is too slow."""
+
+    def __init__(self):
+        self.mock = MockMotors(lite())
+        self.bus = VirtualBus(self.mock)
+        super().__init__(lambda: self.mock.time, lambda _: self.bus)
+
+    def __enter__(self):
+        super().__enter__()
+        self.bus.runs = False
+        return self
+
+    def __exit__(self, *_):
+        self.bus.runs = True
+        super().__exit__()
+        self.bus.shutdown()
+
+    def wait(self, duration):
+        self.bus.advance(duration)
+
+    def write(self, command):
+        sent = self.bus.attempts
+        self.robot.write(command)
+        self.bus.until_sent(sent + len(self.robot.joints))
+
+    def call(self, action):
+        action(self.mock)
+
+
+class RealRig(Rig):
+    """In real time, with motors on a thread of their own, as `play --hardware virtual:lite` has them."""
+
+    def __init__(self):
+        self._measures = contextlib.ExitStack()
+        with punctual_threads(behind=10):
+            self._motors = self._measures.enter_context(MockServer(lite(), ["virtual:faults"]))
+        self._measures.enter_context(real_time())
+        super().__init__(self._motors.clock, open_bus)
+        self.call, self._deadline = self._motors.call, 0.0
+
+    def __exit__(self, *_):
+        super().__exit__()
+        self._measures.close()
+
+    def wait(self, duration):
+        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + duration
+        time.sleep(max(self._deadline - time.monotonic(), 0.0))
+
+    def write(self, command):
+        self.robot.write(command)
