@@ -80,10 +80,11 @@ def meant(name: str, known: Iterable[str]) -> str:
     """Return ` (did you mean 'elbow'?)`, of the known name that is near; empty if none is."""
     import difflib  # noqa: PLC0415 - only where something is wrong
 
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
-    # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
-    is_meant = near and _apart(near[0]) == _apart(name)
-    return f" (did you mean '{near[0]}'?)" if is_meant else ""
+    names = {other.lower(): other for other in known}
+    # At 0.7 a shoulder would be an ankle; left_knee and right_knee, rs-02 and rs-04 are close in letters alone.
+    near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.75)
+    is_meant = near and _apart(near[0]) == _apart(name.lower())
+    return f" (did you mean '{names[near[0]]}'?)" if is_meant else ""
 
 
 def _apart(name: str) -> list[str]:

@@ -20,6 +20,7 @@ from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.imu import SimulatedImu, make_imu
 from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
+from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import ANCHOR_ORIENTATION, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, shared
@@ -58,6 +59,8 @@ class HardwareSetup(RobotSetup):
         is_virtual = [address.interface == "virtual" for address in self._addresses]
         if any(is_virtual) and not all(is_virtual):
             raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
+        for version in config.accept_firmware:
+            parse_version(version)
         offsets, unconfirmed, self.notices = _homing_offsets(config, description, is_virtual=all(is_virtual))
         imu = make_imu(config.imu, description.hardware.imu_mounting)
         anchor = _anchor(description, contracts)

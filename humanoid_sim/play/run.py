@@ -55,8 +55,8 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
             raise RobotError(flattened(str(error))) from None
         finally:
             run.close()
-            if run.console.is_alive:
-                mute_output()  # what is printed from here on would wait as that thread does
+            if run.console.error is not None or run.console.is_alive:
+                mute_output()  # what is printed from here on would fail as well, or wait as that thread does
                 console = PlayConsole(quiet=console.quiet)  # that thread may hold the lock of the other one
         problems = _problems(run, result)
         summary = summarise(run, result)

@@ -75,7 +75,7 @@ def _rests(recording: Recording, description: RobotDescription) -> tuple[FloatAr
     held = (Mode.STANDBY,) if description.is_floating else (Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE)
     run, count = recording.arrays(), round(_REST / recording.header.control_period)
     found = []
-    for start in range(0, len(run["time"]) - count + 1, count // 2):
+    for start in range(0, len(run["time"]) - count + 1, max(count // 10, 1)):
         whole, half = slice(start, start + count), slice(start + count // 2, start + count)
         position, effort = run["position"][whole], run["effort"][half]
         is_still = (np.ptp(position, axis=0) <= _MOVED).all()

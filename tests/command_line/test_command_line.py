@@ -21,6 +21,7 @@ REFUSED = {
     "play --policy lite_tracking --policy none": "--policy: several are given, expected none of them to be 'none', …",
     "play --robot lite_bipd": "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, …",
     "play --robot lite_piano --motion twinkl": "--motion: unknown song 'twinkl' (did you mean 'twinkle'?); known: …",
+    "play --hardware virtual:lite --accept-firmware 0.5 --dry-run": "firmware version: is '0.5', expected four…",
     "play --motion wve": "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, …",
     "prepare --policy lite_pino --motion x.npz": "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?…",
     "policy show lite_pino": "CHECKPOINT: unknown policy 'lite_pino' (did you mean 'lite_piano'?); …",

@@ -1,6 +1,8 @@
 """End to end: options in, exit status, tables and files out."""
 
+import io
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -130,6 +132,21 @@ def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, 
     assert "html       r.html   " in result.out
     assert (folder / "r.html").is_file(), "nobody watches: the page lies beside the recording"
     assert len(result.ticks) > 20
+
+
+def test_a_terminal_that_goes_in_mid_run_leaves_the_files_of_the_run(run, quick, monkeypatch):
+    class Gone(io.StringIO):
+        def write(self, text):
+            if "DAMPING" in text or "Input/output" in self.getvalue():
+                super().write("Input/output error")
+                raise OSError("Input/output error")
+            return super().write(text)
+
+    monkeypatch.setattr(sys, "stdout", Gone())
+    result = run("--robot", quick, "--script", "damp; hold 0.5", *PLACEHOLDER)
+    sys.stdout.close()  # where nothing is printed any more
+    assert (result.status, result.err) == (1, "")
+    assert result.summary["reason"] == "script finished"
 
 
 def test_a_simulation_that_becomes_unstable_is_no_success(run, make_robot):

@@ -22,7 +22,7 @@ PERIOD = 0.02
 record = partial(run_program, record_main)
 
 
-def recorded(path, *, mirrored=(), ticks=280):
+def recorded(path, *, mirrored=(), ticks=262):
     """A STANDBY of the simulated robot, some of whose joints report and obey the other direction."""
     sign = np.array([-1.0 if name in mirrored else 1.0 for name in LITE.joint_names])
     supervisor = build_supervisor(LITE, PERIOD, None)
