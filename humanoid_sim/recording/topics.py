@@ -60,6 +60,7 @@ class ViewerTopics:
         self._inputs: dict[str, Extern] = {}
         self._safety: dict[str, SafetyStatus] = {}
         self._failed: dict[str, SafetyStatus] = {}
+        self._reported: tuple[SafetyStatus, ...] = ()
         self._links = Links.of(header)
         self._transforms = ros.TransformEncoder(() if self._links is None else self._links.frames)
 
@@ -111,12 +112,15 @@ class ViewerTopics:
 
         A controller that failed is a source too, until it drives again; a source that reports no more is OK.
         """
-        self._failed.pop(record.output.control_mode.controller_name, None)
+        reported, recovered = record.input.safety, self._failed.pop(record.output.control_mode.controller_name, None)
+        if reported == self._reported and recovered is None and not record.output.faults:
+            return
+        self._reported = reported
         for fault in record.output.faults:
             status = SafetyStatus(SafetyLevel.FAULT, source=fault.controller, message=fault.message)
             self._failed[fault.controller] = status
         statuses = {source: SafetyStatus(source=source) for source in self._safety}
-        statuses |= {status.source: status for status in record.input.safety} | self._failed
+        statuses |= {status.source: status for status in reported} | self._failed
         for source, status in statuses.items():
             if self._safety.get(source) != status:
                 self._safety[source] = status

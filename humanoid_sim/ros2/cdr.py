@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -83,16 +83,25 @@ def _write(body: bytearray, parts: Iterable[_Part], values: Iterable[Any]) -> No
             body += layout[len(body) % 8].pack(*value)
         elif kind == "text":
             _write_text(body, value)
+        elif kind == "texts":
+            body += _texts(tuple(value), len(body) % 8)
         else:
             _write_count(body, len(value))
             if kind == "array" and len(value):
                 body += bytes(-len(body) % layout.itemsize) + np.asarray(value, layout).tobytes()
-            elif kind == "texts":
-                for text in value:
-                    _write_text(body, text)
             elif kind == "messages":
                 for item in value:
                     _write(body, layout, item)
+
+
+@lru_cache(maxsize=256)  # the names of joints are in most messages
+def _texts(texts: tuple[str, ...], offset: int) -> bytes:
+    """Return a sequence of strings that begins at a body's offset, modulo 8."""
+    body = bytearray(offset)
+    _write_count(body, len(texts))
+    for text in texts:
+        _write_text(body, text)
+    return bytes(body[offset:])
 
 
 def _write_count(body: bytearray, count: int) -> None:
