@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.frontends.joy import read_bindings
 from humanoid_sim.frontends.pads import Pads, describe_pads
 from humanoid_sim.mit import KEY_PRESSED
@@ -27,8 +28,13 @@ def shows_window(config: PlayConfig) -> bool:
 
 
 def wanted_front_ends(config: PlayConfig) -> tuple[tuple[str, ...], ...]:
-    """Return the front ends that a run starts, each with the options of its command line."""
+    """Return the front ends that a run starts, each with the options of its command line.
+
+    Raises `InputError` for a network interface that is not there.
+    """
     interface = _one(config.dds, "--dds", "network interface")
+    if interface:
+        require_known("network interface", [interface], [name for _, name in socket.if_nameindex()], "--dds: ")
     mapping = _one(config.gamepad, "--gamepad", "file (.yaml)")
     known = (
         (config.remote == "gravity", ("gravity",)),
