@@ -46,5 +46,5 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
     monkeypatch.setattr("socket.if_nameindex", lambda: [(1, "lo"), (2, "eth1")])
     assert wanted_front_ends(PlayConfig(dds=("eth1",))) == (("dds",), ("dds", "--interface", "eth1"))
     assert wanted_front_ends(PlayConfig(dds=("lo",))) == wanted_front_ends(PlayConfig(dds=())) == (("dds",),)
-    with pytest.raises(InputError, match="^--dds: unknown network interface 'eth2'"):
+    with pytest.raises(InputError, match=r"^--dds: unknown network interface 'eth2'"):
         wanted_front_ends(PlayConfig(dds=("eth2",)))
