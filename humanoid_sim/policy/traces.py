@@ -141,7 +141,8 @@ def _trace(name: str, given: Arrays, contract: PolicyContract, bodies: BodyReade
 
 def _table(arrays: Arrays, name: str, steps: int, width: int | None) -> FloatArray:
     if name not in arrays:
-        raise FieldError(f"{name} is missing, expected a row for each step, or qpos and --robot")
+        there = ", ".join(arrays)
+        raise FieldError(f"{name} is missing, expected a row for each step, or qpos and --robot; the file has {there}")
     values: FloatArray = arrays[name].astype(np.float64)
     if values.ndim == 1 and len(values) == width:
         values = np.broadcast_to(values, (steps, width))

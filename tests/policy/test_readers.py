@@ -172,6 +172,12 @@ def test_a_deploy_yaml_that_is_wrong(tmp_path, changes, message):
         deployed(tmp_path, **changes)
 
 
+def test_a_trainers_file_that_is_empty_is_named(tmp_path):
+    (tmp_path / "deploy.yaml").touch()
+    with pytest.raises(InputError, match=r"deploy\.yaml: is empty"):
+        read(tmp_path)
+
+
 ENV = """\
 decimation: 4
 sim: {dt: 0.005}

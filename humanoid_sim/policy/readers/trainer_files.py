@@ -48,8 +48,11 @@ class Section(dict[str, Any]):
 
 
 def read_section(path: Path) -> Section:
-    """Return a trainer's YAML file."""
-    return Section(read_yaml(path), str(path))
+    """Return a trainer's YAML file. Raises `InputError` if it holds nothing."""
+    document = read_yaml(path)
+    if document is None:
+        raise InputError(f"{path}: is empty, expected the trainer's settings")
+    return Section(document, str(path))
 
 
 def is_group(value: Any) -> bool:
