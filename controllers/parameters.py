@@ -64,8 +64,9 @@ def per_joint(
         array = frozen_array(owner, name, np.full(len(joints), array))
     if array.shape != (len(joints),):
         raise FieldError(f"{owner}.{name}: has shape {array.shape}, expected ({len(joints)},), one value per joint")
-    for joint, value, is_accepted in zip(joints, array, accepts(array), strict=True):
-        require(is_accepted, f"{owner}.{name}", f"{value} for {joint}", accepted)
+    if wrong := np.flatnonzero(~accepts(array)).tolist():
+        others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        require(False, f"{owner}.{name}", f"{array[wrong[0]]} for {joints[wrong[0]]}{others}", accepted)
     return array
 
 

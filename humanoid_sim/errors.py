@@ -83,8 +83,15 @@ def meant(name: str, known: Iterable[str]) -> str:
     names = {other.lower(): other for other in known}
     # At 0.7 a shoulder would be an ankle; left_knee and right_knee, rs-02 and rs-04 are close in letters alone.
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.75)
-    is_meant = near and _apart(near[0]) == _apart(name.lower())
-    return f" (did you mean '{names[near[0]]}'?)" if is_meant else ""
+    near = [other for other in near if _apart(other) == _apart(name.lower())] or [
+        other for other in names if _is_tail(name.lower(), other) or _is_tail(other, name.lower())
+    ]
+    return f" (did you mean '{names[near[0]]}'?)" if len(near) == 1 else ""
+
+
+def _is_tail(name: str, tail: str) -> bool:
+    """Return True for `left_hip` of `g1_left_hip` and `g1/left_hip`."""
+    return bool(tail) and name.endswith((f"_{tail}", f"/{tail}"))
 
 
 def _apart(name: str) -> list[str]:

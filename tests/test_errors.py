@@ -11,6 +11,9 @@ from humanoid_sim.errors import meant
         ("LEFT_HIP_PITCH_JOINT", ("left_hip_pitch_joint",), "left_hip_pitch_joint"),
         ("left_shoulder_pitch", ("left_ankle_pitch", "left_hip_pitch"), ""),
         ("left_knee", ("right_knee",), ""),
+        ("g1/left_knee", ("left_knee", "right_knee"), "left_knee"),
+        ("left_knee", ("g1_left_knee", "g1_right_knee"), "g1_left_knee"),
+        ("knee", ("left_knee", "right_knee"), ""),
     ],
 )
 def test_a_near_name_is_one_that_can_be_meant(name, known, expected):

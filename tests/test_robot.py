@@ -25,7 +25,11 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     for old, new in (
         ('name="knee" axis', 'name="knee" damping="0.25" frictionloss="0.1" axis'),
         ('kp="100" forcerange="-30 40"', 'kp="100" kv="3" inheritrange="1"'),
-        ("<sensor>", '<equality><joint joint1="spring" joint2="hip" polycoef="0.1 -2 0 0 0"/></equality><sensor>'),
+        (
+            "<sensor>",
+            '<equality><joint joint1="spring" joint2="hip" polycoef="0.1 -2 0 0 0"/>'
+            '<joint joint1="knee" active="false"/></equality><sensor>',
+        ),
     ):
         assert old in text
         text = text.replace(old, new)
@@ -40,7 +44,7 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     assert texts["CAN motors"].startswith("none")
     assert texts["passive joints"] == "spring"
     assert texts["without effort limit"] == "knee"
-    assert texts["equalities"] == "spring = 0.1 -2 · hip"
+    assert texts["equalities"] == "spring = 0.1 -2 · hip, knee = 0 (inactive)"
 
 
 def test_motors_of_a_shipped_robot_are_shown(capsys):

@@ -308,7 +308,8 @@ def rounding(values: FloatArray) -> FloatArray:
     """
     significant, decimals = _digits(values)
     last_decimal = 0.501 * 10.0**-decimals if significant >= 2 and 1 <= decimals <= 3 else 1e-9
-    return np.maximum(last_decimal, 0.005 * np.abs(values) if significant == 3 else 0.0)
+    magnitude = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-9)))  # 0.01 of it is the third digit
+    return np.maximum(last_decimal, 0.00501 * magnitude if significant == 3 else 0.0)
 
 
 def build(values: Mapping[str, Any], source: Mapping[str, str]) -> PolicyContract:

@@ -75,12 +75,13 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
 
 def _equalities(model: mujoco.MjModel) -> Iterator[str]:
     for i in range(model.neq):
+        off = "" if model.eq_active0[i] else " (inactive)"
         kind, leader = mujoco.mjtEq(int(model.eq_type[i])), int(model.eq_obj2id[i])
         offset, ratio, *powers = model.eq_data[i, :5]
         if kind != mujoco.mjtEq.mjEQ_JOINT:
-            yield kind.name.removeprefix("mjEQ_").lower()
+            yield f"{kind.name.removeprefix('mjEQ_').lower()}{off}"
             continue
         text = f"{model.joint(int(model.eq_obj1id[i])).name} = {offset:g}"
         if leader >= 0:
             text += f" {ratio:+g} · {model.joint(leader).name}"
-        yield f"{text} + higher powers" if any(powers) else text
+        yield f"{text}{' + higher powers' if any(powers) else ''}{off}"

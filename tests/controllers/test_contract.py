@@ -22,6 +22,7 @@ from humanoid_sim.mit import Extern
         ({"observation": ("joint_pos", "joint_pos")}, "observation: is joint_pos, .* none twice"),
         ({"policy_dt": 0.0}, "policy_dt: is 0.0, expected seconds > 0"),
         ({"effort_limit": [5.0, -1.0, 5.0]}, "effort_limit: is -1.0 for elbow"),
+        ({"effort_limit": [5.0, -1.0, -2.0]}, "effort_limit: is -1.0 for elbow and 1 more, expected"),
         ({"position_clip": [[1.0, 0.0]]}, "position_clip: is"),
         ({"position_clip": "any"}, "position_clip: is 'any'"),
         ({"command_ranges": [[0, 1]]}, "command_ranges: is"),

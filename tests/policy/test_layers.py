@@ -48,6 +48,7 @@ def test_a_rounded_copy_is_no_difference_and_the_exact_value_is_used():
     ("field", "other", "named"),
     [
         ("action_scale", [0.55, 0.35, 0.35], ("waist (0.548 against 0.35)", "metadata", "deploy.yaml")),
+        ("joint_stiffness", [40.2, 99.2, 40.2], ("differ: knee (99.098 against 99.2) ",)),
         ("joint_stiffness", 20.0, ("hip (40.179 against 20)", "knee (99.098 against 20)")),
         ("observation", ("joint_pos", "base_ang_vel", "actions"), ("at place 0: base_ang_vel",)),
         ("observation", ("imu_ang_vel", "joint_pos_rel"), ("at place 2: actions in metadata, nothing in deploy.yaml",)),
