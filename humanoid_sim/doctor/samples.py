@@ -6,6 +6,7 @@ import math
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from humanoid_sim.doctor.trial import Subject
 from humanoid_sim.envs.config import Scenario
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.traces import Trace, far_values, read_trace, replayed, value_name
 from humanoid_sim.policy_tools.stamp import body_reader
@@ -29,6 +31,9 @@ _ROUNDING = 0.5e-3  # largest error of an action scale or offset with three deci
 _CONSTANT = 1e-3  # rad, largest range over the samples of what is constant
 _TIMESTEPS = (0.005, 0.001)  # s, of physics in predictions: no trace says which the trainer had
 _TRANSITIONS = 40  # steps of the trace that are predicted
+_RATE = (0.75, 1.5)  # seconds between rows as the joints move, over policy_dt: 1.0 to 1.2 where they are the same
+_SPREAD = 0.3  # relative, of those seconds and of efforts, above which they say nothing
+_GAIN = 1.75  # factor by which a gain that efforts show differs from the contract's
 
 
 class Samples:
@@ -79,7 +84,23 @@ class Samples:
         except (FieldError, InputError) as error:  # the contract does not fit the trace
             return str(error)
         off = np.abs(position - arrays.get("target", position)).max()
-        return "joint targets" if off > _ROUNDING * (1.0 + np.abs(actions).max()) else ""
+        if off > _ROUNDING * (1.0 + np.abs(actions).max()):
+            return "joint targets"
+        seconds = self._row_seconds(trace)
+        is_far = not math.isnan(seconds) and not _RATE[0] < seconds / contract.policy_dt < _RATE[1]
+        return f"the joints move as if its rows were {seconds:.2g} s apart" if is_far else ""
+
+    def _row_seconds(self, trace: Trace) -> float:
+        """Return the seconds from row to row, changes of the joints' positions over velocities; NaN if unknown."""
+        position, velocity = trace.arrays["joint_position"], trace.arrays["joint_velocity"]
+        mean = 0.5 * (velocity[1:] + velocity[:-1])
+        squares = (mean**2).sum(axis=1)
+        moving = squares > 0.01 * squares.max(initial=0.0)
+        if not moving.any():
+            return math.nan
+        ratios = (np.diff(position, axis=0) * mean).sum(axis=1)[moving] / squares[moving]
+        seconds = float(np.median(ratios))
+        return seconds if np.median(np.abs(ratios - seconds)) < _SPREAD * seconds else math.nan
 
     def fitted_poses(self, contract: PolicyContract) -> list[Edit]:
         """Return the edit to the default pose that follows from the relative joint positions in the samples."""
@@ -98,6 +119,34 @@ class Samples:
                     edited = replace(contract, **with_pose(contract, pose))
                     found.append(Edit("the default pose is the one of the trace", "default pose", edited))
         return found
+
+    def fitted_gains(self, contract: PolicyContract) -> list[Edit]:
+        """Return the edit to the gains that follow from the array `effort`, N·m, of the joints, if there is one."""
+        trace = self.trace(contract)
+        effort = self._file.get("effort", np.empty(0)).astype(np.float64)
+        if effort.shape != trace.arrays["joint_position"].shape or len(trace) < _TRANSITIONS:
+            return []
+        loaded = self._subject.under(with_joint_limits(contract, self._subject.description)).checkpoint.with_motion()
+        wiring = PolicyWiring(trace.joint_names, loaded.contract, loaded.reference, loaded.extern)
+        target = action_command(wiring.action_map, trace.arrays["action"]).position
+        position, velocity = trace.arrays["joint_position"], trace.arrays["joint_velocity"]
+        fits: list[tuple[float, FloatArray]] = []
+        for aim in (target[1:], target[:-1]):  # effort of the row's own action, or what the last one led to
+            unknowns = np.stack([aim - position[1:], -velocity[1:]], axis=-1)  # · (K_p, K_d) = effort
+            pairs = zip(unknowns.swapaxes(0, 1), effort[1:].T, strict=True)
+            gains = np.array([np.linalg.lstsq(columns, values)[0] for columns, values in pairs])
+            fits.append((float(np.linalg.norm((unknowns * gains).sum(axis=-1) - effort[1:])), gains))
+        missed, gains = min(fits, key=lambda fit: fit[0])
+        places = [trace.joint_names.index(joint) for joint in contract.joint_names]
+        changed = dict[str, Any]()
+        for name, fitted in zip(("joint_stiffness", "joint_damping"), gains[places].T, strict=True):
+            own = getattr(contract, name)
+            differs = (fitted > 0.0) & (own > 0.0) & ((fitted > _GAIN * own) | (own > _GAIN * fitted))
+            if differs.any():
+                changed[name] = np.where(differs, [float(f"{value:.3g}") for value in fitted], own)
+        if not changed or missed > _SPREAD * np.linalg.norm(effort):
+            return []
+        return [Edit("the gains are those of the trace's efforts", "gains", replace(contract, **changed))]
 
     def prediction_error(self, contract: PolicyContract) -> float:
         """Return by what share simulated single steps miss the trace's changes of joint speed; inf if unknown."""

@@ -63,7 +63,7 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
 
     def predicted(tried: Sequence[Edit]) -> list[Row]:
         errors = [samples.prediction_error(edit.contract) for edit in tried]
-        notes = [f"one simulated step misses the joint velocities' change by {error:.0%}" for error in errors]
+        notes = [_missed(error) or "agrees with every sample" for error in errors]
         return sorted(map(Row, tried, errors, notes), key=lambda row: row.score)
 
     if differs := samples.disagreement(contract):
@@ -72,12 +72,20 @@ def search_trace(subject: Subject, samples: Samples) -> Result:
         if answers:  # of several, the one with which the robot moves as in the trace
             return _found(predicted(answers), note)
         return Result("No single change agrees with the trace: several mistakes, or one of another kind", (), note)
-    note, now = "every observation agrees with the trace's as it is", samples.prediction_error(contract)
+    now = samples.prediction_error(contract)
+    note = "; ".join(filter(None, ("every observation agrees with the trace's as it is", _missed(now))))
+    if gains := samples.fitted_gains(contract):
+        return _found([Row(gains[0], 0.0, "follows from the array effort")], note)
     if _EXACT < now < math.inf:
         rows = predicted([edit for edit in edits if edit.family in _UNSEEN])
         if rows and rows[0].score < _PREDICTS * now:
-            return _found(rows, f"{note}; one simulated step misses the joint velocities' change by {now:.0%}")
+            return _found(rows, note)
     return Result("Nothing wrong found: the contract agrees with the trace", (), note, is_healthy=True)
+
+
+def _missed(error: float) -> str:
+    known = f"one simulated step misses the joint velocities' change by {error:.0%}"
+    return known if math.isfinite(error) else ""
 
 
 def search_episodes(subject: Subject, console: Console) -> Result:

@@ -1,6 +1,7 @@
 """The search on a trace: the shipped walker's first steps, under its right contract, are the trainer's."""
 
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,23 @@ def test_a_planted_mistake_is_found_at_once(walker, search, plant):
     result = search(plant(walker.contract))
     assert not result.is_healthy
     assert alike(result.finding.contract, walker.contract)
+
+
+@pytest.mark.parametrize("name", ["joint_stiffness", "joint_damping"])
+def test_efforts_show_one_of_the_gains(walker, steps, search, name):
+    right, moved = walker.contract, steps["joint_names"].tolist()
+    columns = [moved.index(joint) for joint in right.joint_names]
+    away = right.action_scale * steps["action"] + right.action_offset - steps["joint_position"][:, columns]
+    effort = np.zeros_like(steps["joint_position"])
+    effort[:, columns] = right.joint_stiffness * away - right.joint_damping * steps["joint_velocity"][:, columns]
+    assert search(right, effort=effort).is_healthy
+    assert alike(search(multiplied(2.0, name)(right), effort=effort).finding.contract, right)
+
+
+def test_joints_that_move_at_another_rate_than_the_policy_are_told(walker, search):
+    right = walker.contract  # its gait clock hides the rate
+    slow = replace(right, policy_dt=2.0 * right.policy_dt, phase=replace(right.phase, period=2.0 * right.phase.period))
+    assert "the joints move as if its rows were 0.022 s apart" in search(slow).note
 
 
 def test_two_mistakes_are_no_finding_but_what_differs_is_named(walker, search):
