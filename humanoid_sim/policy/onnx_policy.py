@@ -95,6 +95,11 @@ class OnnxModel:
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
         outputs = [tensor.name for tensor in self.outputs]
         fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
+        fed_back = fed_back or [
+            tensor.name
+            for tensor in self.inputs[1:]
+            if "time_step" not in tensor.name and tensor.shape in [output.shape for output in self.outputs[1:]]
+        ]
         if state := fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
 

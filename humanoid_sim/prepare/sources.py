@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
@@ -199,6 +200,15 @@ def dataset_folder(name: str) -> Path:
         return Path(snapshot_download(name, repo_type="dataset", allow_patterns=["meta/*", "data/*"]))
 
 
+def _converter() -> str:
+    """Return the command of the installed LeRobot that converts a dataset of format v2.1; its name if there is none."""
+    name, lerobot = "convert_dataset_v21_to_v30", importlib.util.find_spec("lerobot")
+    for folder in (lerobot and lerobot.submodule_search_locations) or ():
+        for file in Path(folder).rglob(f"{name}.py"):
+            return f"python -m {'.'.join(('lerobot', *file.relative_to(folder).with_suffix('').parts))}"
+    return f"LeRobot's {name}"
+
+
 def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> SourceMotion:
     """Read one episode of a dataset. LeRobot is not needed."""
     with needing("pyarrow", "lerobot", "reading a LeRobot dataset"):
@@ -206,8 +216,8 @@ def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> 
     with blaming(f"{folder}: cannot be read as a LeRobot dataset", (OSError, ValueError, KeyError, TypeError)):
         info = json.loads(regular_file(folder / "meta" / "info.json", "a dataset's info.json").read_bytes())
         if info["codebase_version"] != _FORMAT:
-            converter = "convert it with LeRobot's convert_dataset_v21_to_v30"
-            raise InputError(f"{folder}: has format {info['codebase_version']}, expected {_FORMAT}; {converter}")
+            found = f"has format {info['codebase_version']}, expected {_FORMAT}"
+            raise InputError(f"{folder}: {found}; convert it with {_converter()}")
         wanted = ["episode_index", "data/chunk_index", "data/file_index"]
         listed = parquet.read_table(folder / "meta" / "episodes", columns=wanted).to_pylist()
         rows = {row["episode_index"]: row for row in listed}

@@ -56,6 +56,10 @@ MODELS = [
     (linear(input_shape=[1, "n"]), "input 'observation' is tensor(float) of shape [1, 'n'], expected"),
     (of_inputs("obs", "memory"), "has the inputs obs, memory, expected one observation"),
     (
+        of_inputs("obs", "hidden_states", outputs=("actions", "new_states")),
+        "is recurrent: its hidden state (hidden_states) is not carried",
+    ),
+    (
         of_inputs("obs", "h_in", "c_in", outputs=("actions", "h_out", "c_out")),
         "is recurrent: its hidden state (h_in, c_in) is not carried",
     ),

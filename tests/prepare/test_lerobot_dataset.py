@@ -74,8 +74,20 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, method):
 )
 def test_what_is_missing_or_ambiguous_is_named(tmp_path, capsys, columns, options, reason):
     assert reason in refusal(capsys, tmp_path, write(tmp_path / "dances", columns), *options)
-    older = refusal(capsys, tmp_path, write(tmp_path / "older", columns, version="v2.1"))
-    assert "format v2.1, expected v3.0; convert it with LeRobot's convert_dataset_v21_to_v30" in older
+
+
+@pytest.mark.parametrize(
+    ("place", "named"),
+    [("lerobot/scripts", "python -m lerobot.scripts.convert_dataset_v21_to_v30"), ("other", "LeRobot's convert_")],
+)
+def test_an_older_dataset_names_the_converter_of_the_lerobot_that_is_there(tmp_path, capsys, monkeypatch, place, named):
+    (tmp_path / place).mkdir(parents=True)
+    (tmp_path / "lerobot").mkdir(exist_ok=True)
+    (tmp_path / "lerobot" / "__init__.py").touch()
+    (tmp_path / place / "convert_dataset_v21_to_v30.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    older = refusal(capsys, tmp_path, write(tmp_path / "older", JOINTS, version="v2.1"))
+    assert f"format v2.1, expected v3.0; convert it with {named}" in older
 
 
 def test_a_dataset_of_the_hub(tmp_path, capsys, monkeypatch):
