@@ -114,9 +114,12 @@ def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Fi
 def _stability_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     if set(contract.joint_names) == set(description.joint_names):
         robot, gains = with_contract(description, contract), resolve_action(contract, description.joint_names)
+        severity: Severity = "error"  # of a model that cannot be simulated at all
         try:
-            warning = DampingStability(build_model(robot, scene=False), robot).check(gains.damping, "", gains.stiffness)
-            if warning:
-                yield Finding("warning", "joint_damping", warning.removeprefix(": "))
+            stability = DampingStability(build_model(robot, scene=False), robot)
+            severity = "warning"  # of a step, which is the robot's and not the policy's
+            reason = stability.check(gains.damping, "", gains.stiffness)
         except InputError as error:
-            yield Finding("error", "joint_damping", str(error).removeprefix(": "))
+            reason = str(error)
+        if reason:
+            yield Finding(severity, "joint_damping", reason.removeprefix(": "))

@@ -19,6 +19,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_f
 from humanoid_sim.errors import InputError, blaming, needing, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.findings import list_joints
 from humanoid_sim.ros2.cdr import decode
 from humanoid_sim.ros2.definitions import JOINT_STATE
 
@@ -154,8 +155,9 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
 def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) -> SourceMotion:
     """Read `sensor_msgs/msg/JointState` with joints of the robot from an MCAP file."""
     found: dict[str, list[tuple[float, list[float]]]] = {}
+    others: tuple[str, ...] = ()
     regular_file(path, "an MCAP file", None)
-    with blaming(f"{path}: cannot be read as a recording (.mcap)", Exception), path.open("rb") as stream:
+    with blaming(f"{path}: cannot be read as a recording of joint states", Exception), path.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
             if schema is None or schema.name != JOINT_STATE:
                 continue
@@ -163,8 +165,10 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
             (seconds, nanoseconds), _, names, values, *_ = decode(JOINT_STATE, message.data)
             position = dict(zip(names, values.tolist(), strict=False))
             if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
+                others = tuple(position)
                 continue
-            require_known("joint", joints, position, f"{path}: {channel.topic}: ")
+            if lacking := [joint for joint in joints if joint not in position]:
+                raise InputError(f"{channel.topic} lacks {list_joints(lacking)}")
             time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
             rows.append((time, [position[joint] for joint in joints]))
     if not found:
@@ -173,7 +177,8 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
         require_known("topic of joint states", [topic], found, f"{path}: --topic: ")
     filled = [rows for rows in found.values() if rows]
     if not filled:
-        raise InputError(f"{path}: {', '.join(found)} has none of the robot's joints: {', '.join(joints)}")
+        theirs = f"has {list_joints(others)}, none of the robot's joints"
+        raise InputError(f"{path}: {', '.join(found)} {theirs}: {list_joints(joints)}")
     if len(filled) > 1:
         raise InputError(f"--topic: is missing, {path} has joint states on {', '.join(found)}")
     times, positions = (np.array(column) for column in zip(*filled[0], strict=True))

@@ -28,10 +28,10 @@ def test_exit_status(cli, walker, robot, tmp_path):
     assert cli("check", walker)[0] == 2  # which robot?
 
 
-@pytest.mark.parametrize(("factor", "severity"), [(12.0, "warning"), (25.0, "error")])
-def test_damping_that_is_unstable_at_the_physics_step(tmp_path, robot, factor, severity):
+@pytest.mark.parametrize(("factor", "named"), [(12.0, "stable, but"), (25.0, "use a step of less than")])
+def test_damping_that_is_unstable_at_the_physics_step(tmp_path, robot, factor, named):
     path = save_checkpoint(tmp_path / "walker.onnx", contract(joint_damping=np.array([1.5, 1.5, 2.0, 2.0]) * factor))
-    found(check_checkpoint(path, robot), f"{severity} joint_damping: physics step")
+    assert named in found(check_checkpoint(path, robot), "warning joint_damping: physics step").message
 
 
 def test_an_answer_that_is_not_finite(tmp_path, robot):

@@ -164,7 +164,7 @@ def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason)
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
 
 
-def bag(tmp_path, q, *topics):
+def bag(tmp_path, q, *topics, joints=()):
     """A file of rosbag2 with joint states at 200 Hz, not quite evenly, as a robot's driver publishes them."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
@@ -175,7 +175,7 @@ def bag(tmp_path, q, *topics):
             connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
             for i, row in enumerate(q):
                 time = 10**18 + 5_000_000 * i + int(jitter[i])
-                names, values = ["gripper", *lite().joint_names], np.array([0.5, *row])
+                names, values = ["gripper", *(joints or lite().joint_names)], np.array([0.5, *row])
                 message = state(header(stamp(*divmod(time, 10**9)), ""), names, values, np.zeros(0), np.zeros(0))
                 writer.write(connection, time, store.serialize_cdr(message, state.__msgtype__))
     (path,) = (tmp_path / "dance").glob("*.mcap")
@@ -195,6 +195,17 @@ def test_joint_states_of_another_robots_driver(tmp_path, capsys):
     assert "is a folder of rosbag2, expected the .mcap file in it" in refusal(capsys, tmp_path, path.parent)
     path.write_bytes(b"frames: 3")
     assert "cannot be read as a recording" in refusal(capsys, tmp_path, path)
+
+
+@pytest.mark.parametrize(
+    ("joints", "reason"),
+    [
+        (lite().joint_names[:-1], f"/states lacks {lite().joint_names[-1]}"),
+        ([f"g1/{name}" for name in lite().joint_names], "/states has gripper, g1/left_shoulder_pitch, "),
+    ],
+)
+def test_joint_states_of_other_joints(tmp_path, capsys, joints, reason):
+    assert reason in refusal(capsys, tmp_path, bag(tmp_path, Q_200_HZ[:, : len(joints)], "/states", joints=joints))
 
 
 @pytest.mark.parametrize(
