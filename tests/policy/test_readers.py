@@ -252,8 +252,21 @@ def test_berkeleys_yaml(tmp_path):
     (tmp_path / "configs" / "policy.yaml").write_text(BERKELEY.replace("-100.0", "-1.0"))
     with pytest.raises(InputError, match="not -x and x"):
         read(tmp_path)
-    (tmp_path / "configs" / "policy.yaml").write_text("[some, other, file]")
-    assert read(tmp_path).values == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "missing", "unused"),
+    [
+        ("joint_kd: 2.0", "joint_kds: 2.0", ("joint_damping",), "policy.yaml: joint_kds: not read"),
+        ("action_indices: [1, 3]", "", (), ""),
+        (BERKELEY, "[some, other, file]", None, "policy.yaml, which is of no kind that is known"),
+    ],
+)
+def test_what_berkeleys_yaml_lacks_or_has_beside_is_told(tmp_path, old, new, missing, unused):
+    (tmp_path / "policy.yaml").write_text(BERKELEY.replace(old, new))
+    reading = read(tmp_path)
+    assert "\n".join(reading.unused) == unused
+    assert missing is None or reading.missing == missing
 
 
 def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):

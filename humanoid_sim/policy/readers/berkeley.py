@@ -21,16 +21,22 @@ _FIELDS = {
     "policy_dt": "policy_dt",
 }
 _KNOWN_BY = {"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"}
+_ENOUGH = 3  # of those, by which a file is known: what lacks the others is told
+_WITHOUT_EFFECT = (
+    *("policy_checkpoint_path", "ip_robot_addr", "ip_host_addr", "ip_policy_obs_port", "ip_policy_acs_port"),
+    *("control_dt", "physics_dt", "cutoff_freq", "num_joints", "num_actions", "num_observations"),
+    *("default_base_position", "command_velocity", "history_length", "action_limit_lower", "action_limit_upper"),
+)
 _TERMS = ("velocity_commands", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel", "last_action")
 """In the order of the project's code; joints are the driven ones."""
 _ACTION_LIMIT = 1e4  # the project's default clip of raw actions, which are in the hundreds where torque limits bind
 
 
 def read_berkeley(path: Path, _: object) -> list[Layer]:
-    """Return what the file states, and the terms that come with the dialect; nothing if it is some other file."""
+    """Return what the file states, and the terms that come with the dialect; a remark if it is some other file."""
     document = read_yaml(path)
-    if not isinstance(document, dict) or not document.keys() >= _KNOWN_BY:
-        return []
+    if not isinstance(document, dict) or len(document.keys() & _KNOWN_BY) < _ENOUGH:
+        return [Layer(path.name, {}, unused=(f"{path.name}, which is of no kind that is known",))]
     file = Section(document, str(path))
     values = file.fields(_FIELDS)
     if file.get("action_limit_upper") is not None:
@@ -40,8 +46,11 @@ def read_berkeley(path: Path, _: object) -> list[Layer]:
     history = int(file.number("history_length")) + 1 if file.get("history_length") is not None else 1
     values |= {"observation": _TERMS, "command_names": ("base_velocity",)}
     values |= {f"observation.{name}.history": history for name in _TERMS}
-    values |= {f"observation.{name}.joints": values["action_joint_names"] for name in ("joint_pos", "joint_vel")}
+    if driven := values.get("action_joint_names"):
+        values |= {f"observation.{name}.joints": driven for name in ("joint_pos", "joint_vel")}
     assumed: dict[str, Any] = {"action_limit": max(_ACTION_LIMIT, values.get("action_clip", 0.0))}
     if history > 1:
         assumed["history_layout"] = "per_step"
-    return [Layer("assumed (Berkeley Humanoid Lite)", assumed), Layer(path.name, values)]
+    others = [key for key in file if key not in (*_FIELDS, *_WITHOUT_EFFECT)]
+    unused = (f"{path.name}: {', '.join(others)}: not read",) if others else ()
+    return [Layer("assumed (Berkeley Humanoid Lite)", assumed), Layer(path.name, values, unused=unused)]
