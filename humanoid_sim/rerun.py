@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+    os.environ["RUST_LOG"] = "off"  # its messages about a viewer that was closed
     with needing("rerun-sdk", "rerun", "rerun's viewer"):
         import rerun  # noqa: PLC0415 - an extra
     with config.source("rerun") as source, _viewer(is_page=config.web or not has_display()) as viewer:

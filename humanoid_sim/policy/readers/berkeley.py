@@ -21,7 +21,7 @@ _FIELDS = {
     "policy_dt": "policy_dt",
 }
 _KNOWN_BY = {"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"}
-_ENOUGH = 3  # of those, by which a file is known: what lacks the others is told
+_ENOUGH = 3  # keys of those by which a file is recognised; the missing ones are reported
 _WITHOUT_EFFECT = (
     *("policy_checkpoint_path", "ip_robot_addr", "ip_host_addr", "ip_policy_obs_port", "ip_policy_acs_port"),
     *("control_dt", "physics_dt", "cutoff_freq", "num_joints", "num_actions", "num_observations"),
