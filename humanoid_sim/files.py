@@ -25,8 +25,8 @@ _STAND_INS = {  # first bytes, in lower case, of what often stands in a file's p
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = LARGEST) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises `InputError` if it is no regular file, clearly another kind of file, or larger than `largest` bytes; None for
-    a reader that needs no more memory for more. `what` it should be, such as `a motion file (.mcap)`.
+    Raises `InputError` if it is not a regular file, clearly another kind of file, or larger than `largest` bytes; None
+    for a reader that needs no more memory for more. `what` it should be, such as `a motion file (.mcap)`.
     """
     path = Path(path)
     with blaming(f"{path}: cannot be read", (OSError, ValueError)):  # ValueError: a null character in the name
@@ -43,7 +43,7 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
 
 
 def _kind(path: Path) -> str:
-    return "is a directory" if path.is_dir() else "is no regular file" if path.exists() else "no such file"
+    return "is a directory" if path.is_dir() else "is not a regular file" if path.exists() else "no such file"
 
 
 def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:

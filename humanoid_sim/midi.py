@@ -39,7 +39,7 @@ class MidiConfig:
 
 
 def port_names() -> list[str]:
-    """Return the ports that a keyboard may be at. Raises `InputError` where there is no sequencer."""
+    """Return the ports that a keyboard may be at. Raises `InputError` without a sequencer."""
     with needing("rtmidi", "midi", "a MIDI keyboard"):
         import rtmidi  # noqa: F401, PLC0415 - an extra, which mido uses
     with blaming("--port: no MIDI sequencer", Exception):

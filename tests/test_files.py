@@ -16,7 +16,7 @@ from humanoid_sim.files import json_text, output_file, read_arrays, regular_file
         ("gone", "no such file"),
         ("a\0b", "no such file"),
         ("folder", "is a directory"),
-        ("pipe", "is no regular file"),
+        ("pipe", "is not a regular file"),
         ("x" * 5000, "cannot be read"),
     ],
 )

@@ -88,7 +88,8 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     """Read a motion file, or the motion of a recording."""
     file = regular_file(path, "a motion file (.mcap)")
     if file.suffix in (".npz", ".csv"):
-        raise InputError(f"{file}: is no motion file (.mcap); python -m humanoid_sim.prepare --motion {file} makes one")
+        how = f"python -m humanoid_sim.prepare --motion {file} makes one"
+        raise InputError(f"{file}: is not a motion file (.mcap); {how}")
     return parse_motion(file.read_bytes(), str(path))
 
 

@@ -32,7 +32,7 @@ class Metric(NamedTuple):
     summary: Literal["rms", "mean", "episode"]  # of the policy steps; `episode`: a figure of the episode as a whole
     task: TaskName | None = None
     better: Literal["lower", "higher"] = "lower"
-    own_unit: str = ""  # where it is no row of the table of step metrics
+    own_unit: str = ""  # where it is not a row of the table of step metrics
 
     @property
     def unit(self) -> str:

@@ -56,7 +56,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
         return describe_mjcf(path)
     if path.is_file() and path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"{name}: is no robot, expected an MJCF (.xml), a URDF, or a robot's YAML file")
+        raise InputError(f"{name}: is not a robot, expected an MJCF (.xml), a URDF, or a robot's YAML file")
     document = read_yaml(path, what=f"a robot's YAML file, an MJCF or one of: {', '.join(known)}")
     with blaming(path, InputError):
         return _described(document, path.resolve().parent)

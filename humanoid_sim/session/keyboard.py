@@ -91,7 +91,7 @@ class Keyboard(IntentSource):
         self._set(self._before)
 
     def _set(self, attributes: list[Any]) -> None:
-        with contextlib.suppress(termios.error):  # there is no terminal any more
+        with contextlib.suppress(termios.error):  # the terminal has gone
             termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
     def _pressed(self, text: str) -> list[Intent]:

@@ -86,7 +86,7 @@ def test_a_bad_file_is_one_line(name):
 
 def test_a_motion_from_elsewhere_leads_to_prepare(tmp_path):
     (tmp_path / "dance.npz").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"dance.npz: is no motion file .*humanoid_sim.prepare --motion"):
+    with pytest.raises(InputError, match=r"dance.npz: is not a motion file .*humanoid_sim.prepare --motion"):
         read_motion(tmp_path / "dance.npz")
 
 
