@@ -147,16 +147,6 @@ def local(runtime):
 
 
 @pytest.fixture
-def domain(monkeypatch):
-    """A DDS domain of the test's own, also of the programs that it starts."""
-    from dds_bridge import free_domain  # noqa: PLC0415 - most tests need none of what it imports
-
-    found = free_domain()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(found))
-    return found
-
-
-@pytest.fixture
 def near_ends(monkeypatch):
     """Looks three minutes ahead for the end of a motion in a graph, not half an hour, which takes half a second."""
     monkeypatch.setattr("humanoid_sim.policy.graph_motion._LONGEST", 9_000)

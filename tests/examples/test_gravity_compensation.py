@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dds_bridge import free_domain
 from script_files import load_script
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
@@ -60,7 +61,8 @@ def line_with(process, text):
 
 
 @pytest.mark.soak
-def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(tmp_path, domain, request, runtime):
+def test_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(tmp_path, monkeypatch, request, runtime):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     held = 20.0 if request.config.getoption("--complete") else 8.0
     record = tmp_path / "run.mcap"
     script = "damp; load_b; wait; start_remote; hold 600"

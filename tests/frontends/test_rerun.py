@@ -1,16 +1,14 @@
 """What rerun's viewer is given, written to a stand-in for the library."""
 
 import sys
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from records import record_of
 
-from humanoid_sim.client import monotonic_ns
-from humanoid_sim.frontends.attach import Source, Tick
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.frontends import attach
+from humanoid_sim.messages import Mode
 from humanoid_sim.rerun import RunLog
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
@@ -20,7 +18,7 @@ from humanoid_sim.testing.healthy import healthy_state
 LITE = load_robot("lite")
 
 
-class Robot(Source):
+class Robot(attach.Source):
     header = run_header(LITE, 0.02, None, settings={})
 
     def model(self):
@@ -41,23 +39,22 @@ def written(monkeypatch):
     return found
 
 
-def test_the_robot_its_plots_and_whether_it_is_the_present_are_shown(written):
+def test_the_robot_its_plots_and_whether_it_is_the_present_are_shown(written, monkeypatch):
+    monkeypatch.setattr(attach, "monotonic_ns", lambda: 5_000_000_000)
     source = Robot()
     log = RunLog(written["stream"], source)
     assert len(written["robot/left_hand"].vertex_positions) > 8
     assert written["plots/position"].names == list(LITE.joint_names)
-    state = healthy_state(np.full(LITE.joint_count, 0.25), 3.0)
-    output = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.STANDBY, "standby_controller_a", "ready"))
-    record = TickRecord(0, TickInput(state), output, 0.0, False)
+    record = record_of(healthy_state(np.full(LITE.joint_count, 0.25), 3.0), Mode.STANDBY, "ready")
     log.tick(record)
     assert written["time"] == 3.0
     assert written["plots/position"].values[0].tolist() == [0.25] * LITE.joint_count
     raised = written["robot/left_hand"].translation.copy()
-    log.tick(replace(record, input=TickInput(healthy_state(np.zeros(LITE.joint_count), 3.1))))
+    log.tick(record_of(healthy_state(np.zeros(LITE.joint_count), 3.1)))
     assert abs(written["robot/left_hand"].translation - raised).max() > 0.05
-    source.latest = Tick(record, monotonic_ns())
+    source.latest = attach.Tick(record, 5_000_000_000)
     log.status(source)
     assert written["status"].values[0].startswith("# STANDBY\n\nready\n\n")
-    source.latest = Tick(record, monotonic_ns() - 1_300_000_000)
+    source.latest = attach.Tick(record, 3_700_000_000)
     log.status(source)
     assert written["status"].values[0].startswith("# BEHIND: this was 1.3 s ago\n")

@@ -2,44 +2,24 @@
 
 import av
 import gymnasium
-import mujoco
 import numpy as np
 import pytest
+from pendulum import PENDULUM
+from records import record_of
 
 import humanoid_sim.envs  # noqa: F401 - registers the environments
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.mit import MITState
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.rendering.video import write_video
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
-PENDULUM = """
-<mujoco>
-  <visual><quality shadowsize="256"/></visual>
-  <worldbody>
-    <geom type="plane" size="0 0 1" pos="0 0 -1" rgba="0.7 0.7 0.7 1"/>
-    <body>
-      <joint name="hinge" axis="1 0 0"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.08" rgba="0.9 0.2 0.2 1"/>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 
-
-@pytest.fixture
-def pendulum():
-    return mujoco.MjModel.from_xml_string(PENDULUM)
-
-
-def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum):
+def test_a_second_of_ticks_is_a_second_of_video(tmp_path):
     poses = Poses()
     for index in range(101):
-        state, control = MITState.unknown(1, 5.0 + index / 100), ControlMode(Mode.STANDBY, "standby_controller_a", "")
-        output = TickOutput(MITCommand.zeros(1), control)
-        poses.tick(TickRecord(index, TickInput(state), output, 0.001, False, np.array([index / 50])))
-    write_video(tmp_path / "run.mp4", pendulum, poses, size=(160, 120))
+        poses.tick(record_of(MITState.unknown(1, 5.0 + index / 100), qpos=[index / 50]))
+    write_video(tmp_path / "run.mp4", PENDULUM, poses, size=(160, 120))
     with av.open(str(tmp_path / "run.mp4")) as container:
         (stream,) = container.streams
         frames = [(float(frame.time), frame.to_ndarray(format="rgb24").astype(int)) for frame in container.decode()]

@@ -4,33 +4,19 @@ import io
 from dataclasses import replace
 
 import numpy as np
+from records import record_of
 from rich.console import Console
 
 from humanoid_sim.controllers.fsm import MODES
-from humanoid_sim.messages import (
-    ControlMode,
-    Event,
-    FaultReport,
-    Mode,
-    SessionHeader,
-    StandbyState,
-    TickInput,
-    TickOutput,
-    TickRecord,
-)
-from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITCommand, MITState
+from humanoid_sim.messages import Event, FaultReport, Mode, SessionHeader, StandbyState
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.play.console import ConsoleSink
-
-CONTROLLERS = {mode: name for name, mode in reversed(MODES.items())}
 
 
 def record(index, mode, message="", **output):
-    control = ControlMode(mode, CONTROLLERS[mode], message)
-    state = replace(
-        MITState.unknown(2, time=index * 0.5), extern={VELOCITY_COMMAND: Extern(np.array([0.3, 0.0, -0.1]), 0.0)}
-    )
-    tick = replace(TickOutput(MITCommand.zeros(2), control), **output)
-    return TickRecord(index, TickInput(state), tick, 0.0, False, np.zeros(2))
+    velocity = Extern(np.array([0.3, 0.0, -0.1]), 0.0)
+    state = replace(MITState.unknown(2, time=index * 0.5), extern={VELOCITY_COMMAND: velocity})
+    return record_of(state, mode, message, index=index, **output)
 
 
 def printed(*records, events=(), terminal=False, width=200, **options):

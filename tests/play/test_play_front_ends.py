@@ -8,31 +8,23 @@ from humanoid_sim.play.front_ends import look_for_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
 
 
-@pytest.mark.parametrize(
-    ("options", "needed"),
-    [
-        ({}, False),
-        ({"gamepad": ()}, True),
-        ({"hardware": "udp_multicast:239.74.163.2"}, False),
-        ({"hardware": "can0"}, True),
-        ({"hardware": "can0,can1", "no_gamepad": True}, False),
-        ({"hardware": "can0", "dry_run": True}, False),
-    ],
-)
-def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options, needed):
-    assert PlayConfig(**options).needs_gamepad is needed
-
-
-def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch, tmp_path):
+def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(monkeypatch, tmp_path):
     pads = FakePads(tmp_path)
     monkeypatch.setattr(front_ends, "Pads", lambda: pads)
+    for options in (
+        {},
+        {"hardware": "udp_multicast:239.74.163.2"},
+        {"hardware": "can0,can1", "no_gamepad": True},
+        {"hardware": "can0", "dry_run": True},
+    ):
+        assert look_for_gamepad(PlayConfig(**options)) == []
+    assert look_for_gamepad(PlayConfig(gamepad=()))[0].startswith("gamepad: no gamepad is plugged in")
     with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in, .*; plug one in .*, or say --no-gam"):
         look_for_gamepad(PlayConfig(hardware="can0"))
-    assert look_for_gamepad(PlayConfig(gamepad=()))[0].startswith("gamepad: no gamepad is plugged in")
     pads.plug()
     assert look_for_gamepad(PlayConfig(hardware="can0")) == ["gamepad: Test Pad"]
-    assert look_for_gamepad(PlayConfig()) == []
     assert wanted_front_ends(PlayConfig(hardware="can0")) == (("gamepad",),)
+    assert wanted_front_ends(PlayConfig(hardware="can0", no_gamepad=True)) == ()
 
 
 def test_the_gamepad_of_play_has_the_layout_of_its_file():

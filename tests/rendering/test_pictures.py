@@ -3,6 +3,7 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from pendulum import PENDULUM
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.rendering import pictures
@@ -48,25 +49,25 @@ def test_the_opengl_that_is_named_or_here_is_chosen(machine, environ, libraries,
     assert has_display() is ("DISPLAY" in environ)
 
 
-def test_what_needs_opengl_is_refused_without_and_the_page_is_named(machine, pendulum, monkeypatch):
+def test_what_needs_opengl_is_refused_without_and_the_page_is_named(machine, monkeypatch):
     machine({})
     with pytest.raises(InputError, match=r"^--video: no OpenGL here; --html FILE\.html shows"):
         require_pictures("--video")
     with pytest.raises(InputError, match=r"^pictures: no OpenGL here"):
-        PoseRenderer(pendulum, 32, 24)
+        PoseRenderer(PENDULUM, 32, 24)
     machine({}, ("OSMesa",))
     monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)
     with pytest.raises(InputError, match=r"pictures: OpenGL \(osmesa\) does not work here: ModuleNotFoundError"):
-        PoseRenderer(pendulum, 32, 24)
+        PoseRenderer(PENDULUM, 32, 24)
     for display, reason in (("", "no display"), (":4711", "the display does not answer")):
         machine({"DISPLAY": display})
         with pytest.raises(InputError, match=rf"^viewer native: {reason}.*; --html out\.html shows the run"):
             check_window()
 
 
-def test_a_pose_that_is_not_finite_changes_nothing(pendulum):
-    data = mujoco.MjData(pendulum)
-    update_pose(pendulum, data, np.array([0.5]))
-    update_pose(pendulum, data, np.array([np.nan]))
+def test_a_pose_that_is_not_finite_changes_nothing():
+    data = mujoco.MjData(PENDULUM)
+    update_pose(PENDULUM, data, np.array([0.5]))
+    update_pose(PENDULUM, data, np.array([np.nan]))
     assert data.qpos[0] == 0.5
     assert np.isfinite(data.geom_xpos).all()

@@ -8,11 +8,18 @@ import msgspec
 import numpy as np
 import pytest
 import zstandard
+from pendulum import PENDULUM
+from records import record_of
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
+from humanoid_sim.mit import MITState
 from humanoid_sim.rendering.poses import Poses
 from humanoid_sim.rendering.replay_page import write_page
+
+
+def tick(time, qpos, mode=Mode.STANDBY):
+    return record_of(MITState.unknown(1, time), mode, qpos=qpos)
 
 
 def scene_of(path):
@@ -24,14 +31,14 @@ def scene_of(path):
     return scene["durationSeconds"], [(time, message) for time, message in scene["messages"]]
 
 
-def test_a_page_holds_poses_and_modes_at_their_times(tmp_path, pendulum, make_tick):
+def test_a_page_holds_poses_and_modes_at_their_times(tmp_path):
     poses = Poses()
-    poses.tick(make_tick(0, 4.9, None))  # not a simulated robot's
+    poses.tick(tick(4.9, None))  # not a simulated robot's
     for index in range(201):
         mode = Mode.STANDBY if index < 80 else Mode.LOCOMOTION
-        poses.tick(make_tick(index, 5.0 + index / 200, [0.1 + index / 100], mode))
+        poses.tick(tick(5.0 + index / 200, [0.1 + index / 100], mode))
     page = tmp_path / "run.html"
-    write_page(page, pendulum, poses, title="a <b>")
+    write_page(page, PENDULUM, poses, title="a <b>")
     seconds, messages = scene_of(page)
     assert seconds == pytest.approx(26 / 25)
     shown = [time for time, message in messages if "batched_wxyzs" in message.get("updates", {})]
@@ -42,15 +49,15 @@ def test_a_page_holds_poses_and_modes_at_their_times(tmp_path, pendulum, make_ti
     assert (before, after, first, second) == ("STANDBY", "LOCOMOTION", 0.0, pytest.approx(0.4))
 
 
-def test_a_long_run_is_kept_whole_at_a_lower_rate(make_tick):
+def test_a_long_run_is_kept_whole_at_a_lower_rate():
     poses = Poses()
     for index in range(6000):
-        poses.tick(make_tick(index, index / 25, [0.0]))
+        poses.tick(tick(index / 25, [0.0]))
     assert (len(poses.kept), poses.rate) == (3000, 12.5)
     assert (poses.kept[0].time, poses.kept[-1].time) == (0.0, pytest.approx(239.92))
 
 
-def test_nothing_to_show_is_an_error_and_no_file(tmp_path, pendulum):
+def test_nothing_to_show_is_an_error_and_no_file(tmp_path):
     with pytest.raises(InputError, match=r"page '.*run\.html': nothing to show"):
-        write_page(tmp_path / "run.html", pendulum, Poses(), title="")
+        write_page(tmp_path / "run.html", PENDULUM, Poses(), title="")
     assert list(tmp_path.iterdir()) == []

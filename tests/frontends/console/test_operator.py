@@ -5,20 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from records import record_of
 
 from humanoid_sim.client import Answer, SessionError, monotonic_ns
 from humanoid_sim.frontends.attach import Tick
 from humanoid_sim.frontends.console import operator as module
 from humanoid_sim.frontends.console.operator import Operator
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.testing.healthy import healthy_state
 
 LITE = load_robot("lite")
 ELBOW = LITE.joint_names.index("left_elbow_pitch")
 POSE = np.array(LITE.standby_controller_a.pose_segments[-1])
-CONTROLLERS = {Mode.REMOTE: "remote_policy_controller", Mode.STANDBY: "standby_controller_b"}
 SPEEDS = np.array([[-0.5, 0.8], [-0.4, 0.4], [-1.0, 1.0]])
 
 
@@ -75,9 +74,7 @@ class Desk:
         return True
 
     def tick(self, mode, age=0.0):
-        control = ControlMode(mode, CONTROLLERS.get(mode, "x"))
-        output = TickOutput(MITCommand.zeros(LITE.joint_count), control)
-        record = TickRecord(0, TickInput(healthy_state(self.position, 1.0)), output, 0.0, False)
+        record = record_of(healthy_state(self.position, 1.0), mode)
         self.session.latest = Tick(record, self.now - round(1e9 * age))
 
     def step(self, mode, seconds=0.02, age=0.0):

@@ -4,14 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from records import record_of
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.attach import Source, Tick
 from humanoid_sim.frontends.console.gate import Gate
 from humanoid_sim.frontends.console.panel import Panel
 from humanoid_sim.frontends.console.scene import Scene
-from humanoid_sim.messages import ControlMode, Mode, SafetyLevel, SafetyStatus, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.messages import Mode, SafetyLevel, SafetyStatus
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.stack import run_header
@@ -50,12 +50,9 @@ def scene():
     scene.close()
 
 
-OUTPUT = TickOutput(MITCommand.zeros(LITE.joint_count), ControlMode(Mode.DAMPING, "damping_controller", "DAMP"))
-
-
 def tick(time, *statuses):
     state = healthy_state(np.full(LITE.joint_count, 0.25), time)
-    return Tick(TickRecord(0, TickInput(state, statuses), OUTPUT, 0.0, False), monotonic_ns())
+    return Tick(record_of(state, Mode.DAMPING, "DAMP", *statuses), monotonic_ns())
 
 
 def test_a_body_can_be_pushed_once_the_session_says_which(scene, monkeypatch):

@@ -1,4 +1,4 @@
-"""Front ends as programs, the bridge among them, and a DDS domain that nobody else on the machine is in."""
+"""The bridge as a program, and a DDS domain that nobody else on the machine is in."""
 
 import os
 import socket
@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 
 def free_domain() -> int:
@@ -23,20 +22,13 @@ def free_domain() -> int:
 
 
 @contextmanager
-def program(name: str, *options: str, says: str, **streams: Any) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`python -m humanoid_sim.NAME`, once its first line begins so, and that line; killed at the end."""
-    command = [sys.executable, "-u", "-m", f"humanoid_sim.{name}", *options]
-    with subprocess.Popen(command, text=True, **{"stdout": subprocess.PIPE, **streams}) as process:
+def bridge() -> Iterator[subprocess.Popen[str]]:
+    """`python -m humanoid_sim.dds` on the only session, once it is ready; killed at the end."""
+    command = [sys.executable, "-u", "-m", "humanoid_sim.dds"]
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as process:
         try:
-            line = process.stdout.readline()
-            assert line.startswith(says), line
-            yield process, line
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("domain ")
+            yield process
         finally:
             process.kill()
-
-
-@contextmanager
-def bridge() -> Iterator[subprocess.Popen[str]]:
-    """`python -m humanoid_sim.dds` on the only session, once it is ready."""
-    with program("dds", says="domain ") as (process, _):
-        yield process

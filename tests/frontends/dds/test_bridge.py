@@ -1,46 +1,46 @@
-"""The bridge as a program, by clients that know nothing of this project."""
+"""The bridge as a program between a session, raw Cyclone DDS and this project's own client."""
 
-import os
+import re
 import tempfile
 import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
 import rig
-from cyclonedds.core import Policy, Qos
-from cyclonedds.pub import DataWriter
-from cyclonedds.topic import Topic
+from cyclonedds.core import Policy
 from dds_bridge import bridge, free_domain
 from local_session import LocalSession, ticking
-from stranger import Client, Header, Time, client, command, newest, until
-from stranger import SafetyStatus as Status
+from stranger import RELIABLE, Client, command, header, newest
+from waiting import until
 
 from humanoid_sim.client import Intake
+from humanoid_sim.dds_client import RobotClient
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.dds.telemetry import served_topics
 from humanoid_sim.messages import Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.ros2.dds.endpoints import idl_type
+from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SAFETY_STATUS
+from humanoid_sim.stack import run_header
 
-COMMAND, SAFETY = "rt/remote_policy_controller/command", "rt/safety_status"
-RELIABLE, ANY = Policy.Reliability.Reliable(100_000_000), Policy.Reliability.BestEffort
-QUALITIES = {
-    "latched, as the robot's own": Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1)),
-    "rclpy's default": Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10)),
-    "best effort": Qos(ANY, Policy.Durability.Volatile, Policy.History.KeepLast(1)),
-}
+COMMAND, SAFETY, KEYS = "/remote_policy_controller/command", "/safety_status", "/piano/key_state"
 
 
 @dataclass
 class Robot:
-    """A session in REMOTE with a bridge, and a client in its domain."""
+    """A session in REMOTE with a bridge, and clients in its domain."""
 
     local: LocalSession
     records: list[TickRecord]
+    ours: RobotClient
     client: Client
-    bridge: int
-    """Process id."""
 
     @property
     def mode(self):
@@ -58,24 +58,9 @@ class Robot:
         with Intake(self.local.info, "test") as intake:
             return [intake.ask(word) for word in words][-1]
 
-    def stand_by(self):
-        assert self.ask("damp", "load_a").granted
-        until(lambda: self.mode is Mode.STANDBY, "STANDBY")
-
-    def commander(self):
-        made = self.client.writer(COMMAND)
-        until(made.get_matched_subscriptions, "the bridge's subscription")
-        return made
-
-    def monitor(self, quality):
-        participant = self.client.participant
-        made = DataWriter(participant, Topic(participant, SAFETY, Status), QUALITIES[quality])
-        until(made.get_matched_subscriptions, "the bridge's subscription")
-        return made
-
     def wait_until_passive(self):
-        until(lambda: self.position() is None, "the passive hold")
-        until(lambda: self.local.data.owners["REMOTE"] == "", "nobody's turn")
+        until(lambda: self.position() is None)
+        until(lambda: self.local.data.owners["REMOTE"] == "")
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +68,14 @@ def robot():
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
         patch.setenv("XDG_RUNTIME_DIR", runtime)
         patch.setenv("ROS_DOMAIN_ID", str(free_domain()))
-        local = LocalSession()
-        with local.stack, client(int(os.environ["ROS_DOMAIN_ID"])) as joined, bridge() as process:
+        local = LocalSession(takes={"key_pressed": 3})
+        local.robot.safety = (SafetyStatus(source="can0"),)
+        with local.stack, RobotClient("three") as ours, bridge() as process:
             local.enter_remote()
             with ticking(local, rig.PERIOD) as records:
-                yield Robot(local, records, joined, process.pid)
+                yield Robot(local, records, ours, Client(ours._participant.entity))
             local.registration.close()
-            assert process.wait(10.0) == 0, "it ends with the session"
+            assert process.wait(60.0) == 0, "it ends with the session"
 
 
 @contextmanager
@@ -111,71 +97,128 @@ def streaming(writer, position):
 
 
 def test_what_the_robot_does_is_seen(robot):
-    joint_states = newest(robot.client.reader("rt/three/joint_states"))
+    joint_states = newest(robot.client.reader("/three/joint_states"))
     assert joint_states.name == ["shoulder", "elbow", "wrist"]
     assert (joint_states.position, len(joint_states.velocity), len(joint_states.effort)) == ([0.4, 0.5, 0.6], 3, 3)
-    imu = newest(robot.client.reader("rt/imu/data"))
+    imu = newest(robot.client.reader("/imu/data"))
     assert (imu.header.frame_id, imu.orientation.w, imu.linear_acceleration.z) == ("imu", 1.0, pytest.approx(9.81))
-    mode = newest(robot.client.reader("rt/control_mode"))
+    mode = newest(robot.client.reader("/control_mode"))
     assert (mode.mode, mode.controller_name) == (4, "remote_policy_controller")
-    assert abs(mode.header.stamp.sec - time.time()) < 60.0
-    standby = newest(robot.client.reader("rt/standby_controller_a/state"))  # latched: it was reached before we came
+    assert abs(mode.header.stamp.sec - time.time()) < 600.0
+    standby = newest(robot.client.reader("/standby_controller_a/state"))  # latched: it was reached before we came
     assert (standby.is_finished, standby.current_segment, standby.total_segments) == (True, 1, 2)
 
 
+def test_a_client_of_this_project_reads_the_robot_and_commands_it(robot):
+    ones = np.ones(3)
+    wanted = MITCommand(0.3 * ones, 0.0 * ones, 0.1 * ones, 20.0 * ones, ones)
+    state = until(lambda: robot.ours.state(0.1))
+    assert robot.ours.joint_names == state.names == ("shoulder", "elbow", "wrist")
+    assert state.position.tolist() == [0.4, 0.5, 0.6]
+    assert until(lambda: robot.ours.state(0.1)).time_ns > state.time_ns
+    assert until(robot.ours.control_mode).mode is Mode.REMOTE
+    assert until(robot.ours.imu).quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert until(robot.ours.standby).is_finished
+    assert until(robot.ours.safety) == {"can0": SafetyStatus(source="can0")}
+    with pytest.raises(FieldError, match=r"has shape \(2,\), expected \(3,\)"):
+        robot.ours.command(MITCommand.zeros(2))
+
+    def obeyed():
+        assert robot.ours.command(wanted)
+        robot.ours.state(0.05)
+        return robot.records[-1].output.command.effort.tolist() == [0.1] * 3
+
+    until(obeyed)
+    robot.wait_until_passive()
+
+
 def test_commands_of_one_client_are_obeyed_and_end(robot):
-    with streaming(robot.commander(), 0.25):
-        until(lambda: robot.position() == 0.25, "the command")
-        assert robot.local.data.owners["REMOTE"].startswith("dds ")
-        with streaming(robot.commander(), 0.9):
-            until(lambda: "REMOTE: belongs to dds" in "\n".join(robot.local.told), "the refusal of another one")
-        assert robot.position() == 0.25
+    with streaming(robot.client.writer(COMMAND), 0.25):
+        until(lambda: robot.position() == 0.25)
+        with streaming(robot.client.writer(COMMAND), 0.9):
+            until(lambda: re.search(r"refused of dds .*REMOTE: belongs to dds", "\n".join(robot.local.told)))
     robot.wait_until_passive()
     assert robot.records[-1].output.command.damping.tolist() == [6.5] * 3
 
 
 def test_hostile_samples_are_refused_and_no_honest_command_suffers(robot):
-    honest, hostile = robot.commander(), robot.commander()
+    honest, hostile = robot.client.writer(COMMAND), robot.client.writer(COMMAND)
     with streaming(honest, 0.2):
-        until(lambda: robot.position() == 0.2, "the honest command")
+        until(lambda: robot.position() == 0.2)
         start = len(robot.records)
         hostile.write(command(["x" * 3_000_000, "elbow", "wrist"], 0.1))
         hostile.write(command(rig.JOINTS, 0.1, effort=[0.0, float("nan"), 0.0]))
-        until(lambda: len(robot.records) > start + 20, "time to act on them")
+        until(lambda: len(robot.records) > start + 20)
         positions = {float(record.output.command.position[0]) for record in robot.records[start:]}
         assert positions <= {0.2, 0.4}, "the honest one's, or where the joints are damped"
     robot.wait_until_passive()
 
 
-def status(level, source="lidar", message=""):
-    return Status(Header(Time(1, 2), ""), level, source, 0, message)
+def test_keys_from_outside_reach_the_session_where_it_takes_them(robot):
+    newest(robot.client.reader("/control_mode"))
+    reader = robot.client.reader(KEYS)
+    assert reader.get_matched_publications() == [], "never both"
+    writer = robot.client.writer(KEYS)
+
+    def pressed():
+        extern, time = robot.records[-1].input.state.extern, robot.records[-1].input.state.time
+        return extern["key_pressed"].at(time).tolist() if "key_pressed" in extern else []
+
+    def write(*keys):
+        layout = idl_type("std_msgs/msg/MultiArrayLayout")([], 0)
+        writer.write(idl_type(FLOAT32_MULTI_ARRAY)(layout, keys))
+        return pressed()
+
+    until(lambda: write(1.0, 0.0, 1.0) == [1.0, 0.0, 1.0])
+    write(*[1.0] * 88)
+    until(lambda: pressed() == [0.0] * 3)  # after the timeout of what was not repeated
 
 
-@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize(
+    "quality",
+    [
+        (RELIABLE, Policy.Durability.TransientLocal),  # latched, as the robot's own
+        (RELIABLE, Policy.Durability.Volatile),  # rclpy's default
+        (Policy.Reliability.BestEffort, Policy.Durability.Volatile),
+    ],
+    ids=["latched", "reliable", "best effort"],
+)
 def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot, quality):
-    writer = robot.monitor(quality)
-    robot.stand_by()
-    writer.write(status(2, message="blind"))
-    until(lambda: robot.mode is Mode.DAMPING, "DAMPING")
-    until(lambda: robot.levels().get("lidar") == 2, "the source")
+    writer = robot.client.writer(SAFETY, *quality)
+
+    def report(level):
+        writer.write(idl_type(SAFETY_STATUS)(header(), level, "lidar", 0, ""))
+        return robot.levels().get("lidar") == level
+
+    assert robot.ask("damp", "load_a").granted
+    until(lambda: robot.mode is Mode.STANDBY)
+    until(lambda: report(2))
+    until(lambda: robot.mode is Mode.DAMPING)
     assert "LOAD_A refused: safety FAULT from lidar" in robot.ask("load_a").text
-    writer.write(status(0))
-    until(lambda: robot.levels().get("lidar") == 0, "its OK")
+    until(lambda: report(0))
     assert robot.mode is Mode.DAMPING, "nothing recovers by itself"
 
 
 def test_each_source_is_latched_and_what_the_session_publishes_does_not_come_back(robot):
     bad = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1", "frames of 3 bytes")
     robot.local.robot.safety = (SafetyStatus(source="can0"), bad)
-    until(lambda: robot.levels().get("can1") == 1, "the status")
-    reader, received = robot.client.reader(SAFETY, depth=10), {}
+    until(lambda: robot.levels().get("can1") == 1)
+    reader, received = robot.client.reader(SAFETY), {}
 
     def both(level):
         received.update({one.source: (one.level, one.flags, one.message) for one in reader.take(10)})
         return "can0" in received and received.get("can1", (-1,))[0] == level
 
-    until(lambda: both(1), "one status of each source")
+    until(lambda: both(1))
     assert (received["can0"], received["can1"]) == ((0, 0, ""), (1, 32, "frames of 3 bytes"))
     robot.local.robot.safety = (SafetyStatus(source="can0"),)
-    until(lambda: both(0), "the end of can1's")
+    until(lambda: both(0))
     assert "can1" not in robot.levels()
+
+
+def test_safety_and_standby_stay_on_the_machine():
+    neck = run_header(load_robot("lite_neck"), 0.02, None, settings={})
+    across = {"/lite/joint_states", "/imu/data", "/control_mode", "/robot_description", "/tf"}
+    assert served_topics(neck, is_local=False) == across, "the prefix of all Lites"
+    own = {"/standby_controller_a/state", "/standby_controller_b/state", "/safety_status"}
+    assert served_topics(neck, is_local=True) == across | own
