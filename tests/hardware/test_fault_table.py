@@ -6,6 +6,7 @@ import time
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import can
 import msgspec
@@ -14,6 +15,7 @@ from motor_surface import mit_command, short_waits
 from waiting import until
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware import can_bus
 from humanoid_sim.hardware.can_bus import frame_of, message_of
 from humanoid_sim.hardware.mock.faults import FAULTS, Fault
 from humanoid_sim.hardware.mock.motors import MockMotors
@@ -91,8 +93,7 @@ class VirtualBus(can.BusABC):
                 self._received.extend(self.mock.advance(self.mock.time + 0.001))
             if self._received:
                 arrival = self._received.popleft()
-                age = self.mock.time - arrival.time
-                return message_of(arrival.frame, time.time() - age), False
+                return message_of(arrival.frame, arrival.time), False
             self._is_idle.set()
         time.sleep(0.0002)
         return None, False
@@ -187,9 +188,14 @@ class Rig:
         return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
+@pytest.fixture
+def rig(monkeypatch):
     short_waits(monkeypatch, answers=0.3, listening=0.005)
+    rig = Rig()
+    stamps = SimpleNamespace(time=lambda: rig.mock.time, monotonic=time.monotonic, sleep=time.sleep)
+    monkeypatch.setattr(can_bus, "time", stamps)
+    with rig:
+        yield rig
 
 
 def test_every_fault_has_a_case():
@@ -199,49 +205,46 @@ def test_every_fault_has_a_case():
 
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("name", CASES)
-def test_a_fault_ends_in_damping(name, mode):
+def test_a_fault_ends_in_damping(name, mode, rig):
     fault, flag, longest = CASES[name]
     harmless = Mode.ZERO_TORQUE if mode is Mode.ZERO_TORQUE else Mode.DAMPING
-    with Rig() as rig:
-        rig.reach(mode)
-        assert rig.is_harmless() == (mode is harmless), "there is something to fall"
-        began = rig.robot.time
-        if fault is None:
-            rig.bus.advance(STANDSTILL)
-        else:
-            began = rig.inject(replace(fault, duration=longest))
-        ticks = [rig.tick() for _ in range(round((longest + AFTERWARDS) / PERIOD))]
-        detected = next((tick for tick in ticks if not tick.is_ok), None)
-        assert detected is not None, "never noticed"
-        assert flag in detected.flags
-        assert detected.time - began <= longest
-        assert {tick.mode for tick in ticks[ticks.index(detected) :]} == {harmless}, "from this tick on"
-        assert rig.is_harmless(), "the motors as well"
-        refused = rig.tick(Intent.LOAD_A)
-        assert refused.mode is harmless or refused.is_ok
+    rig.reach(mode)
+    assert rig.is_harmless() == (mode is harmless), "there is something to fall"
+    began = rig.robot.time
+    if fault is None:
+        rig.bus.advance(STANDSTILL)
+    else:
+        began = rig.inject(replace(fault, duration=longest))
+    ticks = [rig.tick() for _ in range(round((longest + AFTERWARDS) / PERIOD))]
+    detected = next((tick for tick in ticks if not tick.is_ok), None)
+    assert detected is not None, "never noticed"
+    assert flag in detected.flags
+    assert detected.time - began <= longest
+    assert {tick.mode for tick in ticks[ticks.index(detected) :]} == {harmless}, "from this tick on"
+    assert rig.is_harmless(), "the motors as well"
+    refused = rig.tick(Intent.LOAD_A)
+    assert refused.mode is harmless or refused.is_ok
 
 
 @pytest.mark.parametrize("name", ["wrong_id", "bus_off"])
-def test_motors_that_no_command_reaches_stop_by_their_own_timeout(name):
+def test_motors_that_no_command_reaches_stop_by_their_own_timeout(name, rig):
     fault = CASES[name][0]
-    with Rig() as rig:
-        rig.reach(Mode.STANDBY)
-        rig.inject(fault)
-        for _ in range(round(CAN_TIMEOUT / PERIOD) + 2):
-            rig.tick()
-        assert rig.is_harmless(fault.joints)
+    rig.reach(Mode.STANDBY)
+    rig.inject(fault)
+    for _ in range(round(CAN_TIMEOUT / PERIOD) + 2):
+        rig.tick()
+    assert rig.is_harmless(fault.joints)
 
 
-def test_a_few_lost_frames_are_tolerated():
-    with Rig() as rig:
-        rig.reach(Mode.LOCOMOTION)
-        rig.inject(Fault("silent", value=0.1))
-        ticks = [rig.tick() for _ in range(25)]
-        assert all(tick.is_ok for tick in ticks), [tick.messages for tick in ticks if not tick.is_ok]
-        assert {tick.mode for tick in ticks} == {Mode.LOCOMOTION}
+def test_a_few_lost_frames_are_tolerated(rig):
+    rig.reach(Mode.LOCOMOTION)
+    rig.inject(Fault("silent", value=0.1))
+    ticks = [rig.tick() for _ in range(25)]
+    assert all(tick.is_ok for tick in ticks), [tick.messages for tick in ticks if not tick.is_ok]
+    assert {tick.mode for tick in ticks} == {Mode.LOCOMOTION}
 
 
-def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_on(monkeypatch):
+def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_on(rig, monkeypatch):
     clears = []
 
     def lossy(message, timeout=None):
@@ -252,11 +255,10 @@ def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_
         if kind != FrameType.ACTIVE_REPORT and not (is_clear and len(clears) == 1):
             send(message, timeout)
 
-    with Rig() as rig:
-        rig.reach(Mode.DAMPING)
-        rig.inject(Fault("motor_fault", ELBOW, duration=0.01))
-        assert not [rig.tick(), rig.tick()][-1].is_ok
-        send, rig.bus.runs = rig.bus.send, True
-        monkeypatch.setattr(rig.bus, "send", lossy)
-        rig.robot.activate()
-        assert "had faults, cleared: " in "".join(rig.robot.checks.of("warning"))
+    rig.reach(Mode.DAMPING)
+    rig.inject(Fault("motor_fault", ELBOW, duration=0.01))
+    assert not [rig.tick(), rig.tick()][-1].is_ok
+    send, rig.bus.runs = rig.bus.send, True
+    monkeypatch.setattr(rig.bus, "send", lossy)
+    rig.robot.activate()
+    assert "had faults, cleared: " in "".join(rig.robot.checks.of("warning"))
