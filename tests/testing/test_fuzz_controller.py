@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 import rig
 from hypothesis import Phase, settings
-from models import contract_of
 
 from humanoid_sim import testing
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController
-from humanoid_sim.controllers.reference import no_reference
-from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing.healthy import healthy_state, misbehaviours
 
 QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=6, derandomize=True, database=None)
 SEARCH = settings(QUICK, max_examples=200, phases=[Phase.generate])
@@ -90,14 +85,3 @@ def test_a_mistake_is_found(controller, message):
     with pytest.raises(testing.SafetyViolationError) as caught:
         testing.fuzz_controller(controller, SEARCH)
     assert message in str(caught.value)
-
-
-@pytest.mark.parametrize("name", sorted(misbehaviours(1)))
-@pytest.mark.parametrize(("m", "limit"), [(1, 100.0), (14, 5.0)])
-def test_every_misbehaviour_of_a_policy_is_a_fault(name, m, limit):
-    joints = tuple(f"joint_{i}" for i in range(m))
-    contract = contract_of(joints, observation=("joint_pos", "actions"), action_limit=limit)
-    policy = misbehaviours(m, limit)[name]
-    controller = RLPolicyController(joints, contract, no_reference(), policy, 0.02)
-    tick = TickInput(healthy_state([0.5] * m, 1.0))
-    assert isinstance(controller.update(controller.activate(tick), tick), Fault)
