@@ -1,13 +1,16 @@
-"""Mock motors on their buses and what they move, at times of the test's choosing; no thread and no clock."""
+"""Mock motors on their buses, and what they move."""
 
 import math
+import time
 
 import numpy as np
 import pytest
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.mock.faults import Fault, parse_fault
 from humanoid_sim.hardware.mock.motors import MockMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robstride.protocol import (
     FrameType,
     OperationControl,
@@ -62,6 +65,19 @@ def test_a_floating_base_is_held_and_let_go():
     motors.plant.support.move(False)
     motors.advance(0.4)
     assert motors.plant.data.qpos[2] < height - 0.02, "without torque its knees give way"
+
+
+def test_the_clock_of_motors_in_real_time_waits_for_them_where_they_are_late():
+    ahead = []
+
+    def hold_up(mock):
+        time.sleep(0.1)
+        ahead.append(motors.clock() - mock.time)
+
+    with MockServer(LITE, ["virtual:mock"]) as motors:
+        motors.call(hold_up)
+        assert ahead[0] == pytest.approx(0.05), "s, and no more"
+        until(lambda: motors.stood_still > 0.03)
 
 
 # --- faults

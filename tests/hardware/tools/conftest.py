@@ -49,20 +49,6 @@ def table_rows():
     return rows
 
 
-@pytest.fixture
-def inject():
-    """Let a fault begin, and return when it has begun."""
-
-    def begin(motors, fault):
-        motors.inject(fault)
-        injected, seen = motors.clock(), [0.0]
-        while seen[-1] <= injected:
-            motors.call(lambda mock: seen.append(mock.time))
-            time.sleep(0.001)
-
-    return begin
-
-
 @pytest.fixture(autouse=True)
 def pace(monkeypatch):
     """A tool need not wait for a real bus, but for mock motors that a busy machine holds up: it has their clock."""
