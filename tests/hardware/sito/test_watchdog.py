@@ -5,7 +5,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -46,38 +45,6 @@ def test_the_child_acts_on_silence_and_death_of_an_armed_loop_only(sent, closes,
     assert bool(found) == bool(reason)
 
 
-class Listener:
-    """Everything on a channel, with the time at which it came."""
-
-    def __init__(self, channel):
-        self.frames = []
-        self._closing = threading.Event()
-        self._bus = open_bus(parse_address(channel))
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self):
-        while not self._closing.is_set():
-            message = self._bus.recv(0.02)
-            if message is not None:
-                self.frames.append((time.monotonic(), message.arbitration_id))
-
-    def close(self):
-        self._closing.set()
-        self._thread.join()
-        self._bus.shutdown()
-
-    def times(self, identifier, after=0.0):
-        return [at for at, found in list(self.frames) if found == identifier and at > after]
-
-
-def _is_running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
 @pytest.fixture
 def channel():
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
@@ -85,9 +52,34 @@ def channel():
 
 @pytest.fixture
 def listener(channel):
-    listener = Listener(channel)
-    yield listener
-    listener.close()
+    with open_bus(parse_address(channel)) as bus:
+        yield bus
+
+
+def until_sent(listener, identifier, count):
+    """Receive until so many frames with an identifier have come; identifiers and times, s, of all that came."""
+    found = []
+    while [number for number, _ in found].count(identifier) < count:
+        message = listener.recv(60.0)
+        assert message is not None, "it never came"
+        found.append((message.arbitration_id, message.timestamp))
+    return found
+
+
+def times(frames, identifier):
+    return [time for number, time in frames if number == identifier]
+
+
+def what_came(listener):
+    """Everything that was sent and not received yet, as `until_sent`."""
+    return [(message.arbitration_id, message.timestamp) for message in iter(lambda: listener.recv(0.0), None)]
+
+
+def _is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @contextmanager
@@ -107,14 +99,15 @@ def _looping(channel):
 
 def test_a_killed_loops_motors_are_damped_and_then_reset(channel, listener):
     with _looping(channel) as (loop, dog):
-        until(lambda: len(listener.times(COMMAND)) > 20)
+        until_sent(listener, COMMAND, 20)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
             os.kill(dog, number)  # a terminal's signals leave it alone
-        assert {found for _, found in listener.frames} == {COMMAND}, "a watchdog that watches is silent"
+        before = until_sent(listener, COMMAND, 5)
+        assert {found for found, _ in before} == {COMMAND}, "a watchdog that watches is silent"
         loop.kill()
         until(lambda: not _is_running(dog))
         printed = loop.stderr.read()
-    others = [found for _, found in listener.frames if found != COMMAND]
+    others = [found for found, _ in what_came(listener) if found != COMMAND]
     assert others == [GAINS, GAINS, DAMPING] * 20 + [RESET] * 5  # 0.4 s every 20 ms
     assert printed == "watchdog: the loop has ended: damping left_wrist_roll for 0.4 s, then reset\n"
 
@@ -122,20 +115,18 @@ def test_a_killed_loops_motors_are_damped_and_then_reset(channel, listener):
 @pytest.mark.soak
 def test_a_stopped_loop_is_displaced_in_time_and_commands_nothing_when_it_continues(channel, listener):
     with _looping(channel) as (loop, dog):
-        until(lambda: len(listener.times(COMMAND)) > 20)
+        until_sent(listener, COMMAND, 20)
         loop.send_signal(signal.SIGSTOP)
-        stopped = time.monotonic()
-        until(lambda: listener.times(GAINS))
-        assert 0.1 - 0.03 < listener.times(GAINS)[0] - stopped < 0.1 + _LATE
-        until(lambda: len(listener.times(RESET)) > 6)  # they go on until it has seen that it was displaced
-        damped = listener.times(DAMPING)
+        stopped = time.time()
+        frames = until_sent(listener, RESET, 7)  # they go on until it has seen that it was displaced
+        assert 0.1 - 0.03 < times(frames, GAINS)[0] - stopped < 0.1 + _LATE
+        damped = times(frames, DAMPING)
         assert DAMPING_TIME - 0.1 < damped[-1] - damped[0] < DAMPING_TIME + _LATE
         loop.send_signal(signal.SIGCONT)
-        continued = time.monotonic()
         assert loop.stdout.readline() == "displaced: watchdog FAULT\n"
         until(lambda: not _is_running(dog))
         time.sleep(0.1)
-        assert listener.times(COMMAND, continued) == []
+        assert times(what_came(listener), COMMAND) == []
 
 
 @pytest.fixture
@@ -153,8 +144,8 @@ def test_motors_are_braked_at_the_end_unless_they_are_known_to_be_disabled(dog, 
     dog.beat()
     dog.release(confirmed=confirmed)
     assert not _is_running(dog.pid)
-    until(lambda: confirmed or listener.times(RESET))
-    assert bool(listener.times(DAMPING)) is not confirmed
+    sent = {number for number, _ in what_came(listener)}
+    assert sent == (set() if confirmed else {GAINS, DAMPING, RESET})
 
 
 def test_its_own_death_is_a_warning(dog):
