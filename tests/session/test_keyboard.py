@@ -15,25 +15,13 @@ from humanoid_sim.session.requests import Requests
 from humanoid_sim.session.sources import VelocityCommand
 
 
-class Terminal:
-    """A pseudo-terminal whose slave is this process's standard input."""
-
-    def __init__(self):
-        self._master, self.slave = pty.openpty()
-
-    def type(self, text):
-        os.write(self._master, text.encode())
-
-    def close(self):
-        os.close(self._master)
-        os.close(self.slave)
-
-
 @pytest.fixture
-def terminal(monkeypatch):
-    with closing(Terminal()) as result, os.fdopen(result.slave, closefd=False) as stdin:
+def typed(monkeypatch):
+    """A function that types at a pseudo-terminal, which is this process's standard input."""
+    master, slave = pty.openpty()
+    with os.fdopen(master, "wb", buffering=0) as keys, os.fdopen(slave) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        yield result
+        yield lambda text: keys.write(text.encode())
 
 
 def heard(keyboard, count):
@@ -43,40 +31,40 @@ def heard(keyboard, count):
     return intents
 
 
-def test_keys_become_intents(terminal):
+def test_keys_become_intents(typed):
     with closing(Keyboard()) as keyboard:
-        terminal.type(" dabLrRq")
+        typed(" dabLrRq")
         names = [intent.name for intent in heard(keyboard, 8)]
         assert names == ["DAMP", "DAMP", "LOAD_A", "LOAD_B", "START_LOCOMOTION", "START_REMOTE", "START_REMOTE", "QUIT"]
-        terminal.type("xyz\n1\trq")  # whatever else is on a keyboard does nothing
+        typed("xyz\n1\trq")  # whatever else is on a keyboard does nothing
         assert heard(keyboard, 2) == [Intent.START_REMOTE, Intent.QUIT]
 
 
-def test_a_terminal_that_is_another_programs_damps_once_and_counts_again_when_it_is_back(terminal, monkeypatch):
+def test_a_terminal_that_is_another_programs_damps_once_and_counts_again_when_it_is_back(typed, monkeypatch):
     def refuse(*_):
         raise OSError(5, "Input/output error")  # of a process in the background
 
     with closing(Keyboard()) as keyboard:
-        terminal.type("l")
-        until(lambda: select.select([terminal.slave], [], [], 0.0)[0])
+        typed("l")
+        until(lambda: select.select([sys.stdin], [], [], 0.0)[0])
         with monkeypatch.context() as background:
             background.setattr(os, "read", refuse)
             assert [*keyboard.poll(0.0, None), *keyboard.poll(0.0, None)] == [Intent.DAMP]
-        terminal.type(" ")
+        typed(" ")
         assert heard(keyboard, 2) == [Intent.START_LOCOMOTION, Intent.DAMP]
 
 
-def test_the_terminal_is_given_back_as_it_was(terminal):
-    before = termios.tcgetattr(terminal.slave)
+def test_the_terminal_is_given_back_as_it_was(typed):
+    before = termios.tcgetattr(sys.stdin)
     keyboard = Keyboard()
-    during = termios.tcgetattr(terminal.slave)
+    during = termios.tcgetattr(sys.stdin)
     assert not during[3] & (termios.ICANON | termios.ECHO)  # key by key, and not shown
     assert during[3] & termios.ISIG  # Ctrl-C stays a signal
     keyboard.close()
-    assert termios.tcgetattr(terminal.slave) == before
+    assert termios.tcgetattr(sys.stdin) == before
 
 
-def test_arrows_and_letters_change_the_velocity_up_to_its_limit_and_one_key_requests_a_fresh_start(terminal):
+def test_arrows_and_letters_change_the_velocity_up_to_its_limit_and_one_key_requests_a_fresh_start(typed):
     velocity = VelocityCommand(np.zeros(3), np.array([[-0.2, 0.2], [-0.1, 0.1], [-0.1, 0.1]]))
     requests = Requests()
     with closing(Keyboard(velocity, requests=requests)) as keyboard:
@@ -86,10 +74,10 @@ def test_arrows_and_letters_change_the_velocity_up_to_its_limit_and_one_key_requ
             ("\x1b[A\x1b[B\x1b[A\x1b[1;5B\x1b[A", [0.2, 0.1, 0.1]),  # the fourth is with Ctrl
             ("0", [0.0, 0.0, 0.0]),
         ):
-            terminal.type(text)
+            typed(text)
             until(lambda command=command: keyboard.poll(0.0, None) == [] and velocity.command.tolist() == command)
-        terminal.type("\x1bed")  # alt e
+        typed("\x1bed")  # alt e
         assert heard(keyboard, 1) == [Intent.DAMP]
         assert not requests.is_reactivation
-        terminal.type("e")
+        typed("e")
         until(lambda: keyboard.poll(0.0, None) == [] and requests.is_reactivation)

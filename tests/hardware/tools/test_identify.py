@@ -37,34 +37,25 @@ def quick(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
-def entries():
-    return load_calibration("calibration.yaml", LITE).entries
-
-
-def test_a_confirmed_direction_is_stored_and_the_motor_is_left_disabled(run, types, motors, log):
-    types("yes", "yes")
-    status, printed, _ = run(*WRIST)
-    assert status == 0, printed
+@pytest.mark.parametrize(
+    ("before", "answer", "stored"),
+    [
+        (None, "yes", CalibrationEntry(15, DIRECTION, None, True)),
+        (CalibrationEntry(15, DIRECTION, 0.5), "yes", CalibrationEntry(15, DIRECTION, 0.5, True)),
+        (CalibrationEntry(15, -DIRECTION, 0.5), "yes", CalibrationEntry(15, DIRECTION, None, True)),
+        (CalibrationEntry(15, DIRECTION, 0.5, True), "no", CalibrationEntry(15, DIRECTION, 0.5, False)),
+    ],
+    ids=["new", "calibrated", "calibrated with another direction", "confirmed before and denied"],
+)
+def test_the_answer_is_stored_and_the_motor_is_left_disabled(run, types, motors, log, before, answer, stored):
+    if before is not None:
+        save_calibration("calibration.yaml", {"left_wrist_yaw": before})
+    types("yes", answer)
+    status, printed, complained = run(*WRIST)
+    assert (status, "direction in the robot file" in complained) == ((0, False) if answer == "yes" else (1, True))
     assert f"with direction {DIRECTION:+d}" in printed
-    assert entries() == {"left_wrist_yaw": CalibrationEntry(15, DIRECTION, None, direction_confirmed=True)}
+    assert load_calibration("calibration.yaml", LITE).entries == {"left_wrist_yaw": stored}
     assert [text for text in log if "abled" in text] == ["left_wrist_yaw: enabled", "left_wrist_yaw: disabled"]
-
-
-@pytest.mark.parametrize(("direction", "kept"), [(DIRECTION, 0.5), (-DIRECTION, None)])
-def test_the_offset_is_kept_unless_it_was_found_with_another_direction(run, types, motors, direction, kept):
-    save_calibration("calibration.yaml", {"left_wrist_yaw": CalibrationEntry(15, direction, 0.5)})
-    types("yes", "yes")
-    status, _, complained = run(*WRIST)
-    assert status == 0, complained
-    assert entries()["left_wrist_yaw"] == CalibrationEntry(15, DIRECTION, kept, direction_confirmed=True)
-
-
-def test_a_denied_direction_is_not_confirmed_any_more(run, types, motors):
-    save_calibration("calibration.yaml", {"left_wrist_yaw": CalibrationEntry(15, DIRECTION, 0.5, True)})
-    types("yes", "no")
-    status, _, complained = run(*WRIST)
-    assert (status, "direction in the robot file" in complained) == (1, True)
-    assert entries()["left_wrist_yaw"] == CalibrationEntry(15, DIRECTION, 0.5)
 
 
 def test_nothing_is_stored_where_nobody_is_asked(run, motors, tmp_path):
