@@ -20,14 +20,13 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import read_arrays
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.traces import Trace, far_values, read_trace, replayed, value_name
+from humanoid_sim.policy.traces import Trace, far_values, is_rounding, read_trace, replayed, value_name
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import with_joint_limits
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import joint_addresses
 
-_ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _CONSTANT = 1e-3  # rad, largest range over the samples of what is constant
 _TIMESTEPS = (0.005, 0.001)  # s, of physics in predictions: no trace says which the trainer had
 _TRANSITIONS = 40  # steps of the trace that are predicted
@@ -83,8 +82,7 @@ class Samples:
             position = action_command(wiring.action_map, actions).position
         except (FieldError, InputError) as error:  # the contract does not fit the trace
             return str(error)
-        off = np.abs(position - arrays.get("target", position)).max()
-        if off > _ROUNDING * (1.0 + np.abs(actions).max()):
+        if not is_rounding(position, arrays.get("target", position), actions):
             return "joint targets"
         seconds = self._row_seconds(trace)
         is_far = not math.isnan(seconds) and not _RATE[0] < seconds / contract.policy_dt < _RATE[1]

@@ -31,6 +31,7 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.own import GOLDEN_KEY
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+Floats = npt.NDArray[np.floating]
 BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
 """`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
 
@@ -47,6 +48,7 @@ _SAMPLES = 8
 _TOLERANCES = {"observation": 1e-4, "action": 1e-3, "target": 1e-4}
 """Absolute for values up to 1, relative beyond; targets in rad. float32 sums in another order stay below, wrong wiring
 does not; networks amplify the rounding of other hardware."""
+_ROUNDING = 0.5e-3  # largest error of an action scale or offset with three decimals
 _VERSION = 1
 
 
@@ -228,24 +230,31 @@ def value_name(wiring: PolicyWiring, i: int) -> str:
     return f"{located} ({joints[place]})" if place < len(joints) else located
 
 
-def _compare(trace: Trace, kind: str, values: npt.NDArray[np.floating], names: Sequence[str]) -> None:
+def _compare(trace: Trace, kind: str, values: Floats, names: Sequence[str]) -> None:
     expected = trace.arrays[kind]
     if values.shape != expected.shape:
         raise FieldError(f"hold {kind}s of {expected.shape[-1]} values, the contract makes {values.shape[-1]}")
     far = far_values(kind, values, expected)
     if far.any():
         i, index = np.argwhere(far)[0].tolist()
+        is_rounded = kind == "target" and is_rounding(values, expected, trace.arrays["action"])
+        why = ", or action_scale was rounded in export: env.yaml or x.contract.yaml can hold it" if is_rounded else ""
         raise FieldError(
             f"sample {i} of {trace.name}: {kind} {names[index]} is {values[i, index]:.6g}, the trainer's is "
             f"{expected[i, index]:.6g} ({far[i].sum()} of {len(names)} values differ): the policy is wired differently "
-            f"here than where it was trained"
+            f"here than where it was trained{why}"
         )
 
 
-def far_values(kind: str, values: npt.NDArray[np.floating], expected: npt.NDArray[np.floating]) -> mit.BoolArray:
+def far_values(kind: str, values: Floats, expected: Floats) -> mit.BoolArray:
     """Return which observations, actions or targets are not those expected, but for rounding."""
     with np.errstate(invalid="ignore"):  # infinity - infinity
         return np.asarray(~(np.abs(values - expected) <= _TOLERANCES[kind] * np.maximum(1.0, np.abs(expected))))
+
+
+def is_rounding(position: Floats, target: Floats, actions: Floats) -> bool:
+    """Return True if joint targets, rad, differ by no more than a scale and an offset with three decimals explain."""
+    return bool(np.abs(position - target).max() <= _ROUNDING * (1.0 + np.abs(actions).max()))
 
 
 def encode_samples(samples: Trace) -> str:

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from trainer import JOINTS, contract, terms
+from trainer import JOINTS, SCALE, contract, terms
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
@@ -24,6 +24,7 @@ MISTAKES = {
     "scaled last action": ({"observation": terms(last_action={"form": "scaled"})}, "last_action[0] (right_knee)"),
     "default pose": ({"default_joint_pos": [-0.2, 0.1, 0.6, 0.4]}, "joint_pos_rel[3] of history step 0 (right_knee)"),
     "action scale": ({"action_scale": 1.0}, "target of left_hip"),
+    "rounded scale": ({"action_scale": SCALE + 4e-4}, "action_scale was rounded in export"),
     "action order": ({"action_joint_names": ("left_hip", "right_knee", "right_hip")}, "target of left_hip"),
 }
 
