@@ -1,4 +1,4 @@
-"""What the pages point to exists."""
+"""What the pages point to exists, and is where CONTRIBUTING.md says."""
 
 import re
 from pathlib import Path
@@ -7,6 +7,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+ROWS = re.findall(
+    r"^\| ([^|]+\?) \| (`[^|]+) \|$", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE
+)
 TEST = re.compile(r"`(tests/[\w/]+\.py)`((?:[:,] `test_\w+`)*)")
 
 
@@ -36,3 +39,11 @@ def test_tests_that_are_named_exist(page):
         assert (ROOT / file).is_file(), file
         for name in re.findall(r"test_\w+", names):
             assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file}: {name}"
+
+
+@pytest.mark.parametrize(("question", "answer"), ROWS, ids=[question for question, _ in ROWS])
+def test_the_file_exists_and_holds_the_name(question, answer):
+    file, name, *rest = re.findall(r"`([^`]+)`", answer)
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert re.search(rf"^\s*(def|class) {name}\b|^{name}\b.*=", text, re.MULTILINE), f"{file} defines no {name}"
+    assert [other for other in rest if "/" in other and not (ROOT / other).exists()] == []

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
 LINKED = ("controllers", "envs", "hardware", "assets")
-SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".mid", ".msg"}
+SUFFIXES = {".py", ".typed", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".mid", ".msg"}
 
 
 @pytest.fixture(scope="module")
@@ -47,26 +47,12 @@ def test_the_wheel_holds_the_whole_package_as_ordinary_files_and_nothing_else(wh
         assert f"humanoid_sim/{package}/__init__.py" in linked
         sources |= linked
     assert not sources - set(held)
-    for name in (
-        "humanoid_sim/py.typed",
-        "humanoid_sim/controllers/supervisor.py",
-        "humanoid_sim/rendering/replay_caption.html",
-        "humanoid_sim/assets/robots/lite.yaml",
-        "humanoid_sim/assets/mjcf/lite.xml",
-        "humanoid_sim/assets/policies/lite_tracking.onnx",
-        "humanoid_sim/assets/motions/wave.mcap",
-        "humanoid_sim/assets/songs/twinkle.mid",
-    ):
-        assert held[name].file_size or name.endswith("py.typed")
     # nothing else
     assert {name.split("/")[0].partition("-")[0] for name in held} == {"humanoid_sim"}
     assert not [name for name in held if "tests/" in name or "notebook" in name or name.endswith((".pyc", ".ipynb"))]
     # what it says of itself
     assert "humanoid-sim = humanoid_sim.cli:main" in info["entry_points.txt"]
     assert "License-Expression: MIT" in info["METADATA"]
-    assert "Requires-Python: >=3.11" in info["METADATA"]
-    for version in ("3.11", "3.12", "3.13"):
-        assert f"Classifier: Programming Language :: Python :: {version}\n" in info["METADATA"]
     assert "MIT License" in info["LICENSE"]
 
 

@@ -59,15 +59,6 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys):
     assert "5 bodies fit" in capsys.readouterr().out
 
 
-def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys):
-    frames = joint_frames(lite(), joint_path())
-    episode = {"motion_body_pos_b": frames[:, :12], "motion_body_ori_b": frames[:, 12:]}
-    root = write_dataset(tmp_path / "dances", [episode], {})
-    assert prepare(tmp_path, root) == 0
-    np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, frames, atol=2e-6)
-    assert "inverse kinematics" in capsys.readouterr().out
-
-
 def test_a_damaged_dataset(tmp_path, capsys):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
     file = next((root / "data").rglob("*.parquet"))
