@@ -69,14 +69,19 @@ class BusAddress:
         return self.channel if self.interface == "socketcan" else f"{self.interface}:{self.channel}"
 
 
+_CHANNEL_NAMES = {
+    "socketcan": r"[^\s/]{1,15}",  # IFNAMSIZ of the kernel
+    "udp_multicast": r"(22[4-9]|23\d)(\.(\d{1,2}|1\d\d|2[0-4]\d|25[0-5])){3}|[fF]{2}[\da-fA-F]{2}:[\da-fA-F:]+",
+}
+
+
 def parse_address(text: str) -> BusAddress:
     """Return the channel of `can0` or `udp_multicast:239.74.163.2`; what follows the first colon is python-can's."""
     interface, colon, channel = text.strip().partition(":")
     if not colon:
         interface, channel = "socketcan", interface
-    is_name = re.fullmatch(r"[^\s/]{1,15}", channel) if interface == "socketcan" else channel  # IFNAMSIZ of the kernel
-    if not interface or not is_name:
-        accepted = "a network interface such as can0, or interface:channel such as slcan:/dev/ttyACM0"
+    if not interface or not re.fullmatch(_CHANNEL_NAMES.get(interface, ".+"), channel):
+        accepted = "a network interface such as can0, slcan:/dev/ttyACM0, udp_multicast:239.74.163.2 and the like"
         raise InputError(f"bus: is '{text}', expected {accepted}")
     require_known("interface", (interface,), sorted(can.VALID_INTERFACES), f"bus '{text}': ")
     return BusAddress(interface, channel)
@@ -96,6 +101,7 @@ _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "socketcand"})  # none, or
 _REMEDIES = {  # by the number of the system's error
     errno.ENETDOWN: f"it is down: sudo ip link set {{}} up type can bitrate {BITRATE} restart-ms 0",
     errno.ENODEV: "there is no such network interface: see `ip link`; one may be slcan:/dev/ttyACM0 instead",
+    errno.ENOENT: "there is no such device: see `ls /dev/serial/by-id`",
     errno.EAFNOSUPPORT: "this kernel has no SocketCAN: sudo modprobe can_raw",
     errno.EACCES: "this user may not: sudo usermod -aG dialout $USER, then log in again",
     errno.EBUSY: "another program has it open",
@@ -134,9 +140,12 @@ def open_bus(address: BusAddress) -> can.BusABC:
         return can.Bus(interface=address.interface, channel=address.channel, **options)
     except Exception as error:  # every driver has exceptions of its own
         reason = f"{type(error).__name__}: {reason_of(error)}"
-        if remedy := _REMEDIES.get(_error_number(error) or 0):
+        number = _error_number(error) or 0
+        if number == errno.ENODEV and address.interface == "udp_multicast":
+            reason = "no network leads there: sudo ip link set lo up; sudo ip route add 224.0.0.0/4 dev lo"
+        elif remedy := _REMEDIES.get(number):
             reason = remedy.format(address.channel)
-        elif isinstance(error, can.CanInterfaceNotImplementedError):
+        elif isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
             reason += f": pip install 'python-can[{address.interface}]', or its network interface where Linux has one"
         raise RobotError(f"{address}: cannot be opened: {reason}") from error
 
@@ -276,7 +285,7 @@ class Channel:
     def troubles(self) -> tuple[str, ...]:
         """Return why nothing may come back, the most telling first."""
         strangers = [f"{count} × {kind}: {STRANGERS}" for kind, count in self.strangers.items()]
-        return tuple(filter(None, [self.down, self.tx_full.text, self.error, *strangers]))
+        return tuple(filter(None, [self.down, self.intruder.text, self.tx_full.text, self.error, *strangers]))
 
     def close(self) -> None:
         """Send what waits, stop both threads and close the bus. May be called twice; never raises."""
@@ -301,9 +310,11 @@ class Channel:
                 self._closing.wait(_SEND_TIMEOUT)
                 continue
             # `is_rx` does not matter: on SocketCAN it lacks for frames of this machine's other processes.
-            if message is None or message.is_fd:
+            if message is None:
                 continue
-            if message.is_error_frame:
+            if message.is_fd:
+                self.strangers["CAN FD frame"] += 1
+            elif message.is_error_frame:
                 self._take_error(message.arbitration_id)
             else:
                 self.received += 1

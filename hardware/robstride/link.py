@@ -26,6 +26,14 @@ from humanoid_sim.robots.motors import MotorModel
 
 _COMMANDS = frozenset(FrameType) - {FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER}  # others may only scan and read
 
+_HOSTS = {DEFAULT_HOST_ID: f"this host's id {DEFAULT_HOST_ID} (an echo, as in loopback mode?)"}
+_IGNORED = {  # by the reason for which a frame is ignored
+    "standard_id": "frame with an 11-bit identifier",
+    "host_command": "command of {}",
+    "other_host": "answer to another host",
+    "unknown_device": "frame of no motor of this robot",
+}
+
 
 class Sample(NamedTuple):
     """A status and when it came."""
@@ -95,7 +103,8 @@ class RobstrideLink:
         slot = None if index is None else self.slots[index]
         match reply:
             case protocol.Ignored("host_command") if kind in _COMMANDS and (channel, destination) in self._index:
-                bus.intruder = Note(time, f"another host sends '{protocol.type_name(kind)}' to motor {destination}")
+                host = "another host" if kind == FrameType.OPERATION_CONTROL else _HOSTS.get(sender, "another host")
+                bus.intruder = Note(time, f"{host} sends '{protocol.type_name(kind)}' to motor {destination}")
             case protocol.Ignored("other_host") if slot is not None and kind == FrameType.STATUS:
                 # Another host commands it, or its own id is stored in it: commands do not name their host.
                 bus.intruder = Note(time, f"motor {sender} answers host {destination}, not {DEFAULT_HOST_ID}")
@@ -105,8 +114,8 @@ class RobstrideLink:
             ):
                 slot.invalid = Note(time, f"frame of communication type {kind}")
             case protocol.Ignored(reason):
-                text = "frame with an 11-bit identifier" if reason == "standard_id" else reason.replace("_", " ")
-                bus.strangers[text] += 1
+                host = _HOSTS.get(sender, "another host")
+                bus.strangers[_IGNORED.get(reason, reason.replace("_", " ")).format(host)] += 1
             case protocol.Malformed() if slot is not None:
                 slot.invalid = Note(time, reply.reason)
             case DeviceId():

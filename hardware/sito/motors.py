@@ -85,7 +85,7 @@ class SitoMotors(MotorLink):
             case None if kind in (MessageType.FEEDBACK_1, MessageType.FEEDBACK_2):
                 slot.invalid = Note(time, f"feedback with data '{frame.data.hex(' ')}'")
             case None if kind not in set(MessageType):
-                bus.strangers["unknown message type"] += 1
+                bus.strangers["unknown type"] += 1
             case _:
                 name = MessageType(kind).name.lower().replace("_", " ")
                 bus.intruder = Note(time, f"another host sends '{name}' to motor {parts[0]}")

@@ -23,6 +23,10 @@ from humanoid_sim.hardware.robstride.protocol import LARGEST_MOTOR_ID
 from humanoid_sim.robots.motors import MOTORS
 
 EVERY_ID = range(1, LARGEST_MOTOR_ID + 1)
+_HINTS = {  # by interface, where nothing at all is received
+    "slcan": "does the adapter speak SLCAN? the vendor's own speaks AT frames, which nothing here does",
+    "virtual": "its motors are those of one process; other processes reach those of `emulate` by udp_multicast",
+}
 Answer = TypeVar("Answer")
 
 
@@ -63,11 +67,15 @@ def check_channels(link: RobstrideLink) -> None:
 
 def silence(link: RobstrideLink, channel: int, text: str) -> SilentMotorError:
     """Return the error for a channel on which `no motor answers`, with what was received there instead."""
-    check_channels(link)
-    troubles = "; ".join(link.line.channels[channel].troubles())
-    if not troubles and link.line.channels[channel].address.interface == "slcan":
-        troubles = "does the adapter speak SLCAN? the vendor's own speaks AT frames, which nothing here does"
+    bus = link.line.channels[channel]
+    troubles = "; ".join(bus.troubles()) or _HINTS.get(bus.address.interface, "")
     return SilentMotorError(f"{text} on {link.sources[channel]}{f' ({troubles})' if troubles else ''}")
+
+
+def warn_of_troubles(link: RobstrideLink, channel: int) -> None:
+    """Tell what was received on a channel beside the answers: another host's frames, bus errors."""
+    for trouble in link.line.channels[channel].troubles():
+        complain(f"warning: {link.sources[channel]}: {trouble}")
 
 
 def answer_of(link: RobstrideLink, motor: int, answers: Mapping[int, Answer]) -> Answer:

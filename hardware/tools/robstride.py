@@ -35,23 +35,25 @@ def discover(config: Discover) -> int:
     with bench.open_bench(addresses) as link:
         answers = link.scan([one for one in EVERY_ID if one <= config.last], _QUIET, _PACE)
         found = sorted({(channel, reply.motor_id, reply.uid.hex()) for channel, reply in answers})
-        silent = set(range(len(addresses))) - {channel for channel, *_ in found}
-        errors = [bench.silence(link, channel, "no motor answers") for channel in sorted(silent)]
-    there = {(channel, motor_id) for channel, motor_id, _ in found}
+        for channel in range(len(addresses)):
+            if channel in {one for one, *_ in found}:
+                bench.warn_of_troubles(link, channel)
+            else:
+                complain(str(bench.silence(link, channel, "no motor answers")))
+    there = {(motor_id, channel): addresses[channel] for channel, motor_id, _ in found}
     joints, missing = {}, []
     if wiring is not None:
         joints = {(motor.channel, motor.motor_id): motor.name for motor in wiring.motors}
         for i, ((channel, motor_id), name) in enumerate(joints.items()):
-            if (channel, motor_id) not in there and i not in wiring.unasked:
-                missing.append(f"{name} (motor {motor_id} on {addresses[channel]})")
+            if (motor_id, channel) not in there and i not in wiring.unasked:
+                elsewhere = [f"; one is on {other}" for (one, _), other in there.items() if one == motor_id]
+                missing.append(f"{name} (motor {motor_id} on {addresses[channel]}{''.join(elsewhere)})")
     if found:
         rows = [
             (str(addresses[channel]), str(motor_id), uid, joints.get((channel, motor_id), ""))
             for channel, motor_id, uid in found
         ]
         bench.make_console().print(bench.make_table(("channel", "id", "unique id", "joint"), rows))
-    for error in errors:
-        complain(str(error))
     if missing:
         complain(f"missing: {', '.join(missing)}")
     if not found:
@@ -65,6 +67,7 @@ def _one_motor(config: Ping | Param) -> Iterator[tuple[RobstrideLink, int]]:
     bench.check_id("motor id", config.motor_id)
     with bench.open_bench([parse_address(config.channel)]) as link:
         yield link, EVERY_ID.index(config.motor_id)
+        bench.warn_of_troubles(link, 0)
 
 
 def _command(link: RobstrideLink, motor: int, kind: FrameType, data: bytes) -> None:

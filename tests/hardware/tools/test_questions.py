@@ -54,15 +54,38 @@ def test_status_1_where_a_joint_is_missing(run, motors):
     assert (status, complained) == (1, f"missing: right_wrist_pitch (motor 27 on {CHANNEL})\n")
 
 
-def test_status_3_where_nothing_answers_with_what_was_received_instead(run):
-    """Frames with 11-bit identifiers: motors in another protocol, or another program."""
-    with can.Bus(interface="virtual", channel="nobody") as other:
-        chatter = other.send_periodic(can.Message(arbitration_id=0x12, data=bytes(8), is_extended_id=False), 0.002)
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (None, "its motors are those of one process"),
+        (can.Message(arbitration_id=0x12, data=bytes(8), is_extended_id=False), "11-bit"),
+        (can.Message(arbitration_id=0x12, data=bytes(16), is_fd=True), "CAN FD"),
+        (can.Message(arbitration_id=0x1200AA02, data=bytes(8)), "another host sends 'write parameter' to motor 2"),
+        (can.Message(arbitration_id=0x0000FD0B, data=bytes(8)), "an echo, as in loopback mode?"),
+    ],
+)
+def test_status_3_where_nothing_answers_with_what_was_received_instead(run, message, words):
+    with can.Bus(interface="virtual", channel="nobody", protocol=can.CanProtocol.CAN_FD) as other:
+        chatter = None if message is None else other.send_periodic(message, 0.002)
         status, printed, complained = run("discover", "virtual:nobody")
-        chatter.stop()
+        if chatter is not None:
+            chatter.stop()
     assert (status, printed) == (3, "")
     assert "no motor answers on virtual:nobody" in complained
-    assert "11-bit" in complained
+    assert words in complained
+
+
+def test_another_host_is_told_beside_the_motors_that_it_may_drive(run):
+    with can.Bus(interface="virtual", channel=CHANNEL.removeprefix("virtual:")) as other:
+        chatter = other.send_periodic(can.Message(arbitration_id=0x1100AA01, data=bytes(8)), 0.002)
+        status, _, complained = run("discover", CHANNEL)
+        chatter.stop()
+    assert (status, "command of another host" in complained) == (0, True)
+
+
+def test_a_missing_motor_is_told_where_it_is_instead(run):
+    status, _, complained = run("discover", f"virtual:nobody,{CHANNEL}", "--robot", "lite")
+    assert (status, f"left_elbow_pitch (motor 14 on virtual:nobody; one is on {CHANNEL})" in complained) == (1, True)
 
 
 def test_a_motor_says_who_and_how_it_is_without_being_enabled(run, motors, log):
