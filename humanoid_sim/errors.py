@@ -59,6 +59,8 @@ def blaming(
     try:
         yield
     except kind as error:
+        if kind is Exception and isinstance(error, InputError):
+            raise  # it names the file and the reason itself
         reason = error if isinstance(error, HumanoidSimError) else getattr(error, "strerror", None) or reason_of(error)
         raise into(f"{what}: {reason}") from None
 
@@ -109,5 +111,6 @@ def number_in(text: str) -> float:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return what another package's exception says, as part of a line; its type where it says nothing."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """Return what another package's exception says, as part of a line; behind its type where that is one word."""
+    text = " ".join(str(error).split())
+    return text if " " in text else f"{type(error).__name__} {text}".strip()

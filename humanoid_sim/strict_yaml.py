@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, blaming, known_names, reason_of
 from humanoid_sim.files import regular_file
 
 _Kind = TypeVar("_Kind")
@@ -61,6 +62,12 @@ def read_yaml(path: Path, what: str = "a YAML file") -> Any:
         raise InputError(f"{path}: {where}not valid YAML: {error.problem or reason_of(error)}") from None
     except (ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: not YAML that can be read: {reason_of(error)}") from None
+
+
+def require_finite(document: Any) -> None:
+    """Raise an `InputError` if a document holds `.nan` or `.inf`."""
+    with blaming("holds a number that is not finite", ValueError):
+        json.dumps(document, allow_nan=False, default=str)
 
 
 def converted(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
-from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.robots.schema import PianoSettings, RobotDescription
 
 PERCUSSION = 9  # channel whose notes are drums, counted from 0
 _LEAD_IN = 1.0  # s before the first note, in which a robot's hands come over the keys
@@ -54,8 +54,10 @@ def key_name(key: int) -> str:
 
 def load_song(name: str, robot: RobotDescription, folder: Path = Path(), what: str = "--song") -> Song:
     """Return what a robot can play of a sample song, or of a MIDI file in `folder`; `what` begins a refusal."""
+    if robot.piano is None:
+        raise InputError(f"{what}: robot '{robot.name}' has no piano; lite_piano has one")
     is_beside = name not in shipped("songs") and os.path.isfile(folder / name)
-    song = playable(read_notes(folder / name if is_beside else song_path(name, what)), robot)
+    song = playable(read_notes(folder / name if is_beside else song_path(name, what)), robot.piano)
     if not song.notes:
         raise InputError(f"{what}: '{name}' has no note that '{robot.name}' can reach: {song.names_left_out}")
     return song
@@ -88,10 +90,9 @@ def _notes(messages: Iterable[Any]) -> list[Note]:
     return notes
 
 
-def playable(notes: Iterable[Note], robot: RobotDescription) -> Song:
+def playable(notes: Iterable[Note], piano: PianoSettings) -> Song:
     """Return the notes in a robot's reach, no more at a time than it has fingers, after time to come over the keys."""
-    reach: Collection[int] = range(KEY_COUNT) if robot.piano is None else robot.piano.keys
-    fingers = KEY_COUNT if robot.piano is None else len(robot.piano.fingers)
+    reach, fingers = piano.keys, len(piano.fingers)
     played: list[Note] = []
     left_out: list[Note] = []
     for note in sorted(notes, key=lambda note: (note.start, -note.key)):

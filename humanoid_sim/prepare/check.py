@@ -10,12 +10,15 @@ from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.convert import Skeleton
-from humanoid_sim.prepare.sources import SourceMotion
+from humanoid_sim.prepare.sources import SourceMotion, derivative
+from humanoid_sim.robots.guards import speed_limit
 from humanoid_sim.simulation.kinematics import InverseKinematics
 
 _DISTANCE, _ANGLE = 0.01, math.radians(2.0)  # m and rad, largest between a body and where kinematics puts it
 _BEYOND = 0.035  # rad beyond a limit, by which motions that nothing else confirms may be off
 _HIGHEST = 10.0  # m above the floor, of the base of any robot whose lengths are in m
+_OFF_SPEED = 0.1  # share by which velocities may differ from the change of positions
+_STILL = 1e-4  # (rad/s)², mean square below which joints do not move
 _MOST_POSES = 120  # frames for which joint positions are sought
 
 
@@ -71,4 +74,14 @@ def _check_joints(motion: SourceMotion, joints: FloatArray, skeleton: Skeleton) 
         if motion.bodies is None and beyond[frame, joint] > _BEYOND:
             raise InputError(f"{motion.source}: {text}; are --joint-order and --degrees right?")
         lines.append(f"note: {text}")
+    speed = np.diff(joints, axis=0) / np.diff(motion.times)[:, None]
+    for frame, joint in np.argwhere(np.abs(speed) > speed_limit(robot))[:1].tolist():
+        pace = f"{speed[frame, joint]:.3g} rad/s after frame {frame}"
+        lines.append(f"note: joint '{names[joint]}' moves at {pace}, faster than its guard allows")
+    speed = derivative(joints, motion.times)
+    squares = float((speed * speed).sum())
+    if motion.joint_velocity is not None and squares > _STILL * speed.size:
+        share = float((speed * motion.joint_velocity).sum()) / squares
+        if abs(share - 1.0) > _OFF_SPEED:
+            lines.append(f"note: its joint velocities are {share:.2f} times its positions' change; is its rate right?")
     return lines

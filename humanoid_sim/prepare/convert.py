@@ -25,7 +25,7 @@ from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, body_frames
 from humanoid_sim.prepare import PrepareOptions
-from humanoid_sim.prepare.sources import SourceMotion, derivative
+from humanoid_sim.prepare.sources import SourceMotion, derivative, require_each
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
@@ -83,6 +83,8 @@ def interpret(
             if source.bodies is None:
                 raise InputError(f"{option}: is missing; no body poses of {source.source} would show a mistake")
             assumed.append(f"{option} {usual}")
+        if own is not None and given not in (None, own):
+            raise InputError(f"{option}: is given, but {source.source} says it itself")
         return own or given or usual
 
     changed: dict[str, Any] = {}
@@ -91,7 +93,7 @@ def interpret(
         own = None if source.joint_names is None else ",".join(source.joint_names)
         order = settle("--joint-order", own, options.joint_order, "contract")
         names = _named(source.source, "joint", order, skeleton.joint_orders, source.joints.shape[1])
-        require_known("joint", skeleton.joints, names, f"{source.source}: ")
+        require_each(source.source, skeleton.joints, names)
         columns = [names.index(joint) for joint in skeleton.joints]
         unit = math.radians(1.0) if options.degrees else 1.0
         for name in {"joints", "joint_velocity"} & source.arrays().keys():

@@ -17,6 +17,7 @@ from humanoid_sim.prepare.convert import Skeleton, at_rate, convert, interpret
 from humanoid_sim.prepare.wandb_run import fetch_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
+_HIGHEST_RATE = 1000.0  # Hz
 _SONG_RATE = 50.0  # Hz of the goals where neither a policy nor the user gives a rate
 
 
@@ -24,12 +25,14 @@ def prepare(options: PrepareOptions) -> int:
     """Run, and return the exit status. Raises `InputError` before a motion file is written."""
     if options.motion is not None and options.song is not None:
         raise InputError("--motion and --song: both are given, expected one of them")
-    if options.fps is not None and not options.fps > 0.0:
-        raise InputError(f"--fps: is {options.fps:g}, expected a number > 0")
+    if options.fps is not None and not 0.0 < options.fps <= _HIGHEST_RATE:
+        raise InputError(f"--fps: is {options.fps:g}, expected a number > 0, of at most {_HIGHEST_RATE:g}")
     folder = Path(options.output)
     robot = load_robot(options.robot)
     checkpoint = _checkpoint(options, folder, robot)
     if options.song is not None:
+        if options.fps is not None and checkpoint is not None:
+            raise InputError("--fps: is given, but the policy's rate counts")
         policy_dt = 1.0 / (options.fps or _SONG_RATE) if checkpoint is None else checkpoint.contract.policy_dt
         motion, lines, name = _song(options.song, policy_dt, robot)
     elif checkpoint is None:
@@ -100,12 +103,14 @@ def _motion(options: PrepareOptions, checkpoint: Checkpoint, robot: RobotDescrip
 
 
 def _read(options: PrepareOptions, path: Path, joints: tuple[str, ...]) -> sources.SourceMotion:
-    if path.suffix == ".csv":
+    suffix = path.suffix.lower() if path.suffix.lower() in (".csv", ".npz", ".mcap") else "dataset"
+    for name, kind in (("fps", ".csv"), ("topic", ".mcap"), ("episode", "dataset")):
+        if getattr(options, name) is not None and suffix != kind:
+            raise InputError(f"--{name}: is given, but {path} is no {kind}")
+    if suffix == ".csv":
         return sources.read_csv(path, joints, options.fps)
-    if options.fps is not None:
-        raise InputError(f"--fps: is given, but {path} has times of its own")
-    if path.suffix == ".npz":
+    if suffix == ".npz":
         return sources.read_npz(path)
-    if path.suffix == ".mcap":
+    if suffix == ".mcap":
         return sources.read_joint_states(path, options.topic, joints)
     return sources.read_dataset(sources.dataset_folder(str(path)), options.episode, joints)

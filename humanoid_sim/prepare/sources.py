@@ -6,7 +6,7 @@ import importlib.util
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +25,7 @@ from humanoid_sim.ros2.definitions import JOINT_STATE
 
 _UNIT = 0.02  # largest distance of a quaternion's norm from 1: rounding and interpolation leave much less
 _LONGEST_GAP = 0.1  # s between two frames, if that is also more than three of the usual steps
+_LONGEST_STEP = 1.0  # s between two frames of what is a motion still
 _JOINT_SUFFIXES = ("", ".pos", "_pos", "_dof")  # that exporters append to a joint's name
 _NPZ_KEYS = ("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 _BASE_COLUMNS = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
@@ -60,11 +61,15 @@ class SourceMotion:
                 raise InputError(f"{self.source}: {name} is not finite in frame {frame}, at {place}")
             norm = np.sqrt((array[..., 3:] ** 2).sum(axis=-1)) if name in ("base", "bodies") else np.ones(1)
             if np.abs(norm - 1.0).max() > _UNIT:
-                raise InputError(f"{self.source}: {name} has quaternions of norm {norm.min():.3g} to {norm.max():.3g}")
-        steps = np.diff(self.times, append=self.times[-1] + 1e-3)
-        if steps.min() <= 0.0 or steps.max() > max(_LONGEST_GAP, 3.0 * float(np.median(steps))):
-            span = f"from frame to frame are {steps.min():.3g} to {steps.max():.3g} s"
-            raise InputError(f"{self.source}: {span}, expected times that increase without gaps")
+                norms = f"{norm.min():.3g} to {norm.max():.3g}, expected 1"
+                raise InputError(f"{self.source}: {name} has quaternions of norm {norms}")
+        steps = np.diff(self.times)
+        longest = min(max(_LONGEST_GAP, 3.0 * float(np.median(steps))), _LONGEST_STEP) if steps.size else np.inf
+        if (wrong := (steps <= 0.0) | (steps > longest)).any():
+            frame = int(np.argmax(wrong)) + 1
+            accepted = f"times in s that increase, by at most {longest:g} s"
+            step = f"frame {frame} comes {steps[frame - 1]:g} s after the one before"
+            raise InputError(f"{self.source}: {step}, expected {accepted}")
 
     def arrays(self) -> dict[str, FloatArray]:
         """Return what the source holds, by field; each of F rows."""
@@ -95,6 +100,15 @@ def _joint_of(column: str, joints: tuple[str, ...]) -> str | None:
     return next((name for name in names if name in joints), None)
 
 
+def require_each(where: str, wanted: Sequence[str], names: Sequence[str]) -> None:
+    """Raise an `InputError`, which `where` begins, unless each wanted name is among the names once."""
+    lacking = [name for name in wanted if name not in names]
+    twice = [name for name in wanted if names.count(name) > 1]
+    if lacking or twice:
+        problem = f"lacks {list_joints(lacking)}" if lacking else f"has {list_joints(twice)} more than once"
+        raise InputError(f"{where}: {problem}")
+
+
 def read_npz(path: Path) -> SourceMotion:
     """Read a motion of mjlab or whole_body_tracking, whose files do not name joints or bodies."""
     arrays = read_arrays(path)
@@ -102,14 +116,16 @@ def read_npz(path: Path) -> SourceMotion:
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it holds {', '.join(sorted(arrays)) or 'nothing'}")
     shapes = ", ".join(f"{key} {arrays[key].shape}" for key in _NPZ_KEYS[1:])
-    with blaming(f"{path}: has {shapes}, expected (F, n), (F, n), (F, B, 3), (F, B, 4)", (ValueError, TypeError)):
+    with blaming(f"{path}: has {shapes}, expected (F, n), (F, n), (F, B, 3), (F, B, 4)", Exception):
         fps, joints, velocity, position, quaternion = (arrays[key].astype(np.float64) for key in _NPZ_KEYS)
-        bodies = np.concatenate([position.reshape(len(joints), -1, 3), quaternion.reshape(len(joints), -1, 4)], axis=-1)
-        velocity = velocity.reshape(joints.shape)
-    names = {key: tuple(map(str, arrays[key].ravel())) for key in ("joint_names", "body_names") if key in arrays}
+        count, width = joints.shape
+        bodies = np.concatenate([position.reshape(count, -1, 3), quaternion.reshape(count, -1, 4)], axis=-1)
+        times, velocity = _even_times(count, float(fps.flat[0]), str(path)), velocity.reshape(count, width)
+        named = [key for key in ("joint_names", "body_names") if key in arrays]
+        names = {key: tuple(arrays[key].astype(str).ravel().tolist()) for key in named}  # some writers have bytes
     return SourceMotion(
         source=str(path),
-        times=_even_times(len(joints), float(fps.flat[0]), str(path)),
+        times=times,
         joints=joints,
         joint_velocity=velocity,
         joint_names=names.get("joint_names"),
@@ -120,7 +136,7 @@ def read_npz(path: Path) -> SourceMotion:
 
 def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMotion:
     """Read a table with a frame a line: with column names in any order, or as LAFAN1's for the G1, base and joints."""
-    with blaming(f"{path}: is not a table of numbers", (OSError, ValueError)):
+    with blaming(f"{path}: is not a table of numbers with commas", (OSError, ValueError)):
         text = regular_file(path, "a .csv file").read_text(encoding="utf-8-sig")
         lines = [line for line in text.splitlines() if line.strip()]
         has_names = bool(lines) and re.search("[a-df-z]", lines[0], re.IGNORECASE) is not None  # e: 1e-3
@@ -128,14 +144,12 @@ def read_csv(path: Path, joints: tuple[str, ...], fps: float | None) -> SourceMo
             raise InputError(f"{path}: has no frames")
         table = np.loadtxt(lines[has_names:], delimiter=",", ndmin=2)
     if has_names:
-        parts = [_joint_of(name.strip(' "'), joints) or name.strip(' "') for name in lines[0].split(",")]
+        parts = [_joint_of(name.strip(' "#'), joints) or name.strip(' "#') for name in lines[0].split(",")]
     else:
         parts = [*_BASE_COLUMNS, *joints] if table.shape[1] > len(joints) else list(joints)
     require_known("column", parts, ("time", *_BASE_COLUMNS, *joints), f"{path}: ")
     has_base = not set(parts).isdisjoint(_BASE_COLUMNS)
-    missing = [name for name in ((*_BASE_COLUMNS, *joints) if has_base else joints) if name not in parts]
-    if missing or len(set(parts)) < len(parts):
-        raise InputError(f"{path}: lacks columns, or has one twice: {', '.join(missing) or ', '.join(parts)}")
+    require_each(str(path), (*_BASE_COLUMNS, *joints) if has_base else joints, parts)
     if len(parts) != table.shape[1]:
         counts = f"{len(joints)} joints, or {len(_BASE_COLUMNS) + len(joints)} with the base's pose before them"
         accepted = f"{len(parts)}, as in its first line" if has_names else counts
@@ -157,7 +171,7 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
     found: dict[str, list[tuple[float, list[float]]]] = {}
     others: tuple[str, ...] = ()
     regular_file(path, "an MCAP file", None)
-    with blaming(f"{path}: cannot be read as a recording of joint states", Exception), path.open("rb") as stream:
+    with blaming(f"{path}: is not a whole MCAP file of joint states", Exception), path.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
             if schema is None or schema.name != JOINT_STATE:
                 continue
@@ -167,8 +181,7 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
             if topic not in (None, channel.topic) or position.keys().isdisjoint(joints):
                 others = tuple(position)
                 continue
-            if lacking := [joint for joint in joints if joint not in position]:
-                raise InputError(f"{channel.topic} lacks {list_joints(lacking)}")
+            require_each(f"{path}: {channel.topic}", joints, names[: len(values)])
             time = seconds + 1e-9 * nanoseconds or 1e-9 * message.log_time  # some headers have no time
             rows.append((time, [position[joint] for joint in joints]))
     if not found:
@@ -218,7 +231,7 @@ def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> 
     """Read one episode of a dataset. LeRobot is not needed."""
     with needing("pyarrow", "lerobot", "reading a LeRobot dataset"):
         from pyarrow import compute, parquet  # noqa: PLC0415 - optional
-    with blaming(f"{folder}: cannot be read as a LeRobot dataset", (OSError, ValueError, KeyError, TypeError)):
+    with blaming(f"{folder}: cannot be read as a LeRobot dataset", Exception):
         info = json.loads(regular_file(folder / "meta" / "info.json", "a dataset's info.json").read_bytes())
         if info["codebase_version"] != _FORMAT:
             found = f"has format {info['codebase_version']}, expected {_FORMAT}"
@@ -228,7 +241,8 @@ def read_dataset(folder: Path, episode: int | None, joints: tuple[str, ...]) -> 
         rows = {row["episode_index"]: row for row in listed}
         chosen = 0 if episode is None and len(rows) == 1 else episode
         if chosen not in rows:
-            raise InputError(f"--episode: is {chosen}, expected one of the {len(rows)} episodes of {folder}, from 0")
+            found = "missing" if chosen is None else f"is {chosen}"
+            raise InputError(f"--episode: {found}, expected one of the {len(rows)} episodes of {folder}, from 0")
         place = {name: rows[chosen][f"data/{name}"] for name in ("chunk_index", "file_index")}
         numeric = {key: its for key, its in info["features"].items() if its["dtype"].startswith(("float", "int"))}
         table = parquet.read_table(folder / info["data_path"].format(**place), columns=[*numeric])
@@ -259,11 +273,12 @@ def _episode(
         raise InputError(f"{source}: holds no motion, but {', '.join(columns)}; expected one that ends in joint_pos")
     arrays = {role: columns[feature] for role, feature in found.items()}
     listed = names.get(found.get("joint_pos", ""), [])
-    places = {joint: i for i, name in enumerate(listed) if (joint := _joint_of(name, joints))}
-    if places:
-        require_known("joint", joints, places, f"{source}: {found['joint_pos']}: ")
+    places = [_joint_of(name, joints) or name for name in listed]
+    is_named = not set(joints).isdisjoint(places)
+    if is_named:
+        require_each(f"{source}: {found['joint_pos']}", joints, places)
         for role in {"joint_pos", "joint_vel"} & arrays.keys():
-            arrays[role] = arrays[role][:, [places[joint] for joint in joints]]
+            arrays[role] = arrays[role][:, [places.index(joint) for joint in joints]]
     for role in _WIDTHS.keys() & arrays.keys():
         arrays[role] = arrays[role].reshape(len(arrays[role]), -1, _WIDTHS[role])
     if "motion_body_ori_b" in arrays:
@@ -278,7 +293,7 @@ def _episode(
         times=columns["timestamp"],
         joints=arrays.get("joint_pos"),
         joint_velocity=arrays.get("joint_vel"),
-        joint_names=joints if places else None,
+        joint_names=joints if is_named else None,
         bodies=np.concatenate([arrays[place], arrays[turn]], axis=-1) if place in arrays else None,
         body_names=heads if heads and all(heads) else None,
         frame=frame,

@@ -138,7 +138,8 @@ class EpisodeBatch:
                 if metric.summary != "episode" and metric.name in rows:
                     values = rows[metric.name][:, i]
                     values = values[~np.isnan(values)]  # in one piece: sums in one order, whatever N is
-                    episode[metric.name] = float(rms(values) if metric.summary == "rms" else values.mean())
+                    if values.size:
+                        episode[metric.name] = float(rms(values) if metric.summary == "rms" else values.mean())
             for axis, name in enumerate(REACHED):
                 if case.moves[axis]:
                     episode[name] = min(float(rows["velocity"][:, i, axis].mean() / command[axis]), 1.0)

@@ -26,6 +26,11 @@ def print_results(console: Console, results: Results) -> None:
             soft_wrap=True,
             markup=False,
         )
+        made, now = baseline.versions, results.candidates[0].run.versions
+        if other := [
+            f"{name} {made[name]}, now {now[name]}" for name in made if now.get(name) not in (None, made[name])
+        ]:
+            console.print(f"note: the baseline was made with {'; '.join(other)}", soft_wrap=True, markup=False)
     for candidate in results.candidates:
         run = candidate.run
         passed = "" if baseline is None else "FAIL " if candidate.worse else "PASS "

@@ -50,9 +50,9 @@ def tested(config: RegressConfig) -> Results:
     """
     if not config.policies:
         raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
-    for output, suffix in ((config.json, ".json"), (config.junit, ".xml"), (config.report, ".html")):
-        if output is not None:
-            output_file(output, str(output), suffix, overwrite=config.overwrite)
+    for option, suffix in (("json", ".json"), ("junit", ".xml"), ("report", ".html")):
+        if (output := getattr(config, option)) is not None:
+            output_file(output, f"--{option}", suffix, overwrite=config.overwrite)
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(_chosen(suite, config), folder, config.robot)
     given, paths = list(config.policies), [policy_path(name, "POLICIES") for name in config.policies]
@@ -154,12 +154,13 @@ def stored_baseline(prepared: PreparedSuite, path: Path) -> PolicyRun:
     data = regular_file(path, "a baseline: a file of --json, or a checkpoint (.onnx)").read_bytes()
     try:
         baseline = msgspec.json.decode(data, type=Results).candidates[0].run
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, IndexError) as error:
         raise InputError(f"{path}: is not a file of `regress --json`: {reason_of(error)}") from None
     episodes = tuple(episode for episode in baseline.episodes if episode.case in prepared.digests)
     for name, digest in prepared.digests.items():
         seeds = {episode.seed for episode in episodes if episode.case == name}
         if baseline.case_digests.get(name) != digest or not seeds >= set(range(prepared.suite.seeds)):
-            had = f"its conditions differ, or it has fewer seeds ({len(seeds)})"
+            differ = baseline.case_digests.get(name, digest) != digest
+            had = "its conditions differ" if differ else f"it has {len(seeds)} of {prepared.suite.seeds} seeds"
             raise InputError(f"{path}: is no baseline for case '{name}': {had}; make it again with --json")
     return replace(baseline, episodes=episodes)

@@ -17,7 +17,7 @@ from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.evaluation.step_metrics import METRICS
 from humanoid_sim.robots.schema import NotNegative, Positive
 from humanoid_sim.simulation.randomisation import Randomisation
-from humanoid_sim.strict_yaml import converted, read_yaml
+from humanoid_sim.strict_yaml import converted, read_yaml, require_finite
 
 TaskName = Literal["tracking", "velocity", "piano"]
 REACHED = ("vx_reached", "vy_reached", "yaw_rate_reached")
@@ -106,7 +106,7 @@ class Start(_Part, frozen=True, kw_only=True):
 class Tolerance(_Part, frozen=True, kw_only=True):
     """Worsening against the baseline that a metric may have: the larger of the two."""
 
-    relative: NotNegative = 0.0
+    relative: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     absolute: NotNegative = 0.0
 
 
@@ -150,8 +150,10 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
         named = known_names("suite", name_or_path, known)
         raise InputError(f"--suite: {named}; or a suite's YAML file that exists")
     path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
-    suite = converted(read_yaml(path), Suite, str(path))
+    document = read_yaml(path)
+    suite = converted(document, Suite, str(path))
     with blaming(path, InputError):
+        require_finite(document)
         _check(suite)
     return suite, path.resolve().parent
 

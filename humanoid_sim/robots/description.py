@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import importlib
-import json
 import math
 import os
 import pkgutil
@@ -25,7 +24,7 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, needing, require_known
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings, steps_per_period
-from humanoid_sim.strict_yaml import converted, read_yaml
+from humanoid_sim.strict_yaml import converted, read_yaml, require_finite
 
 __all__ = ["RobotDescription", "load_robot", "with_contract", "with_contract_physics", "with_joint_limits"]
 _PUBLIC = "robot_descriptions:"
@@ -78,8 +77,7 @@ def _public_mjcf(name: str) -> Path:
 
 
 def _described(document: Any, folder: Path) -> RobotDescription:
-    with blaming("holds a number that is not finite", ValueError):
-        json.dumps(document, allow_nan=False, default=str)
+    require_finite(document)
     mjcf = document.get("mjcf") if isinstance(document, dict) else None
     if not isinstance(mjcf, str) or not os.path.isfile(folder / mjcf):
         raise InputError(f"mjcf: is {mjcf!r}, expected the name of an MJCF beside the description")

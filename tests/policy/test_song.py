@@ -4,7 +4,7 @@ import mido
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.song import Note, Song, playable, read_notes, song_motion
+from humanoid_sim.policy.song import Note, Song, load_song, playable, read_notes, song_motion
 from humanoid_sim.robots.description import load_robot
 
 Message, MetaMessage = mido.Message, mido.MetaMessage
@@ -65,9 +65,9 @@ def test_a_key_is_released_before_it_is_struck_again():
 
 def test_what_a_robot_can_play_begins_when_its_hands_are_there():
     song = playable(
-        [Note(39, 0.5, 1.5), Note(41, 0.5, 1.5), Note(43, 1.0, 2.0), Note(2, 2.0, 3.0)], load_robot("lite_piano")
+        [Note(39, 0.5, 1.5), Note(41, 0.5, 1.5), Note(43, 1.0, 2.0), Note(2, 2.0, 3.0)], load_robot("lite_piano").piano
     )
     assert spans(song.notes) == [(39, 1.0, 2.0), (41, 1.0, 2.0)], "two fingers, the highest keys first"
     assert song.names_left_out == "B0, E4"
-    whole = playable([Note(-1, 2.0, 3.0), Note(87, 2.0, 3.0)], load_robot("lite"))
-    assert (spans(whole.notes), [note.key for note in whole.left_out]) == ([(87, 2.0, 3.0)], [-1])
+    with pytest.raises(InputError, match="robot 'lite' has no piano"):
+        load_song("twinkle", load_robot("lite"))

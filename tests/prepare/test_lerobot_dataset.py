@@ -66,7 +66,7 @@ def test_an_episode_becomes_a_motion(tmp_path, capsys, columns, method):
 @pytest.mark.parametrize(
     ("columns", "options", "reason"),
     [
-        ({"qpos.state": Q[:, :13]}, [], f"unknown joint '{lite().joint_names[13]}'"),
+        ({"qpos.state": Q[:, :13]}, [], f"lacks {lite().joint_names[13]}"),
         ({"measured": Q}, [], "holds no motion"),
         (JOINTS | {"body_pos_w": IN_WORLD["body_pos_w"]}, [], "expected both"),
         (JOINTS, ["--episode", "1"], "--episode: is 1, expected one of the 1 episodes"),

@@ -67,7 +67,7 @@ ISAACS_OPTIONS = ["--joint-order", "breadth_first", "--body-order", "breadth_fir
     [
         (ISAACS | {"body_quat_w": np.roll(TURNS[:, BODY_LEVELS], -1, -1)}, ISAACS_OPTIONS),
         (LED, ["--joint-order", ",".join(lite().joint_names[i] for i in LEAD)]),
-        ({"joint_pos": ANGLES[:, LEAD], "joint_names": np.array(lite().joint_names)[LEAD]}, []),
+        ({"joint_pos": ANGLES[:, LEAD], "joint_names": np.array(lite().joint_names, dtype=bytes)[LEAD]}, []),
         ({"joint_pos": np.degrees(ANGLES), "joint_vel": np.degrees(SPEEDS)}, ["--degrees"]),
         (
             {"body_pos_w": POINTS[:, [7, 1]], "body_quat_w": TURNS[:, [7, 1]]},
@@ -79,6 +79,22 @@ ISAACS_OPTIONS = ["--joint-order", "breadth_first", "--body-order", "breadth_fir
 def test_what_the_file_does_not_say_the_options_do(tmp_path, changes, options):
     assert prepare(tmp_path, npz(tmp_path, **changes), *options) == 0
     assert_sample(tmp_path, 1e-5)
+
+
+JUMP = np.where(np.arange(FRAMES)[:, None] == 20, ANGLES + 1.0, ANGLES)
+
+
+@pytest.mark.parametrize(
+    ("changes", "note"),
+    [
+        ({"joint_vel": 0.6 * SPEEDS}, "its joint velocities are 0.60 times its positions' change; is its rate right?"),
+        ({"joint_pos": JUMP, "joint_vel": np.gradient(JUMP, 0.02, axis=0)}, "rad/s after frame 19"),
+    ],
+)
+def test_a_motion_that_fits_but_cannot_be_meant_so_gets_a_note(tmp_path, capsys, changes, note):
+    state = state_of(changes.get("joint_pos", ANGLES).astype(np.float64), SKELETON.bodies)
+    assert prepare(tmp_path, write_npz(tmp_path / "dance.npz", state, **changes)) == 0
+    assert note in capsys.readouterr().out
 
 
 LIFTED = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
@@ -95,7 +111,10 @@ LIFTED = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
         ({"joint_vel": SPEEDS[1:]}, "joint_vel (39, 14), "),
         ({"fps": np.array([0.0])}, "fps is 0"),
         ({"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]}, "--joint-order: contract has 14 names"),
+        ({"fps": np.zeros(0)}, "expected (F, n), (F, n)"),
+        ({"joint_pos": ANGLES[None], "joint_vel": SPEEDS[None]}, "has joint_pos (1, 40, 14)"),
         ({"joint_names": np.array([f"joint_{i}" for i in range(14)])}, "unknown joint 'joint_0'"),
+        ({"joint_names": np.array([lite().joint_names[0]] * 14)}, f"lacks {lite().joint_names[1]}, "),
     ],
 )
 def test_an_npz_that_is_not_this_robots_is_refused(tmp_path, capsys, changes, reason):
@@ -156,8 +175,16 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
             "500 m high",
         ),
         (np.concatenate([BASE, TIMES, ROWS], axis=1), (), BARE, "has 22 columns, expected 14 joints, or 21 with"),
-        (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"has one twice: {lite().joint_names[0]}"),
-        (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), [], "times that increase"),
+        (ROWS[:, 1:], lite().joint_names[1:], NAMED, f"lacks {lite().joint_names[0]}"),
+        (
+            ROWS[:, [*range(14), 3]],
+            lite().joint_names + lite().joint_names[3:4],
+            NAMED,
+            "left_elbow_pitch more than once",
+        ),
+        (ROWS, lite().joint_names, [*NAMED, "--joint-order", "robot"], "--joint-order: is given, but "),
+        (ROWS, lite().joint_names, ["--fps", "1e-9"], "frame 1 comes 1e+09 s after the one before"),
+        (np.concatenate([TIMES[::-1], ROWS], axis=1), ("time", *lite().joint_names), [], "frame 1 comes -0.02 s after"),
     ],
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
@@ -194,13 +221,13 @@ def test_joint_states_of_another_robots_driver(tmp_path, capsys):
     np.testing.assert_allclose(made(tmp_path).frames, joint_frames(lite(), Q_200_HZ[::4]), atol=0.005)
     assert "is a folder of rosbag2, expected the .mcap file in it" in refusal(capsys, tmp_path, path.parent)
     path.write_bytes(b"frames: 3")
-    assert "cannot be read as a recording" in refusal(capsys, tmp_path, path)
+    assert "is not a whole MCAP file of joint states" in refusal(capsys, tmp_path, path)
 
 
 @pytest.mark.parametrize(
     ("joints", "reason"),
     [
-        (lite().joint_names[:-1], f"/states lacks {lite().joint_names[-1]}"),
+        (lite().joint_names[:-1], f"/states: lacks {lite().joint_names[-1]}"),
         ([f"g1/{name}" for name in lite().joint_names], "/states has gripper, g1/left_shoulder_pitch, "),
     ],
 )
@@ -215,7 +242,9 @@ def test_joint_states_of_other_joints(tmp_path, capsys, joints, reason):
         (["--motion", "dance.bvh"], "--motion: is 'dance.bvh', expected"),
         (["--motion", __file__], f"--motion: is '{__file__}', expected"),
         (["--motion", "x.npz", "--song", "ode_to_joy"], "--motion and --song: both are given"),
-        (["--motion", "x.npz", "--fps", "50"], "--fps: is given, but x.npz has times of its own"),
+        (["--motion", "x.npz", "--fps", "50"], "--fps: is given, but x.npz is no .csv"),
+        (["--motion", "x.NPZ", "--episode", "1"], "--episode: is given, but x.NPZ is no dataset"),
+        (["--motion", "x.csv", "--fps", "1e9"], "--fps: is 1e+09, expected"),
         (["--policy", "lite_biped_velocity", "--robot", "lite_biped"], "is a policy of task_type locomotion"),
     ],
 )

@@ -41,5 +41,7 @@ def test_a_song_for_a_policy_has_its_rate(midi, capsys):
     assert run(midi, "--policy", "lite_tracking") == 2
     assert "task_type tracking, expected piano" in capsys.readouterr().err
     assert not (midi.parent / "out").exists()
+    assert run(midi, "--policy", "lite_piano", "--fps", "10") == 2
+    assert "--fps: is given" in capsys.readouterr().err
     assert run(midi, "--policy", "lite_piano", "--name", "low") == 0
     assert read_motion(midi.parent / "out" / "low.mcap").policy_dt == 0.02

@@ -108,25 +108,35 @@ def test_python_gives_the_same_verdict(suite, base):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--json", "out.txt"), "out.txt: is 'out.txt', expected a name that ends in .json"),
+        (("--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
         (("--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave, drum"),
         (("--seeds", "5", "--baseline", SAMPLE), "--seeds: is 5, expected at least 1, and 6 with a --baseline"),
         (("--baseline", "there.json"), "there.json: is not a file of `regress --json`"),
+        (("--baseline", "empty.json"), "empty.json: is not a file of `regress --json`"),
     ],
 )
-def test_options_that_cannot_be_used_are_one_line(suite, options, message, tmp_path, monkeypatch, capsys):
+def test_options_that_cannot_be_used_are_one_line(suite, base, options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.json").write_text("{}")
+    (tmp_path / "empty.json").write_text(base.read_text().split('"candidates"')[0] + '"candidates": []}')
     assert run_program(main, [str(SAMPLE), "--suite", suite, *map(str, options)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"error: {message}")
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "options"),
-    [("mass: [0.9", "mass: [0.8", ()), ("name: wave", "name: circle", ()), ("", "", ("--seeds", "7"))],
+    ("before", "after", "options", "reason"),
+    [
+        ("mass: [0.9", "mass: [0.8", (), "its conditions differ"),
+        ("name: wave", "name: circle", (), "it has 0 of 6 seeds"),
+        ("", "", ("--seeds", "7"), "it has 6 of 7 seeds"),
+    ],
 )
-def test_a_baseline_of_another_suite_or_with_fewer_seeds_is_refused(before, after, options, base, tmp_path, capsys):
+def test_a_baseline_of_another_suite_or_with_fewer_seeds_is_refused(
+    before, after, options, reason, base, tmp_path, capsys
+):
     suite = yaml_suite(tmp_path, SHORT.replace(before, after))
     assert run_program(main, [str(SAMPLE), "--suite", str(suite), "--baseline", str(base), *options]) == 2
-    assert f"{base}: is no baseline for case '" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"{base}: is no baseline for case '" in error
+    assert reason in error

@@ -34,6 +34,8 @@ def test_a_suite_of_ones_own(tmp_path):
         ("name: drum", "name: wave", "cases: are named wave, wave, expected"),
         ("duration: 0.2", "duration: -1", "cases[0].duration: Expected `float` > 0.0"),
         ("motion: wave", "command: [1, 0, 0]", "cases[0]: gives command, expected a motion"),
+        ("duration: 0.2", "duration: .inf", "holds a number that is not finite"),
+        ("{relative: 0.05}", "{relative: 5}", "relative: Expected `float` <= 1.0"),
         ("effort:", "elbow_error:", "tolerances: unknown metric 'elbow_error'"),
         ("{relative: 0.05}", "{relative: -1}", "relative: Expected `float` >= 0.0"),
         ("mass: [0.9, 1.1]", "weight: [1, 1]", "unknown field 'weight'"),
