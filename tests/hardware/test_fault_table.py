@@ -1,4 +1,4 @@
-"""Every fault of mock motors in every mode, in virtual time: the flag that the operator sees, and s until DAMPING."""
+"""Every fault in every mode, in virtual and in real time: the flag that the operator sees, and s until DAMPING."""
 
 import contextlib
 import threading
@@ -19,12 +19,14 @@ from humanoid_sim.hardware import can_bus
 from humanoid_sim.hardware.can_bus import frame_of, message_of
 from humanoid_sim.hardware.mock.faults import FAULTS, Fault
 from humanoid_sim.hardware.mock.motors import MockMotors
+from humanoid_sim.hardware.mock.server import MockServer
 from humanoid_sim.hardware.robot import HardwareRobot
 from humanoid_sim.hardware.robstride.protocol import FrameType
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, TickInput
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
@@ -120,17 +122,20 @@ class Rig:
     """A robot, its motors and the loop; nothing waits for a clock, so that no machine is too slow."""
 
     def __init__(self):
-        description = lite()
-        self.mock = MockMotors(description)
+        self.mock = MockMotors(lite())
         self.bus = VirtualBus(self.mock)
+        self._assemble(lambda: self.mock.time, lambda _: self.bus)
+
+    def _assemble(self, clock, open_bus):
+        description = lite()
         self.robot = HardwareRobot(
             description,
             ["virtual:faults"],
             calibration=dict.fromkeys(description.joint_names, 0.0),
             control_period=PERIOD,
             can_timeout=CAN_TIMEOUT,
-            clock=lambda: self.mock.time,
-            open_bus=lambda _: self.bus,
+            clock=clock,
+            open_bus=open_bus,
         )
         checkpoint = placeholder_checkpoint(description)
         policy = load_policy(checkpoint.contract, checkpoint.policy, None)
@@ -144,20 +149,32 @@ class Rig:
 
     def __exit__(self, *_):
         self.bus.runs = True
-        self.mock.clear_faults()
+        self._close()
+        self.bus.shutdown()
+
+    def _close(self):
+        self.call(lambda mock: mock.clear_faults())
         with contextlib.suppress(RobotError):  # a motor that is silent confirms nothing
             self.robot.close()
-        self.bus.shutdown()
+
+    def call(self, action):
+        action(self.mock)
+
+    def wait(self, duration):
+        self.bus.advance(duration)
+
+    def write(self, command):
+        sent = self.bus.attempts
+        self.robot.write(command)
+        until(lambda: self.bus.attempts >= sent + len(self.robot.joints))
 
     def tick(self, *intents):
         """One turn of the loop, a period after the last."""
-        self.bus.advance(PERIOD)
+        self.wait(PERIOD)
         state, safety = self.robot.read()
         remote = RemoteCommand(mit_command(lite().initial_position, 50.0, 2.0), float(state.time))
         self._memory, output = self._supervisor.step(self._memory, TickInput(state, safety, intents, remote))
-        sent = self.bus.attempts
-        self.robot.write(output.command)
-        until(lambda: self.bus.attempts >= sent + len(self.robot.joints))
+        self.write(output.command)
         flags = SafetyFlag.NONE
         for status in safety:
             flags |= status.flags
@@ -177,24 +194,65 @@ class Rig:
 
     def inject(self, fault):
         """Let a fault begin within the next period; returns when, s, robot's clock."""
-        began = self.mock.time + 0.007
-        self.mock.inject(replace(fault, start=began))
+        began = self.robot.time + 0.007
+        self.call(lambda mock: mock.inject(replace(fault, start=mock.time + 0.007)))
         return began
 
     def is_harmless(self, only=()):
         """Whether no motor that still has power pulls anywhere; `only`: of these joints."""
-        motors = zip(self.mock.names, self.mock.motors, self.mock.has_power, strict=True)
-        drives = [motor.drive() for name, motor, power in motors if power and (not only or name in only)]
+        drives = []
+
+        def look(mock):
+            motors = zip(mock.names, mock.motors, mock.has_power, strict=True)
+            drives.extend(motor.drive() for name, motor, power in motors if power and (not only or name in only))
+
+        self.call(look)
         return not any(drive.stiffness > 0.0 or drive.effort != 0.0 for drive in drives)
 
 
+class RealRig(Rig):
+    """In real time, with motors on a thread of their own, as `play --hardware virtual:mock` has them."""
+
+    def __init__(self):
+        self._measures, self._deadline = contextlib.ExitStack(), 0.0
+        with punctual_threads(behind=10):
+            motors = self._measures.enter_context(MockServer(lite(), ["virtual:faults"]))
+        self._measures.enter_context(real_time())
+        self.call = motors.call
+        self._assemble(motors.clock, can_bus.open_bus)
+
+    def __enter__(self):
+        self.robot.activate()
+        return self
+
+    def __exit__(self, *_):
+        self._close()
+        self._measures.close()
+
+    def wait(self, duration):
+        self._deadline = max(self._deadline, time.monotonic() - PERIOD) + duration
+        time.sleep(max(self._deadline - time.monotonic(), 0.0))
+
+    def write(self, command):
+        self.robot.write(command)
+
+
 @pytest.fixture
-def rig(monkeypatch):
+def virtual(monkeypatch):
     short_waits(monkeypatch, answers=0.3, listening=0.005)
     rig = Rig()
     stamps = SimpleNamespace(time=lambda: rig.mock.time, monotonic=time.monotonic, sleep=time.sleep)
     monkeypatch.setattr(can_bus, "time", stamps)
     with rig:
+        yield rig
+
+
+@pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.soak)])
+def rig(request):
+    if request.param == "virtual":
+        yield request.getfixturevalue("virtual")
+        return
+    with RealRig() as rig:
         yield rig
 
 
@@ -212,7 +270,7 @@ def test_a_fault_ends_in_damping(name, mode, rig):
     assert rig.is_harmless() == (mode is harmless), "there is something to fall"
     began = rig.robot.time
     if fault is None:
-        rig.bus.advance(STANDSTILL)
+        rig.wait(STANDSTILL)
     else:
         began = rig.inject(replace(fault, duration=longest))
     ticks = [rig.tick() for _ in range(round((longest + AFTERWARDS) / PERIOD))]
@@ -244,7 +302,7 @@ def test_a_few_lost_frames_are_tolerated(rig):
     assert {tick.mode for tick in ticks} == {Mode.LOCOMOTION}
 
 
-def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_on(rig, monkeypatch):
+def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_on(virtual, monkeypatch):
     clears = []
 
     def lossy(message, timeout=None):
@@ -255,10 +313,10 @@ def test_a_clear_that_is_lost_is_sent_again_though_reports_of_an_earlier_run_go_
         if kind != FrameType.ACTIVE_REPORT and not (is_clear and len(clears) == 1):
             send(message, timeout)
 
-    rig.reach(Mode.DAMPING)
-    rig.inject(Fault("motor_fault", ELBOW, duration=0.01))
-    assert not [rig.tick(), rig.tick()][-1].is_ok
-    send, rig.bus.runs = rig.bus.send, True
-    monkeypatch.setattr(rig.bus, "send", lossy)
-    rig.robot.activate()
-    assert "had faults, cleared: " in "".join(rig.robot.checks.of("warning"))
+    virtual.reach(Mode.DAMPING)
+    virtual.inject(Fault("motor_fault", ELBOW, duration=0.01))
+    assert not [virtual.tick(), virtual.tick()][-1].is_ok
+    send, virtual.bus.runs = virtual.bus.send, True
+    monkeypatch.setattr(virtual.bus, "send", lossy)
+    virtual.robot.activate()
+    assert "had faults, cleared: " in "".join(virtual.robot.checks.of("warning"))
