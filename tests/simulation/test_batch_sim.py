@@ -3,11 +3,13 @@
 import mujoco
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from humanoid_sim.assets import shipped
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import SimConfig
@@ -65,14 +67,22 @@ def assert_equal(batch, i, robot):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance, err_msg=name)
 
 
-@pytest.mark.parametrize("name", shipped("robots"))
-def test_a_shipped_robot_moves_as_the_reference_does(name):
-    robot = load_robot(name)
+def measured(robot):
+    """The robot, with joints of another dynamics than its MJCF's."""
+    dynamics = JointDynamics(armature=0.015, friction=0.3, damping=0.1, torque_scale=0.9, delay=0.005)
+    return replace(robot, joints=tuple(replace(joint, dynamics=dynamics) for joint in robot.joints))
+
+
+ROBOTS = {name: load_robot(name) for name in shipped("robots")}
+
+
+@pytest.mark.parametrize("robot", [*ROBOTS.values(), measured(ROBOTS["lite"])], ids=[*ROBOTS, "measured"])
+def test_a_robot_moves_as_the_reference_does(robot):
     config = SimConfig(
         anchor_body=robot.hands[0],
         bodies=robot.hands,
         velocity_at=("imu",),
-        height_scan=HeightScan(resolution=0.4) if robot.is_floating else None,
+        height_scan=HeightScan(at=robot.hands[0], resolution=0.4) if robot.is_floating else None,
     )
     alone, batch = SimRobot(robot, config), BatchSim(robot, 2, config, threads=1)
     alone.reset()

@@ -1,4 +1,4 @@
-"""Height scans against ground whose height is known by formula, for one robot, for a batch, and around any frame."""
+"""Height scans against ground whose height is known by formula, around any frame."""
 
 import math
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.contract import HeightScan
-from humanoid_sim.simulation.batch_sim import BatchSim
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.model import SimConfig, base_body, build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
@@ -107,18 +106,3 @@ def test_it_lies_around_any_frame_of_the_robot(walker, at, offset):
     ground = np.where(x + offset[0] >= 0.0, 0.25, 0.0)
     assert live.value == pytest.approx(1.0 + offset[2] - ground)
     assert live.arrival_time == 0.0
-
-
-@pytest.mark.parametrize("at", ["base", "eye", "leg", "imu"])
-def test_a_batch_scans_bit_for_bit_what_one_robot_scans(walker, at):
-    config, robot = SimConfig(height_scan=HeightScan(at=at)), walker("")
-    batch, one = BatchSim(robot, 5, config, threads=2), SimRobot(robot, config)
-    generator = np.random.default_rng(0)
-    qpos = np.tile(one.qpos, (5, 1))
-    qpos[:, :2] += generator.uniform(-8.0, 8.0, (5, 2))
-    qpos[:, 3:7] = generator.normal(size=(5, 4))
-    batch.reset(qpos=qpos, qvel=np.zeros((5, one.model.nv)))
-    seen = batch.state().extern["height_scan"].value
-    for i in range(5):
-        one.reset(qpos[i])
-        assert np.array_equal(seen[i], one.state().extern["height_scan"].value)

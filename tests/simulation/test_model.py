@@ -1,8 +1,10 @@
 import mujoco
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.model import base_body, build_model
 
 WITH_ACTUATORS = """
@@ -41,6 +43,9 @@ def test_options():
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
     assert model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     assert build_model(load_robot("lite"), physics_timestep=0.001).opt.timestep == 0.001
+    assert model.geom("floor").type[0] == mujoco.mjtGeom.mjGEOM_PLANE
+    assert model.geom("floor").pos.tolist() == [0.0, 0.0, robot.simulation.floor_height]
+    assert model.nlight == 1
 
 
 def test_the_models_own_actuation_goes_and_limits_are_the_descriptions_whatever_the_models_unit(small_robot):
@@ -73,3 +78,27 @@ def test_the_joints_own_damping(small_robot, decision, hinge):
     model = build_model(small_robot(mjcf, ("hinge",), simulation=simulation))
     assert model.dof_damping[model.joint("hinge").dofadr[0]] == hinge
     assert model.dof_damping[model.joint("free_wheel").dofadr[0]] == 0.2
+
+
+def test_measured_joints_take_the_place_of_the_mjcf_s(small_robot):
+    robot = small_robot()
+    measured = [JointDynamics(armature=0.015, friction=0.3, damping=0.1), JointDynamics(torque_scale=0.5)]
+    joints = (replace(joint, dynamics=own) for joint, own in zip(robot.joints, measured, strict=True))
+    simulation = replace(robot.simulation, joint_damping="drop")
+    model = build_model(replace(robot, joints=tuple(joints), simulation=simulation))
+    shoulder, elbow = (model.joint(name).dofadr[0] for name in robot.joint_names)
+    found = model.dof_armature[shoulder], model.dof_frictionloss[shoulder], model.dof_damping[shoulder]
+    assert found == (0.015, 0.3, 0.1)
+    assert model.dof_armature[elbow] == build_model(robot).dof_armature[elbow], "what is not measured stays"
+
+
+@pytest.mark.parametrize(("robot", "scenes"), [("lite", (True, "floor", False)), ("lite_biped", (True, "floor"))])
+def test_the_scene_does_not_change_the_dynamics(robot, scenes):
+    ends = []
+    for scene in scenes:
+        model = build_model(load_robot(robot), scene=scene)
+        assert scene is True or (model.nlight, model.ntex) == (0, 0)
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 400)
+        ends.append((data.qpos.tolist(), data.qvel.tolist()))
+    assert ends[1:] == [ends[0]] * (len(scenes) - 1)

@@ -5,6 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, mit_torque
 from humanoid_sim.robots.description import load_robot
@@ -40,27 +41,33 @@ def test_it_starts_at_rest_in_the_initial_position():
     assert (status.source, status.is_ok) == ("mujoco", True)
 
 
-@pytest.mark.parametrize("joints", [("shoulder", "elbow"), ("elbow", "shoulder")])
-def test_the_torque_is_that_of_the_law_whatever_the_joints_order(small_robot, joints):
+def with_dynamics(robot, **dynamics):
+    joints = (msgspec.structs.replace(joint, dynamics=JointDynamics(**dynamics)) for joint in robot.joints)
+    return msgspec.structs.replace(robot, joints=tuple(joints))
+
+
+def late(robot, steps):
+    """A robot whose motors answer after so many physics steps of 1 ms."""
+    return with_dynamics(robot, delay=1e-3 * steps)
+
+
+@pytest.mark.parametrize(
+    ("joints", "scale"), [(("shoulder", "elbow"), 1.0), (("elbow", "shoulder"), 1.0), (("shoulder", "elbow"), 0.5)]
+)
+def test_the_torque_is_that_of_the_law_whatever_the_joints_order(small_robot, joints, scale):
     description = small_robot(joints=joints, simulation={"physics_timestep": 0.001, "control_frequency": 1000})
-    robot = SimRobot(description)
+    robot = SimRobot(with_dynamics(description, torque_scale=scale))
     for command in commands(50):
         state, _ = robot.read()
-        expected = mit_torque(command, state.joint_position, state.joint_velocity, description.effort_limit)
+        expected = scale * mit_torque(command, state.joint_position, state.joint_velocity, description.effort_limit)
         robot.write(command)
         assert robot.read()[0].joint_effort.tolist() == expected.tolist()
         dofs = [robot.model.joint(name).dofadr[0] for name in joints]
         assert robot.data.qfrc_applied[dofs].tolist() == expected.tolist()
     zeros = np.zeros(2)
     robot.write(MITCommand(zeros, zeros, np.array([100.0, -100.0]), zeros, zeros))
-    assert robot.read()[0].joint_effort.tolist() == [5.0, -5.0]
+    assert robot.read()[0].joint_effort.tolist() == [5.0 * scale, -5.0 * scale]
     assert robot.read()[0] is robot.read()[0]
-
-
-def late(robot, steps):
-    """A robot whose motors answer after so many physics steps of 1 ms."""
-    joints = tuple(msgspec.structs.replace(joint, dynamics=JointDynamics(delay=1e-3 * steps)) for joint in robot.joints)
-    return msgspec.structs.replace(robot, joints=joints)
 
 
 @pytest.mark.parametrize("delay", [0, 2, 5, 12])
@@ -128,3 +135,30 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot, tmp_pa
     assert robot.read()[1][0].is_ok
     assert capfd.readouterr() == ("", "")
     assert set(tmp_path.iterdir()) == files  # MuJoCo would write MUJOCO_LOG.TXT
+
+
+def test_a_push_speeds_the_whole_robot_up():
+    robot = SimRobot(load_robot("lite_biped"))
+    robot.reset(np.r_[0.0, 0.0, 5.0, robot.qpos[3:]])  # high above the floor, where nothing else pushes it
+    for tick in range(32):
+        if tick == 10:
+            robot.push(0.5, -0.25)
+        robot.write(MITCommand.zeros(14))
+    mujoco.mj_subtreeVel(robot.model, robot.data)
+    assert np.allclose(robot.data.subtree_linvel[0][:2], [0.5, -0.25], atol=1e-3)
+    assert not robot.data.xfrc_applied.any()
+    robot.push(0.5, 0.0)
+    robot.activate()
+    robot.write(MITCommand.zeros(14))
+    assert not robot.data.xfrc_applied.any()
+
+
+def test_a_robot_whose_base_is_fixed_is_pushed_at_a_body():
+    robot = SimRobot(load_robot("lite"))
+    body = robot.model.body(robot.pushable[3])
+    for speed, name, message in ((1.0, "", "unknown body ''"), (11.0, body.name, "within ±10")):
+        with pytest.raises(InputError, match=message):
+            robot.push(0.0, speed, name)
+    robot.push(0.0, 1.0, body.name)
+    robot.write(MITCommand.zeros(14))
+    assert robot.data.xfrc_applied[body.id][1] == pytest.approx(body.subtreemass[0] / 0.1)

@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.simulation.stance import Floor, clearance
+from humanoid_sim.simulation.stance import Floor
 
 BALL = '<body name="ball" pos="0 0 {z}"><freejoint/><geom size="0.1" mass="2"/></body>'
 PLANE, STEP = '<geom type="plane" size="1 1 1"/>', '<geom type="box" size="1 1 0.1" pos="5 0 0.1" rgba="0 0 0 0"/>'
@@ -30,11 +30,3 @@ def world(geoms, z=1.0):
 )
 def test_the_level_of_the_floor(geoms, z, points, found):
     assert Floor(world(geoms, z)).level(np.array(points)).tolist() == pytest.approx(found)
-
-
-@pytest.mark.parametrize("floor", [0.0, -0.7, 2.0])
-@pytest.mark.parametrize("hung", [0.0, 0.4, -0.05])
-def test_the_clearance_is_that_of_the_lowest_part(floor, hung):
-    pose = np.array([0.0, 0.0, floor + 0.1 + hung, 1.0, 0.0, 0.0, 0.0])
-    assert clearance(world(f'<geom type="plane" size="0 0 1" pos="0 0 {floor}"/>'), pose) == pytest.approx(hung)
-    assert clearance(world(""), pose) == 0.0
