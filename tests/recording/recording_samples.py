@@ -1,8 +1,6 @@
-"""Sample headers and ticks, Hypothesis strategies for them, and what makes two of them the same bit for bit."""
+"""Sample headers and ticks, and Hypothesis strategies for them."""
 
-import dataclasses
 import struct
-from collections.abc import Mapping
 
 import numpy as np
 from hypothesis import strategies as st
@@ -14,21 +12,6 @@ from humanoid_sim.recording.recorder import McapRecorder
 JOINTS = ("shoulder", "elbow", "wrist")
 START_NS = 1_700_000_000_000_000_000
 PERIOD = 0.005
-
-
-def bits(value):
-    """A value that is equal for two objects exactly if they are the same bit for bit."""
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
-    if isinstance(value, float):
-        return struct.pack("<d", value)
-    if isinstance(value, Mapping):
-        return [(name, bits(item)) for name, item in value.items()]
-    if isinstance(value, tuple):
-        return [bits(item) for item in value]
-    if dataclasses.is_dataclass(value):
-        return type(value).__name__, [bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    return type(value).__name__, value
 
 
 def make_header(**changes) -> messages.SessionHeader:

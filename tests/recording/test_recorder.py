@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, write_recording
+from recording_samples import START_NS, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, EventKind, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
@@ -16,6 +17,7 @@ from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording import sink
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.testing.properties import fingerprint
 
 
 def read_topics(path):
@@ -38,7 +40,7 @@ def test_all_ticks_and_the_header_come_back(tmp_path):
     recording = open_recording(tmp_path / "run.mcap")
     assert recording.header == make_header()
     entries = list(recording.entries())
-    assert [bits(entry) for entry in entries[:-1]] == [bits(tick) for tick in ticks]
+    assert [fingerprint(entry) for entry in entries[:-1]] == [fingerprint(tick) for tick in ticks]
     assert entries[-1] == Event(0.6, "the hand let go")
     assert recording.is_complete
     assert recording.damage == ""
@@ -56,9 +58,6 @@ def test_an_independent_reader_sees_the_topics(tmp_path):
 
     every_fourth = ticks[::4]
     assert [time_ns for time_ns, _ in topics["/lite/joint_states"]] == [START_NS + 20_000_000 * k for k in range(20)]
-    for (_, message), tick in zip(topics["/lite/joint_states"], every_fourth, strict=True):
-        assert tuple(message.name) == JOINTS
-        assert np.array_equal(message.effort, tick.input.state.joint_effort)
     for (_, message), tick in zip(topics["/mit_command"], every_fourth, strict=True):
         assert np.array_equal(message.damping, tick.output.command.damping)
     standby = [message.is_finished for _, message in topics["/standby_controller_a/state"]]
@@ -73,13 +72,6 @@ def test_an_independent_reader_sees_the_topics(tmp_path):
         len(topics[name]) for name in ("/control_mode", "/remote_policy_controller/command", "/humanoid_sim/tick")
     ]
     assert counts == [20, 1, 80]
-
-
-def wait_until(condition, seconds=60.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.005)
 
 
 def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
@@ -109,7 +101,7 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
     assert told == [recorder.error]
     recorder.close()
     read = list(open_recording(tmp_path / "run.mcap").ticks())
-    assert [bits(tick) for tick in read] == [bits(make_tick(index)) for index in range(len(read))]
+    assert [fingerprint(tick) for tick in read] == [fingerprint(make_tick(index)) for index in range(len(read))]
     assert len(read) > 0
 
 
@@ -133,7 +125,7 @@ def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeyp
         recorder.tick(make_tick(index))
     assert recorder.lost == 11
     may_write.set()
-    wait_until(lambda: not recorder._queue)
+    until(lambda: not recorder._queue)
     recorder.tick(make_tick(20))
     recorder.close()
     entries = list(open_recording(tmp_path / "run.mcap").entries())

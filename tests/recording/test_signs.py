@@ -5,12 +5,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickRecord
 from humanoid_sim.record import main as record_main
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.recording.signs import judge_signs
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import SimConfig
@@ -28,8 +28,7 @@ def recorded(path, *, mirrored=(), ticks=262):
     supervisor = build_supervisor(LITE, PERIOD, None)
     plant = SimRobot(LITE, SimConfig(control_period=PERIOD))
     plant.activate()
-    memory, recorder = supervisor.initial(), McapRecorder(path)
-    recorder.start(run_header(LITE, PERIOD, None, settings={}))
+    memory, records = supervisor.initial(), []
 
     def flipped(value, prefix=""):
         names = (f"{prefix}{name}" for name in ("position", "velocity", "effort"))
@@ -40,10 +39,10 @@ def recorded(path, *, mirrored=(), ticks=262):
         intents = {1: (Intent.DAMP,), 2: (Intent.LOAD_A,)}.get(index, ())
         tick_input = TickInput(flipped(state, "joint_"), (SafetyStatus(),), intents, None)
         memory, output = supervisor.step(memory, tick_input)
-        recorder.tick(TickRecord(index, tick_input, output, 0.0, False))
+        records.append(TickRecord(index, tick_input, output, 0.0, False))
         plant.write(flipped(output.command))
     plant.close()
-    recorder.close()
+    write_recording(path, records, run_header(LITE, PERIOD, None, settings={}))
     return path
 
 
