@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 
 import pytest
@@ -21,11 +20,6 @@ def test_sample_policies_go_by_name_and_files_by_path(tmp_path, monkeypatch):
     assert policy_path("lite_piano") == ASSETS / "policies" / "lite_piano.onnx"
     assert policy_path("missing.onnx") == Path("missing.onnx")  # whoever opens it says so
     assert policy_path("runs/lite_piano") == Path("runs/lite_piano")
-    message = (
-        "unknown policy 'lite-pino' (did you mean 'lite_piano'?); known: lite_biped_velocity, lite_piano, lite_tra"
-    )
-    with pytest.raises(InputError, match="^" + re.escape(f"--policy: {message}")):
-        policy_path("lite-pino")
     with pytest.raises(InputError, match=r"^--baseline: unknown policy 'xyz'; known: .*, other; or a file that exists"):
         policy_path("xyz", "--baseline", also=("other",))
     (tmp_path / "lite_tracking").mkdir()

@@ -6,12 +6,12 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from local_session import ticking
 
 from humanoid_sim import client, ros2_services
 from humanoid_sim.ros2_services import SERVICES, answer, loopback_environment
@@ -21,13 +21,8 @@ FILE = Path(ros2_services.__file__)
 
 def told(local, word, process=None, **options):
     """The answer of a session that ticks meanwhile."""
-    answers = []
-    thread = threading.Thread(target=lambda: answers.append(answer(word, process, **options)))
-    thread.start()
-    while thread.is_alive():
-        local.tick()
-        thread.join(0.002)
-    return answers[0]
+    with ticking(local):
+        return answer(word, process, **options)
 
 
 def test_the_names_are_those_of_the_original():

@@ -19,6 +19,7 @@ REFUSED = {
     "play --policy lite_biped_velocity": "--robot: policy on robot 'lite': …",
     "play --policy lite_tracking --policy lite_tracking": "--policy: lite_tracking, lite_tracking are not different …",
     "play --policy lite_tracking --policy none": "--policy: several are given, expected none of them to be 'none', …",
+    "play --robot lite_biped --policy lite_biped_velocity --command 2,0,0": "--command: vx is 2 m/s, expected …",
     "play --robot lite_bipd": "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, …",
     "play --robot lite_piano --motion twinkl": "--motion: unknown song 'twinkl' (did you mean 'twinkle'?); known: …",
     "play --hardware virtual:lite --accept-firmware 0.5 --dry-run": "firmware version: is '0.5', expected four…",

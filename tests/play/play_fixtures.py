@@ -2,19 +2,44 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from result import Document, Result
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
-from humanoid_sim.messages import TickRecord
+from humanoid_sim.messages import Event, TickRecord
 from humanoid_sim.play import main
 from humanoid_sim.recording.reader import open_recording
+
+Document = dict[str, Any]
+
+
+@dataclass
+class Result:
+    """Status, output and files of one run."""
+
+    status: int
+    out: str
+    err: str
+    folder: Path
+    ticks: list[TickRecord] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    summary: Document = field(default_factory=dict)
+
+    @property
+    def modes(self) -> list[str]:
+        """The modes in the order in which they were entered."""
+        return [span["mode"] for span in self.summary["modes"]]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why each was entered."""
+        return [span["reason"] for span in self.summary["modes"]]
 
 
 @pytest.fixture
@@ -71,7 +96,7 @@ def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Result
         if record and (folder / "r.mcap").exists():
             recording = open_recording(folder / "r.mcap")
             for entry in recording.entries():
-                (result.ticks if isinstance(entry, TickRecord) else result.events).append(entry)  # type: ignore[arg-type]
+                (result.ticks if isinstance(entry, TickRecord) else result.events).append(entry)
             assert recording.is_complete
         if record and (folder / "s.json").exists():
             result.summary = json.loads((folder / "s.json").read_text(encoding="utf-8"))

@@ -1,6 +1,6 @@
 """A robot with a piano whose standby pose holds one key down."""
 
-from result import Document
+from play_fixtures import Document
 
 from humanoid_sim.robots.description import load_robot
 

@@ -3,17 +3,43 @@
 import json
 
 import mido
+import numpy as np
 import pytest
-from play_fixtures import quick_robot
-from two_keys import two_key_policy
+from models import contract_of, linear_model, saved
 
 from humanoid_sim import record
 from humanoid_sim.cli import run_program
+from humanoid_sim.policy.readers.own import write_metadata
+from humanoid_sim.robots.description import load_robot
+
+_KEYS = (34, 53)
+"""G3 for the left hand, D5 for the right."""
+_ABOVE = (-0.4768, 0.0310, -1.0887, -2.0515, -0.0761, 0.2430, -0.3723)
+"""rad, commands that hold the left finger 6 mm above its key; the right arm's are mirrored."""
+_DOWN = (-0.4452, -0.0303, -1.1206, -1.9981, -0.0772, 0.2643, -0.3491)
+"""rad, commands that press it to 0.9 of its travel."""
+_MIRRORED = (1, -1, -1, 1, -1, 1, -1)
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
-    return two_key_policy(tmp_path_factory.mktemp("policy") / "two_keys.onnx")
+    """It presses each of two keys, one a hand, while the song asks for it: action = their goals, each times a pose."""
+    robot = load_robot("lite_piano")
+    above = np.concatenate([_ABOVE, np.multiply(_MIRRORED, _ABOVE)])
+    down = np.concatenate([_DOWN, np.multiply(_MIRRORED, _DOWN)])
+    weights = np.zeros((2 * 88, robot.joint_count), dtype=np.float32)
+    for key, arm in zip(_KEYS, (slice(0, 7), slice(7, 14)), strict=True):
+        weights[key, arm] = (down - above)[arm]
+    contract = contract_of(
+        robot.joint_names,
+        task_type="piano",
+        joint_stiffness=robot.stiffness,
+        joint_damping=robot.damping,
+        default_joint_pos=above,
+        observation=("target_keys", "key_pressed"),
+    )
+    path = tmp_path_factory.mktemp("policy") / "two_keys.onnx"
+    return saved(path, linear_model(write_metadata(contract), matrix=weights))
 
 
 def saved_song(path, *voices):
@@ -38,9 +64,8 @@ def song(tmp_path):
     return saved_song(path, [(74, 0), (74, 2), (108, 3), (74, 5, 2)], [(55, 1, 2), (55, 4), (57, 5)])
 
 
-def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd):
-    robot = quick_robot(tmp_path, "lite_piano")
-    result = run("--robot", robot, "--policy", str(policy), "--motion", str(song), "--html", "none")
+def test_a_song_is_played_and_scored(run, make_robot, policy, song, capfd):
+    result = run("--robot", make_robot("lite_piano"), "--policy", str(policy), "--motion", str(song), "--html", "none")
     assert result.status == 0
     assert "left out of the song, beyond reach or more notes at a time than fingers: C8" in result.out
     found = result.summary["piano"]
