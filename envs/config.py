@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from humanoid_sim import mit
-from humanoid_sim.assets import motion_path, policy_path, shipped
+from humanoid_sim.assets import motion_path, policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
@@ -176,6 +176,6 @@ def motion_of(motion: Named | Motion | None, checkpoint: Checkpoint, robot: Robo
         raise InputError(f"motion: is '{motion}', but {checkpoint.source} follows no motion")
     if motion is None or isinstance(motion, Motion):
         return motion
-    if task_type == "piano" and (str(motion) in shipped("songs") or str(motion).endswith((".mid", ".midi"))):
+    if task_type == "piano" and not str(motion).endswith(".mcap"):
         return song_motion(load_song(str(motion), robot, what="motion"), checkpoint.contract.policy_dt, robot)
     return read_motion(motion_path(str(motion)))

@@ -99,7 +99,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         `options` takes a `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
         """
         super().reset(seed=seed)
-        given = reset_options(options, ("command",))
+        given = reset_options(options, {"command": 3})
         self._velocity = velocity_option(given.get("command", np.zeros(3)))[0]
         self.robot.relaunch()
         self._memory, self._steps = self.supervisor.initial(), 0
@@ -168,7 +168,7 @@ class ModesVectorEnv(VectorEnv[dict[str, Any], npt.NDArray[Any], Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Relaunch all; `options` has one `command`, or one for each environment. Nothing is random."""
         super().reset(seed=seed if isinstance(seed, int) else None)
-        given = reset_options(options, ("command",))
+        given = reset_options(options, {"command": 3})
         self._velocity = velocity_option(given.get("command", np.zeros(3)), self.num_envs)
         self._memories = [self.supervisor.initial()] * self.num_envs
         self._begin(np.ones(self.num_envs, dtype=np.bool_))

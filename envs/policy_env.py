@@ -65,7 +65,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; the same seed gives the same start. Raises `InputError` for an option that is not known."""
         super().reset(seed=seed)
-        scenario, given = self.scenario, reset_options(options, ("command", "qpos", "qvel", "warmstart"))
+        scenario, model = self.scenario, self.robot.model
+        given = reset_options(options, {"command": 3, "qpos": model.nq, "qvel": model.nv, "warmstart": model.nv})
         if self._randomisation.differs:
             self.robot.vary(self._randomisation, self.np_random)
         start = scenario.starts(self.np_random.random(scenario.starts.draws))

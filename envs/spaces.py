@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary
 
 from humanoid_sim.controllers.fsm import merge_safety
 from humanoid_sim.controllers.policy_step import PolicyWiring
-from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickOutput
 from humanoid_sim.mit import Float32Array, FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription
@@ -53,21 +53,31 @@ def raw_action(action: Any, space: Any) -> Float32Array:
     return raw
 
 
-def reset_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
-    """Return the options of a reset. Raises `InputError` for one that is not known."""
-    require_known("option", options or (), known, "reset: ")
-    return dict(options or {})
+def reset_options(options: Mapping[str, Any] | None, widths: Mapping[str, int]) -> dict[str, FloatArray]:
+    """Return the options of a reset, shape (width,) each, or of commands (k, 3).
+
+    Raises `InputError` for another one, or for what is not finite or has another shape.
+    """
+    require_known("option", options or (), widths, "reset: ")
+    given: dict[str, FloatArray] = {}
+    for name, value in (options or {}).items():
+        with blaming(f"reset: {name} is {value!r}, expected {widths[name]} finite numbers", (ValueError, TypeError)):
+            given[name] = np.asarray(value, dtype=np.float64)
+            shape = given[name].shape[1:] if given[name].ndim == 2 and name == "command" else given[name].shape
+            if shape != (widths[name],) or not np.isfinite(given[name]).all():
+                raise ValueError(f"has shape {given[name].shape}, or NaN")
+    return given
 
 
-def velocity_option(value: Any, count: int | None = None) -> FloatArray:
+def velocity_option(value: FloatArray, count: int | None = None) -> FloatArray:
     """Return a reset's commands: one or several rows, shape (k, 3); with `count`, one for each environment, (count, 3).
 
-    Raises `InputError` unless a row is vx, vy in m/s and yaw rate in rad/s.
+    A row is vx, vy in m/s and yaw rate in rad/s. Raises `InputError` for another number of rows.
     """
-    command = np.atleast_2d(np.asarray(value, dtype=np.float64))
+    command = np.atleast_2d(value)
     rows = len(command) if count is None else count
-    if command.ndim != 2 or command.shape[1] != 3 or len(command) not in (1, rows) or not np.isfinite(command).all():
-        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
+    if len(command) not in (1, rows):
+        raise InputError(f"reset: command has shape {command.shape}, expected vx, vy and yaw rate, or {rows} such rows")
     return np.broadcast_to(command, (rows, 3))
 
 

@@ -49,7 +49,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         `threads` step physics, None for one per processor. Raises `InputError` for what cannot be read, or does not
         fit.
         """
-        if num_envs < 1:
+        if not isinstance(num_envs, int) or num_envs < 1:
             raise InputError(f"num_envs: is {num_envs!r}, expected a whole number >= 1")
         if autoreset_mode not in (*_MODES, *(mode.value for mode in _MODES)):
             raise InputError(f"autoreset_mode: is {autoreset_mode!r}, expected NextStep or SameStep")
@@ -82,7 +82,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Float32Array, dict[str, Any]]:
         """Start episodes; the same seeds give the same starts. Raises `InputError` for a seed or option that is not."""
-        given = reset_options(options, ("command",))
+        given = reset_options(options, {"command": 3})
         command = velocity_option(given["command"], self.num_envs) if "command" in given else None
         if seed is None and self._loop is None:
             seed = int(self.np_random.integers(2**32))

@@ -44,7 +44,28 @@ def test_joints_own_actuators_and_what_else_is_read_are_shown(hopper, capsys):
     assert texts["CAN motors"].startswith("none")
     assert texts["passive joints"] == "spring"
     assert texts["without effort limit"] == "knee"
+    assert not {"ranges", "gravity", "other actuators"} & texts.keys()
     assert texts["equalities"] == "spring = 0.1 -2 · hip, knee = 0 (inactive)"
+
+
+def test_what_a_policy_could_not_know_of_a_model_is_shown(hopper, capsys):
+    """Ranges that were meant in radians, another direction of gravity, a ball joint, an actuator of a tendon."""
+    tendon = '<tendon><fixed name="rope"><joint joint="hip" coef="1"/></fixed></tendon>'
+    ball = '<body><joint name="ball" type="ball"/><geom size="0.1"/></body></worldbody>'
+    for old, new in (
+        ('<keyframe><key qpos="0 0 2 1 0 0 0 0.5 0.5 0"/></keyframe>', ""),
+        ('angle="radian"', 'angle="degree"'),
+        ("<worldbody>", '<option gravity="0 -9.81 0"/><worldbody>'),
+        ("</worldbody>", ball + tendon),
+        ("<actuator>", '<actuator><motor name="winch" tendon="rope"/>'),
+    ):
+        assert old in hopper.read_text()
+        hopper.write_text(hopper.read_text().replace(old, new, 1))
+    _, _, texts = described(capsys, hopper)
+    assert texts["ranges"] == "at most 0.0349 rad wide; is the compiler's angle right?"
+    assert texts["gravity"] == "0 -9.81 0 m/s²; policies take -z for down"
+    assert texts["passive joints"] == "spring, ball"
+    assert texts["other actuators"] == "winch"
 
 
 def test_motors_of_a_shipped_robot_are_shown(capsys):
@@ -104,6 +125,8 @@ def test_a_fixed_base_stays_where_it_is(urdf):
         (("leg.obj", "knee.obj"), [], "does not find package:"),
         (("", ""), ["--imu", "skull"], "--imu: unknown link 'skull'; known: pelvis, head, leg"),
         (("<robot", "<robot><"), [], "not a valid URDF"),
+        (('type="fixed"', 'type="continuous"'), ["--imu", "hip"], "--imu: unknown link 'hip'"),
+        (('<joint name="neck" type="fixed"', '<joint name="hip" type="continuous"'), [], "repeated name 'hip'"),
     ],
 )
 def test_a_urdf_that_cannot_be_converted_is_one_line(urdf, change, options, error, capsys):
@@ -117,3 +140,7 @@ def test_a_urdf_that_cannot_be_converted_is_one_line(urdf, change, options, erro
 def test_a_urdf_given_as_a_robot_names_the_command(urdf, capsys):
     assert run_program(main, ["describe", str(urdf)]) == 2
     assert "humanoid_sim.robot convert" in capsys.readouterr().err
+    description = urdf.with_suffix(".yaml")
+    description.write_text(f"mjcf: {urdf.name}")
+    assert run_program(main, ["describe", str(description)]) == 2
+    assert f"mjcf: is '{urdf.name}', expected the name of an MJCF" in capsys.readouterr().err

@@ -7,13 +7,15 @@ from collections import Counter
 from collections.abc import Iterator
 
 import mujoco
+import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import imu_line, own_actuators
+from humanoid_sim.robots.mjcf import ON_JOINT, imu_line, own_actuators
 
-_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_WIDEST = (0.12, 25.0)  # rad, between which a robot's widest range is; 2π read as degrees is less, 1440° as rad more
 
 
 def joint_table(robot: RobotDescription, model: mujoco.MjModel) -> Table:
@@ -60,7 +62,11 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
     above = "its lowest part on the floor" if base.height is None else f"{base.height:g} m high"
     rates = f"physics step {settings.physics_timestep:g} s, control at {settings.control_frequency:g} Hz"
     motors = Counter(joint.motor.model for joint in robot.joints if joint.motor is not None)
-    names = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.jnt_type[i] in _SCALAR]
+    names = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.jnt_type[i] != _FREE]
+    widths, (x, y, z) = robot.upper - robot.lower, model.opt.gravity.tolist()
+    width = float(widths[np.isfinite(widths)].max(initial=0.0))
+    is_odd = width > 0.0 and not _WIDEST[0] < width < _WIDEST[1]
+    elsewhere = np.flatnonzero(~np.isin(model.actuator_trntype, ON_JOINT)).tolist()
     return {
         "model": str(robot.mjcf_path),
         "base": f"floating, body '{base.body}', starts with {above}" if robot.is_floating else "fixed",
@@ -69,6 +75,9 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
         "CAN motors": ", ".join(f"{count} {name}" for name, count in motors.items()) or "none",
         "without effort limit": ", ".join(joint.name for joint in robot.joints if math.isinf(joint.effort_limit)),
         "passive joints": ", ".join(name for name in names if name not in robot.joint_names),
+        "other actuators": ", ".join(model.actuator(i).name or "unnamed" for i in elsewhere),
+        "ranges": f"at most {width:.3g} rad wide; is the compiler's angle right?" if is_odd else "",
+        "gravity": "" if (x, y) == (0.0, 0.0) and z < 0.0 else f"{x:g} {y:g} {z:g} m/s²; policies take -z for down",
         "equalities": ", ".join(_equalities(model)),
     }
 

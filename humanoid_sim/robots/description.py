@@ -23,7 +23,13 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import InputError, blaming, known_names, needing, require_known
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
-from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings, steps_per_period
+from humanoid_sim.robots.schema import (
+    DampingSettings,
+    JointDescription,
+    RobotDescription,
+    StandbySettings,
+    steps_per_period,
+)
 from humanoid_sim.strict_yaml import converted, read_yaml, require_finite
 
 __all__ = ["RobotDescription", "load_robot", "with_contract", "with_contract_physics", "with_joint_limits"]
@@ -79,7 +85,7 @@ def _public_mjcf(name: str) -> Path:
 def _described(document: Any, folder: Path) -> RobotDescription:
     require_finite(document)
     mjcf = document.get("mjcf") if isinstance(document, dict) else None
-    if not isinstance(mjcf, str) or not os.path.isfile(folder / mjcf):
+    if not isinstance(mjcf, str) or not os.path.isfile(folder / mjcf) or mjcf.endswith(".urdf"):
         raise InputError(f"mjcf: is {mjcf!r}, expected the name of an MJCF beside the description")
     if isinstance(document.get("joints", {}), dict):
         document = _completed(document, folder / mjcf)
@@ -102,6 +108,7 @@ def _completed(changes: dict[str, Any], mjcf: Path) -> dict[str, Any]:
         fields = joints.get(joint["name"], {})
         if not isinstance(fields, dict):
             raise InputError(f"joints.{joint['name']}: is {fields!r}, expected fields, such as {{effort_limit: 60}}")
+        converted({**joint, **fields}, JointDescription, f"joints.{joint['name']}")
         joint.update(fields)
     if isinstance(pose, dict):
         require_known("joint", pose, names, "initial_position: ")

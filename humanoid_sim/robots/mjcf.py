@@ -26,7 +26,7 @@ from humanoid_sim.robots.schema import (
 )
 
 NO_RANGE = (-math.inf, math.inf)
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 _UNNAMED = "MuJoCo Model"  # MuJoCo's name of a model that has none
 _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}  # s: resolves contacts of feet; damping is stable
@@ -48,7 +48,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     regular_file(path, "the robot's MJCF model")
     with blaming(f"{path}: not a valid {'URDF' if path.suffix == '.urdf' else 'MJCF model'}", _MUJOCO_ERRORS):
         spec = mujoco.MjSpec.from_file(str(path))
-        names = [name for joint in spec.joints for name in (joint.name, joint.parent.name) if name]
+        names = [name for body in spec.bodies for joint in body.joints for name in (joint.name, body.name) if name]
         prefixes = {name[: name.find("/") + 1] for name in names}
         text = path.read_text(encoding="utf-8") if path.suffix == ".xml" else ""
         if len(prefixes) == 1 and "" not in prefixes and text and "<include" not in text:  # included names would stay
@@ -104,7 +104,12 @@ def describe_mjcf(path: Path) -> RobotDescription:
     joints = _robot_joints(model)
     if not joints:
         raise InputError(f"{path}: has no hinge joint, or its actuators drive none, expected a robot")
-    base = _root_of(model, joints[0])
+    base, *others = dict.fromkeys(_root_of(model, i) for i in joints)
+    if others and any(_has_free_joint(model, root) for root in (base, *others)):
+        roots = ", ".join(f"'{model.body(root).name}'" for root in (base, *others))
+        raise InputError(
+            f"{path}: its joints are on {roots}, expected one floating base; actuators say which are its own"
+        )
     if not all(model.joint(i).name for i in joints) or not model.body(base).name:
         raise InputError(f"{path}: a hinge joint or its base has no name, by which policies find it")
     actuators, described, pose = own_actuators(model), [], []
@@ -198,7 +203,7 @@ class OwnActuator:
 def own_actuators(model: mujoco.MjModel) -> dict[str, OwnActuator]:
     """Return what the model's own actuators do to the joints that they drive, by the joint's name."""
     found: dict[str, OwnActuator] = {}
-    for i in np.flatnonzero(np.isin(model.actuator_trntype, _ON_JOINT)).tolist():
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, ON_JOINT)).tolist():
         own = _own_actuator(model, i)
         if other := found.get(own.joint):  # such as one for its position and one for its velocity
             force = (own.force_range[0] + other.force_range[0], own.force_range[1] + other.force_range[1])

@@ -14,6 +14,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, IndexArray, IntArray
 from humanoid_sim.robots.schema import NotNegative
+from humanoid_sim.strict_yaml import converted
 
 PUSH_DURATION = 0.1  # s
 Range = tuple[NotNegative, NotNegative]  # least and greatest of a uniform distribution
@@ -43,10 +44,7 @@ class Randomisation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
         """Return the randomisation itself, or one with these fields. Raises `InputError` for what is no range."""
         fields = msgspec.structs.asdict(values) if isinstance(values, Randomisation) else values or {}
-        try:
-            checked = msgspec.convert(fields, cls)
-        except msgspec.ValidationError as error:
-            raise InputError(f"randomisation: {error}") from None
+        checked = converted(fields, cls, "randomisation")
         for name, value in msgspec.structs.asdict(checked).items():
             if isinstance(value, tuple) and not value[0] <= value[1] < math.inf:
                 raise InputError(f"randomisation: {name} is {value}, expected the least and the greatest, finite")

@@ -58,8 +58,9 @@ def test_a_configuration_and_keywords_make_the_same_environment():
         ({"max_episode_steps": 0, "config": TRACKING}, "max_episode_steps: is 0, expected a whole number >= 1"),
         ({"joint_noise": -1.0}, "joint_noise: is -1.0"),
         ({"motion": "polka"}, "polka"),
+        ({"motion": "ode", "config": "lite_piano"}, "motion: unknown song 'ode'"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
-        ({"randomisation": {"colour": (0, 1)}}, "randomisation: .*unknown field .colour."),
+        ({"randomisation": {"colour": (0, 1)}}, "randomisation: unknown field 'colour'; known: mass, "),
         ({"implicit": True}, "implicit: .*expected a vector environment"),
         ({"render_mode": "ascii"}, "render_mode: is 'ascii'"),
     ],
@@ -68,6 +69,14 @@ def test_options_that_do_not_fit_are_named(options, message):
     config = options.pop("config", "lite_tracking")
     with pytest.raises(InputError, match=message):
         PolicyEnv(config, **options)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("qpos", np.zeros(3)), ("qpos", np.full(14, np.nan)), ("qvel", [1.0]), ("warmstart", "rest")]
+)
+def test_a_state_to_begin_in_has_the_model_s_shape_and_is_finite(env, option, value):
+    with pytest.raises(InputError, match=f"reset: {option} is .*, expected 14 finite numbers"):
+        env.reset(options={option: value})
 
 
 def test_the_shipped_policy_follows_its_motion_to_the_end(env):

@@ -128,6 +128,8 @@ def test_resets_and_actions_that_do_not_fit_are_named():
         ({"seed": -1}, "reset: seed is -1"),
         ({"options": {"speed": 1}}, "reset: unknown option 'speed'; known: command"),
         ({"options": {"command": (1.0, 2.0)}}, "reset: command is"),
+        ({"options": {"command": "1,0,0"}}, "reset: command is '1,0,0', expected 3 finite numbers"),
+        ({"options": {"command": np.ones((2, 3))}}, r"reset: command has shape \(2, 3\), expected"),
     ):
         with pytest.raises(InputError, match=message):
             envs.reset(**arguments)

@@ -145,7 +145,7 @@ def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     [
         ("joints: {ankle: {effort_limit: 3}}", "joints: unknown joint 'ankle'; known: hip, knee"),
         ("joints: {hip: 3}", "joints.hip: is 3, expected fields"),
-        ("joints: {knee: {limit: 3}}", "joints[1]: unknown field 'limit'"),
+        ("joints: {knee: {limit: 3}}", "joints.knee: unknown field 'limit'"),
         ("initial_position: {knee: 3}", "initial_position[1]: is 3, outside the limits of knee"),
     ],
 )

@@ -77,6 +77,8 @@ def test_a_models_own_actuators_at_their_joints():
 MESHES = """<mujoco><compiler meshdir="assets"/><asset>{}</asset><worldbody><body name="b"><joint name="j"/>
 <geom type="mesh" mesh="leg"/></body></worldbody></mujoco>"""
 LEG = '<mesh name="leg" file="{}"/>'
+WALKER = '<body name="{0}"><freejoint/><geom size="1"/><body><joint name="{0}_leg"/><geom size="1"/></body></body>'
+TWO = f"<mujoco><worldbody>{WALKER.format('left')}{WALKER.format('right')}</worldbody></mujoco>"
 ARM = '<mujoco><worldbody><body{}><joint{}/><geom size="1"/></body></worldbody></mujoco>'
 
 
@@ -85,6 +87,7 @@ ARM = '<mujoco><worldbody><body{}><joint{}/><geom size="1"/></body></worldbody><
     [
         ("<mujoco><worldbody/></mujoco>", "has no hinge joint"),
         ("joints: []", "not a valid MJCF model"),
+        (TWO, "its joints are on 'left', 'right', expected one floating base"),
         (ARM.format(' name="arm"', ""), "a hinge joint or its base has no name"),
         (MESHES.format(LEG.format("leg.stl") + '<mesh file="1.stl"/>'), "does not compile: "),
         (MESHES.format(""), "does not compile: "),
