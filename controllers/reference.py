@@ -93,11 +93,9 @@ def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionRe
             raise FieldError(f"motion: frames are {table.shape[1]} wide, expected 9 for each of {bodies} bodies")
         terms = {"motion_body_pos_b": table[:, : 3 * bodies], "motion_body_ori_b": table[:, 3 * bodies :]}
         return MotionReference(len(table), terms)
-    if contract.task_type == "piano":
-        steps = np.arange(len(table))[:, None] + np.asarray(contract.lookahead_steps, dtype=np.intp)
-        future = table[np.minimum(steps, len(table) - 1)].reshape(len(table), -1)
-        return MotionReference(len(table), {"target_keys": table, "target_keys_future": future})
-    raise FieldError(f"motion: a policy of task_type '{contract.task_type}' follows no motion")
+    steps = np.arange(len(table))[:, None] + np.asarray(contract.lookahead_steps, dtype=np.intp)
+    future = table[np.minimum(steps, len(table) - 1)].reshape(len(table), -1)
+    return MotionReference(len(table), {"target_keys": table, "target_keys_future": future})
 
 
 def build_world_reference(
@@ -106,13 +104,11 @@ def build_world_reference(
     """Cut frames of n joints and world poses of b bodies into the terms that anchor policies compare with.
 
     Frames are `[joint positions n | joint velocities n | positions 3 b | quaternions 4 b]`, rad, rad/s and m, w x y z,
-    world frame. Without the contract's anchor body among the bodies, its terms are left out. Raises `FieldError` if the
-    width does not fit, or a joint of the policy is missing.
+    world frame. Without the contract's anchor body among the bodies, its terms are left out. Raises `FieldError` if a
+    joint of the policy is missing.
     """
     table = np.asarray(frames, dtype=np.float32)
     n, b = len(joint_names), len(body_names)
-    if table.shape[1] != 2 * n + 7 * b:
-        raise FieldError(f"motion: frames are {table.shape[1]} wide, expected 2 * {n} joints + 7 * {b} bodies")
     order = joint_indices(contract.joint_names, joint_names, "joints of the motion")
     terms = {"reference_joint_pos": table[:, order], "reference_joint_vel": table[:, n + order]}
     if contract.anchor_body in body_names:

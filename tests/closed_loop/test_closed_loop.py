@@ -46,39 +46,30 @@ class Drive:
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
-def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load):
-    drive = Drive()
-    drive.stand(load)
+def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs_without_a_step_in_torque(load):
     standby = LITE.standby_controller_a if load is Intent.LOAD_A else LITE.standby_controller_b
-    goal = np.array(standby.pose_segments[-1])
-    assert drive.outputs[-1].command.position.tolist() == goal.tolist()
-    assert drive.states[-1].time == pytest.approx(sum(standby.segment_durations), abs=0.02)
-    drive.run(1.0)
-    # A spring of stiffness K_p gives way by gravity / K_p; friction and what still moves add 0.1° or so.
-    state = drive.states[-1]
-    sag = np.abs(GravityTorque(LITE)(state.joint_position)) / np.array(standby.target_stiffness)
-    assert 0.01 < sag.max() < 0.1
-    assert (np.abs(state.joint_position - goal) <= sag + 0.003).all()
-    assert np.abs(state.joint_velocity).max() < 0.005
-    assert drive.outputs[-1].control_mode.mode is Mode.STANDBY
-
-
-@pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
-def test_gains_ramp_in_without_a_step_in_torque(load):
     drive = Drive()
-    drive.run(1.0)
     drive.step(Intent.DAMP)
     drive.run(1.0)  # at rest
     entered = len(drive.states)
-    drive.step(load)
-    drive.run(4.1)
+    drive.stand(load)
+    assert drive.states[-1].time - drive.states[entered].time == pytest.approx(sum(standby.segment_durations), abs=0.02)
     change = np.abs(np.diff(drive.applied(entered - 1), axis=0)).max(axis=1)
-    ramp = round(LITE.standby_controller_a.segment_durations[0] / PERIOD)
+    ramp = round(standby.segment_durations[0] / PERIOD)
     assert change[:3].max() < 0.02  # N·m per tick of 5 ms: nothing jumps when it begins
     assert change[:ramp].max() < 0.1
     # The corner of the trajectory between its segments is a step in speed, which K_d turns into one of torque.
     assert change.max() < 0.5
     assert np.abs(drive.applied(entered)).max() > 1.0  # something was driven at all
+    drive.run(1.0)
+    goal, state = np.array(standby.pose_segments[-1]), drive.states[-1]
+    assert drive.outputs[-1].command.position.tolist() == goal.tolist()
+    # A spring of stiffness K_p gives way by gravity / K_p; friction and what still moves add 0.1° or so.
+    sag = np.abs(GravityTorque(LITE)(state.joint_position)) / np.array(standby.target_stiffness)
+    assert 0.01 < sag.max() < 0.1
+    assert (np.abs(state.joint_position - goal) <= sag + 0.003).all()
+    assert np.abs(state.joint_velocity).max() < 0.005
+    assert drive.outputs[-1].control_mode.mode is Mode.STANDBY
 
 
 def test_arms_that_are_let_go_sink_slowly():

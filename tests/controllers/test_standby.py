@@ -42,25 +42,19 @@ def at(seconds, **changes):
         (0.0, [1.0, -1.0, 0.5], 0.0, 0, 0.0),
         (0.5, [0.75, -0.75, 0.375], 0.25, 0, 0.25),
         (2.2, [0.08, -0.16, 0.24], 1.0, 1, 0.2),
+        (3.02, [0.4, -0.8, 1.2], 1.0, 1, 1.0),
+        (60.0, [0.4, -0.8, 1.2], 1.0, 1, 1.0),
     ],
 )
-def test_values_on_the_way(seconds, position, ramp, segment, progress):
+def test_values_on_the_way_and_at_the_end(seconds, position, ramp, segment, progress):
     command, report = at(seconds)
+    is_finished = progress == 1.0
     np.testing.assert_allclose(command.position, position, atol=1e-12)
     np.testing.assert_allclose(command.stiffness, np.array([10.0, 20.0, 30.0]) * ramp, atol=1e-11)
     np.testing.assert_allclose(command.damping, np.array([1.0, 2.0, 3.0]) * ramp, atol=1e-12)
     assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
-    assert (report.current_segment, report.total_segments, report.is_finished) == (segment, 2, False)
+    assert (report.current_segment, report.total_segments, report.is_finished) == (segment, 2, is_finished)
     assert report.progress == pytest.approx(progress, abs=1e-12)
-
-
-@pytest.mark.parametrize("seconds", [3.02, 60.0])
-def test_finished_is_exactly_the_pose_and_the_gains(seconds):
-    command, report = at(seconds)
-    assert command.position.tolist() == [0.4, -0.8, 1.2]
-    assert command.stiffness.tolist() == [10.0, 20.0, 30.0]
-    assert command.damping.tolist() == [1.0, 2.0, 3.0]
-    assert (report.current_segment, report.total_segments, report.progress, report.is_finished) == (1, 2, 1.0, True)
 
 
 def test_a_stall_of_the_host_does_not_make_the_arms_jump():

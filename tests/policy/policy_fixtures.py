@@ -1,13 +1,24 @@
 """Fixtures of the tests of policies: a checkpoint, its trainer's trace, and the program to run on them."""
 
+from typing import Any
+
 import pytest
 from trainer import MJCF, Run, save_checkpoint, save_trace
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.policy.findings import Finding
 from humanoid_sim.policy_tools import main
 from humanoid_sim.robots.description import load_robot
 
 __all__ = ["cli", "robot", "stamped", "trace", "walker"]
+
+
+def found(findings: Any, line: str) -> Finding:
+    """The one finding of `severity field: words of its message`."""
+    start, _, words = line.partition(": ")
+    hits = [one for one in findings if f"{one.severity} {one.field}" == start and words in one.message]
+    assert len(hits) == 1, "\n".join(f"{one.severity} {one}" for one in findings)
+    return hits[0]
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from findings import found
 from models import contract_of
+from policy_fixtures import found
 from trainer import JOINTS, contract
 
 from humanoid_sim.policy.checks import contract_findings, suspicious_findings

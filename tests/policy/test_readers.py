@@ -114,11 +114,15 @@ observations:
 """)
 
 
-def deployed(folder, robot=ROBOT, **changes):
-    (folder / "params").mkdir(exist_ok=True)
-    (folder / "params" / "deploy.yaml").write_text(yaml.safe_dump({**DEPLOY, **changes}, sort_keys=False))
-    (folder / "exported").mkdir(exist_ok=True)
-    return read(folder / "exported", robot=robot)
+def deploy(**changes):
+    return yaml.safe_dump({**DEPLOY, **changes}, sort_keys=False)
+
+
+def deployed(folder, **changes):
+    for name in ("params", "exported"):
+        (folder / name).mkdir()
+    (folder / "params" / "deploy.yaml").write_text(deploy(**changes))
+    return read(folder / "exported")
 
 
 def test_unitrees_deploy_yaml(tmp_path):
@@ -149,33 +153,6 @@ def test_a_slice_of_pythons_is_read_without_calling_python(tmp_path):
     term = f"observations:\n  joint_vel_rel: {{scale: 0.05, params: {joints}}}\n"
     path.write_text(path.read_text().replace("observations: null\n", term))
     assert read(tmp_path / "exported").contract.terms[0].joints == ("c", "a")
-
-
-SCALED = {"scale": 1.0}
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"joint_ids_map": [0, 1, 9], "stiffness": 1.0, "damping": 1.0}, "joint_ids_map is for another robot"),
-        ({"joint_ids_map": [0, -1]}, "joint_ids_map: "),
-        ({"step_dt": "50 Hz"}, "is 50 Hz"),
-        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["["]}}}, "has no pattern"),
-        ({"actions": {"JointPositionAction": {**SCALED, "joint_names": ["knee"]}}}, "unknown joint 'knee'"),
-        ({"actions": {"JointVelocityAction": {}}}, "expected JointPositionAction alone"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness has 2 values, expected 4"),
-        ({"observations": {"policy": {"a": {}}, "critic": {"b": {}}}}, "groups policy, critic"),
-    ],
-)
-def test_a_deploy_yaml_that_is_wrong(tmp_path, changes, message):
-    with pytest.raises(InputError, match=rf"deploy\.yaml.*{message}"):
-        deployed(tmp_path, **changes)
-
-
-def test_a_trainers_file_that_is_empty_is_named(tmp_path):
-    (tmp_path / "deploy.yaml").touch()
-    with pytest.raises(InputError, match=r"deploy\.yaml: is empty"):
-        read(tmp_path)
 
 
 ENV = """\
@@ -249,8 +226,30 @@ def test_berkeleys_yaml(tmp_path):
     assert contract.terms[3].joints == ("b", "d")
     assert (contract.terms[0].history, contract.history_layout) == (2, "per_step")
     assert (contract.action_clip, contract.action_limit, contract.policy_dt) == (100.0, 1e4, 0.04)
-    (tmp_path / "configs" / "policy.yaml").write_text(BERKELEY.replace("-100.0", "-1.0"))
-    with pytest.raises(InputError, match="not -x and x"):
+
+
+def action(**options):
+    return deploy(actions={"JointPositionAction": {"scale": 1.0, **options}})
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("policy.yaml", BERKELEY.replace("-100.0", "-1.0"), "not -x and x"),
+        ("deploy.yaml", "", "is empty"),
+        ("deploy.yaml", deploy(joint_ids_map=[0, 1, 9], stiffness=1.0, damping=1.0), "map is for another robot"),
+        ("deploy.yaml", deploy(joint_ids_map=[0, -1]), "joint_ids_map: "),
+        ("deploy.yaml", deploy(step_dt="50 Hz"), "is 50 Hz"),
+        ("deploy.yaml", action(joint_names=["["]), "has no pattern"),
+        ("deploy.yaml", action(joint_names=["knee"]), "unknown joint 'knee'"),
+        ("deploy.yaml", deploy(actions={"JointVelocityAction": {}}), "expected JointPositionAction alone"),
+        ("deploy.yaml", deploy(stiffness=[1.0, 2.0]), "stiffness has 2 values, expected 4"),
+        ("deploy.yaml", deploy(observations={"policy": {"a": {}}, "critic": {"b": {}}}), "groups policy, critic"),
+    ],
+)
+def test_a_trainers_file_that_is_wrong(tmp_path, file, text, message):
+    (tmp_path / file).write_text(text)
+    with pytest.raises(InputError, match=rf"{file}.*{message}"):
         read(tmp_path)
 
 

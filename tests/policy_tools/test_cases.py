@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from findings import found
+from policy_fixtures import found
 from published import POLICIES, needs_policies
 
 from humanoid_sim.errors import InputError

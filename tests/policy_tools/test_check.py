@@ -3,7 +3,7 @@
 import numpy as np
 import onnx
 import pytest
-from findings import found
+from policy_fixtures import found
 from trainer import contract, network, save_checkpoint
 
 from humanoid_sim.policy_tools.check import check_checkpoint
