@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.files import json_text, output_file, read_arrays, regular_file, whole_file
 
 
@@ -91,3 +91,18 @@ def test_arrays_that_need_code_or_were_cut_are_one_line(tmp_path):
 
 def test_json_has_null_for_what_is_no_number():
     assert json.loads(json_text({"a": [np.float64("nan"), -np.inf, 1e-5]})) == {"a": [None, None, 1e-5]}
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "expected"),
+    [
+        ("LEFT_HIP_PITCH_JOINT", ("left_hip_pitch_joint",), "left_hip_pitch_joint"),
+        ("left_shoulder_pitch", ("left_ankle_pitch", "left_hip_pitch"), ""),
+        ("left_knee", ("right_knee",), ""),
+        ("g1/left_knee", ("left_knee", "right_knee"), "left_knee"),
+        ("left_knee", ("g1_left_knee", "g1_right_knee"), "g1_left_knee"),
+        ("knee", ("left_knee", "right_knee"), ""),
+    ],
+)
+def test_a_near_name_is_one_that_can_be_meant(name, known, expected):
+    assert meant(name, known) == (f" (did you mean '{expected}'?)" if expected else "")

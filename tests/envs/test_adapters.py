@@ -1,4 +1,4 @@
-"""Other libraries' interfaces to the same episodes; each is skipped where its library is absent."""
+"""Other libraries' interfaces to the same episodes, and their checkers."""
 
 import importlib
 import importlib.util
@@ -10,9 +10,11 @@ import gymnasium
 import numpy as np
 import pytest
 from alike import LITE
+from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.assets import WALKING_POLICY
+from humanoid_sim.envs import ENVIRONMENTS
 from humanoid_sim.envs.config import PolicyEnvConfig, build_scenario
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.trace import record_trace
@@ -121,3 +123,20 @@ def test_a_checkpoint_is_stamped_with_a_run_of_its_environment(tmp_path):
     assert record_trace(scenario, lambda observation: policy(observation[0], 0)[None], trace, steps=20) == 20
     samples = stamp(WALKING_POLICY, output, description=scenario.description, trace=trace)
     assert abs(samples.arrays["observation"][:, 6:9]).max() > 0.1, "it walks: a zero command would show no scale"
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized", "ignore:.*Box observation space m")
+def test_gymnasium_finds_nothing_wrong(name):
+    env = gymnasium.make(name)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.peers
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_stable_baselines3_finds_nothing_wrong(name):
+    checker = importlib.import_module("stable_baselines3.common.env_checker")
+    env = gymnasium.make(name)
+    checker.check_env(env.unwrapped, warn=False, skip_render_check=True)
+    env.close()

@@ -14,7 +14,9 @@ from script_files import load_script
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
+from humanoid_sim.gravity import gravity_command
 from humanoid_sim.messages import Mode
+from humanoid_sim.mit import mit_torque
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque
@@ -30,15 +32,17 @@ def example():
     return load_script(EXAMPLE)
 
 
-def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example):
-    q = LITE.initial_position + np.full(14, 0.1)
-    torque = GravityTorque(LITE)(q)
-    assert np.abs(torque).max() > 0.5
-    for form in ("effort", "pd"):
-        command = example.command(LITE, q, torque, form, 1.0)
-        applied = command.stiffness * (command.position - q) + command.effort
-        assert applied == pytest.approx(torque, abs=1e-9)
-    assert example.command(LITE, q, torque, "effort", 1.5).damping.tolist() == [1.5] * 14
+@pytest.mark.parametrize("form", ["effort", "pd"])
+def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example, form):
+    pose = LITE.initial_position + np.full(14, 0.1)
+    gravity = GravityTorque(LITE)(pose)
+    assert np.abs(gravity).max() > 0.5
+    for command in (gravity_command(LITE, pose, gravity, form), example.command(LITE, pose, gravity, form, 1.0)):
+        torque = mit_torque(command, pose, np.zeros(14), LITE.effort_limit)
+        np.testing.assert_allclose(torque, gravity, atol=1e-9)
+        assert not command.velocity.any()
+        assert (command.stiffness.any(), command.effort.any()) == (form == "pd", form == "effort")
+        assert (command.damping > 0.0).all()
 
 
 @contextmanager

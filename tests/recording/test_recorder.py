@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from recording_samples import START_NS, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
 from waiting import until
@@ -146,3 +147,26 @@ def test_a_file_that_another_session_writes_is_left_alone(tmp_path):
     assert len(list(open_recording(path).ticks())) == 1
     write_recording(path, [make_tick(0), make_tick(1)])
     assert len(list(open_recording(path).ticks())) == 2
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    empty, text, directory, foreign = (tmp_path / name for name in ("empty", "text", "directory", "foreign"))
+    empty.touch()
+    text.write_text("time, position\n")
+    directory.mkdir()
+    with foreign.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        writer.finish()
+    reasons = {
+        empty: "cut at byte 0",
+        text: "not a valid MCAP file",
+        directory: "is a directory, expected a recording (.mcap)",
+        foreign: "no recording: it has no metadata record 'humanoid_sim.session'",
+        tmp_path / "gone": "no such file, expected a recording (.mcap)",
+    }
+    for path, reason in reasons.items():
+        with pytest.raises(InputError) as caught:
+            open_recording(path)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert reason in str(caught.value)

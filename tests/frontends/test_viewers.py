@@ -1,4 +1,4 @@
-"""What rerun's viewer is given, written to a stand-in for the library."""
+"""What rerun's viewer is given, written to a stand-in for the library; and what a window says."""
 
 import sys
 from types import SimpleNamespace
@@ -9,11 +9,13 @@ from records import record_of
 
 from humanoid_sim.frontends import attach
 from humanoid_sim.messages import Mode
+from humanoid_sim.mit import MITState
 from humanoid_sim.rerun import RunLog
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.stack import run_header
 from humanoid_sim.testing.healthy import healthy_state
+from humanoid_sim.viewer import window_text
 
 LITE = load_robot("lite")
 
@@ -58,3 +60,10 @@ def test_the_robot_its_plots_and_whether_it_is_the_present_are_shown(written, mo
     source.latest = attach.Tick(record, 3_700_000_000)
     log.status(source)
     assert written["status"].values[0].startswith("# BEHIND: this was 1.3 s ago\n")
+
+
+def test_a_window_says_what_it_shows():
+    known, unknown = (record_of(MITState.unknown(1, 12.34), Mode.STANDBY, "ready", qpos=q) for q in (np.zeros(1), None))
+    assert window_text(known, "", "12:00:00")[2:] == ("clock\ntime\nmode\nstatus", "12:00:00\n12.3 s\nSTANDBY\nready")
+    assert window_text(known, "BEHIND", "12:00:00")[3].endswith("\nBEHIND")
+    assert window_text(unknown, "", "12:00:00")[3].endswith("\npose unknown")
