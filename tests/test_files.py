@@ -3,11 +3,13 @@
 import json
 import os
 
+import msgspec
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError, meant
 from humanoid_sim.files import json_text, output_file, read_arrays, regular_file, whole_file
+from humanoid_sim.strict_yaml import converted, read_yaml
 
 
 @pytest.mark.parametrize(
@@ -106,3 +108,39 @@ def test_json_has_null_for_what_is_no_number():
 )
 def test_a_near_name_is_one_that_can_be_meant(name, known, expected):
     assert meant(name, known) == (f" (did you mean '{expected}'?)" if expected else "")
+
+
+class Wheel(msgspec.Struct):
+    radius: float
+
+
+class Cart(msgspec.Struct):
+    wheels: list[Wheel]
+
+
+@pytest.mark.parametrize(
+    ("document", "problem"),
+    [
+        ({"wheels": [{"radius": 1}, {"radius": "x"}]}, "wheels[1].radius: Expected `float`, got `str`"),
+        ({}, "Object missing required field `wheels`"),
+    ],
+)
+def test_the_field_comes_first(document, problem):
+    with pytest.raises(InputError) as caught:
+        converted(document, Cart, "cart.yaml")
+    assert str(caught.value) == f"cart.yaml: {problem}"
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"a: [", "line "),
+        (b"a: 1\na: 2", "line 2, column 1: not valid YAML: 'a' is given twice"),
+        (b"\xff", "not YAML that can be read: "),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path, data, problem):
+    (tmp_path / "x.yaml").write_bytes(data)
+    with pytest.raises(InputError) as caught:
+        read_yaml(tmp_path / "x.yaml")
+    assert str(caught.value).startswith(f"{tmp_path}/x.yaml: {problem}")

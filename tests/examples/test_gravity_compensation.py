@@ -1,4 +1,4 @@
-"""The example, as anybody would run it: a whole `play` with its DDS bridge, and the client as a program beside it."""
+"""Gravity compensation, and its example beside a whole `play` with its DDS bridge; tests/integration kills it."""
 
 import signal
 import subprocess
@@ -65,46 +65,27 @@ def line_with(process, text):
 
 
 @pytest.mark.soak
-def test_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(tmp_path, monkeypatch, request, runtime):
+def test_the_arms_are_held_in_both_forms(tmp_path, monkeypatch, runtime):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
-    held = 20.0 if request.config.getoption("--complete") else 8.0
     record = tmp_path / "run.mcap"
     script = "damp; load_b; wait; start_remote; hold 600"
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--html", "none", "--record", str(record))
     with running("-m", "humanoid_sim.play", *options, "--script", script) as play:
         line_with(play, "dds: domain ")
-        for form, end in (("effort", signal.SIGKILL), ("pd", signal.SIGTERM)):
+        for form in ("effort", "pd"):
             with running(str(EXAMPLE), "--form", form) as client:
                 line_with(client, "REMOTE: holding")
-                time.sleep(held)
-                client.send_signal(end)
-                assert client.wait(20.0) == (0 if end is signal.SIGTERM else -signal.SIGKILL)
-            time.sleep(1.5)
+                time.sleep(8.0)
+                client.terminate()
+                assert client.wait(20.0) == 0
         play.send_signal(signal.SIGINT)
         play.communicate(timeout=60.0)
-    _check(record)
-
-
-def _check(record):
     remote = [tick for tick in open_recording(record).ticks() if tick.output.control_mode.mode is Mode.REMOTE]
-    torque = [tick for tick in remote if tick.output.command.effort.any()]
-    pd = [tick for tick in remote if tick.output.command.stiffness.any()]
-    for form, ticks in (("effort", torque), ("pd", pd)):
-        settled = [tick for tick in ticks if tick.input.state.time >= ticks[0].input.state.time + _SETTLED]
+    for field in ("effort", "stiffness"):
+        held = [tick for tick in remote if getattr(tick.output.command, field).any()]
+        settled = [tick for tick in held if tick.input.state.time >= held[0].input.state.time + _SETTLED]
         positions, _ = ForwardKinematics(LITE)(np.array([tick.input.state.joint_position for tick in settled[::10]]))
         drift = float(np.linalg.norm(positions - positions[0], axis=-1).max())
-        print(f"{form}: the hands drift {1e6 * drift:.0f} um in {len(settled)} ticks")
+        print(f"{field}: the hands drift {1e6 * drift:.0f} um in {len(settled)} ticks")
         assert drift < 0.001
         assert len(settled) > 200
-    # Killed: passive at the latest 100 ms after its last command, and from then on.
-    last = torque[-1]
-    after = [tick for tick in remote if last.index < tick.index < pd[0].index]
-    took = float(after[0].input.state.time) - last.input.remote.arrival_time
-    assert took <= 0.1 + 0.011, "two ticks later than the timeout at most"
-    assert len(after) > 100
-    for tick in after:
-        command = tick.output.command
-        assert (command.stiffness.any(), command.effort.any(), set(command.damping)) == (False, False, {5.0})
-    fastest = max(np.abs(tick.input.state.joint_velocity).max() for tick in after)
-    print(f"passive {1e3 * took:.0f} ms after the last command; then at most {fastest:.2f} rad/s")
-    assert fastest < 1.5, "damped, not limp"

@@ -1,7 +1,6 @@
 """A session in a network namespace of its own, and a client in another, at the other end of a cable."""
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -11,45 +10,12 @@ from machines import CABLE, ROOT, Machine, play, plug_in, read_until
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 CLIENT = """
-import sys, time
-import numpy as np
-from humanoid_sim.dds_client import RobotClient
-from humanoid_sim.messages import Mode
-from humanoid_sim.mit import MITCommand
-
-JOINT, TURN, PATIENCE = "left_wrist_yaw", 0.3, 120.0
-
-def until(condition):
-    end = time.monotonic() + PATIENCE
-    while (found := condition()) is None or found is False:
-        if time.monotonic() > end:
-            sys.exit("it never came")
-        time.sleep(0.005)
-    return found
-
-with RobotClient("lite", interface=sys.argv[1]) as robot:
-    def mode():
-        received = robot.control_mode()
-        return received and received.mode
-
-    first = until(lambda: robot.state(0.1))
-    until(lambda: mode() is Mode.REMOTE)
-    first = until(lambda: robot.state(0.1))
-    joint = first.names.index(JOINT)
-    target, ones = first.position.copy(), np.ones(len(first.names))
-    target[joint] += TURN
-    command = MITCommand(target, 0.0 * ones, 0.0 * ones, 40.0 * ones, 2.0 * ones)
-
-    def turned():
-        robot.command(command)
-        state = robot.state(0.01)
-        return state and bool(abs(state.position[joint] - target[joint]) < 0.3 * TURN)
-
-    until(turned)
-    print("turned", flush=True)
-    until(lambda: mode() is Mode.DAMPING)
-    print("damped", flush=True)
+import functools, runpy, sys
+from humanoid_sim import dds_client
+dds_client.RobotClient = functools.partial(dds_client.RobotClient, interface=sys.argv.pop(1))
+runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
+"""The example of a client, on another network interface."""
 
 
 @pytest.fixture
@@ -74,11 +40,8 @@ def machines():
 def test_a_client_on_another_machine_reads_the_robot_and_commands_it_until_it_is_silent(machines):
     robot, host = machines
     session = play(robot, "--dds", CABLE, script="damp; load_a; wait; start_remote; hold 600")
-    client = host.python("-c", CLIENT, CABLE, cwd=ROOT)
+    client = host.python("-c", CLIENT, CABLE, str(ROOT / "examples" / "gravity_compensation.py"), cwd=ROOT)
+    read_until(client, "REMOTE: holding")
     read_until(session, "remote commands arrive and are in force")
-    read_until(client, "turned")
+    client.kill()
     read_until(session, "no remote command for 100 ms: the joints are damped")
-    robot.run(sys.executable, "-m", "humanoid_sim.mode", "damp", cwd=ROOT)
-    read_until(client, "damped")
-    client.communicate(timeout=60.0)
-    assert client.returncode == 0

@@ -12,11 +12,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from humanoid_sim.cli import run_program
 from humanoid_sim.client import Feed, Intake, SessionError, find_session
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import main as play
-from humanoid_sim.record import main as record
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
@@ -160,16 +157,6 @@ def test_a_replay_brings_the_joints_where_they_were(recorded):
         wait_for(lambda: not is_commanded(feed), 5.0)
         assert mode_of(feed) is Mode.REMOTE
     assert distance_at_the_end(replayed, recorded / "reach") < 0.02
-
-
-def test_a_run_becomes_a_dataset_that_replays(tmp_path):
-    run, script = tmp_path / "wave.mcap", "damp; load_a; wait; start_locomotion; hold 2; damp; hold 0.2; quit"
-    assert play(["--record", str(run), "--html", "none", "--viewer", "none", "--script", script]) == 0
-    assert run_program(record, ["dataset", str(run), "-o", str(tmp_path / "wave"), "--fps", "25"]) == 0
-    with session(tmp_path / "replayed.mcap"):
-        status, printed = replay(tmp_path / "wave")
-    assert status == 0, printed[-3000:]
-    assert distance_at_the_end(tmp_path / "replayed.mcap", tmp_path / "wave") < 0.02
 
 
 @pytest.mark.parametrize("fate", [signal.SIGKILL, signal.SIGSTOP])

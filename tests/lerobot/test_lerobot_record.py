@@ -35,8 +35,8 @@ def test_lerobot_loads_what_was_recorded(tmp_path, recording):
     opened = open_recording(recording)
     steps = [tick for tick in opened.ticks() if tick.output.policy_step is not None]
     assert (dataset.fps, dataset.num_episodes, len(dataset), dataset.meta.robot_type) == (50, 1, len(steps), "lite")
-    names = dataset.features["observation.state"]["names"]
-    assert names == [f"{joint}.pos" for joint in opened.header.joint_names]
+    names = [f"{joint}.pos" for joint in opened.header.joint_names]
+    assert dataset.features["action"]["names"] == dataset.features["observation.state"]["names"] == names
     for i, tick in enumerate(steps):
         item, state = dataset[i], tick.input.state
         assert item["task"] == "wave"
