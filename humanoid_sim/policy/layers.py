@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -107,7 +108,7 @@ def join(layers: Sequence[Layer], path: Path) -> Reading:
             if layer.is_decisive:
                 raise InputError(f"{place}: is of no observation term, expected one of {', '.join(names.terms)}")
             continue
-        old, new = found.get(key), Statement(names.value(key, value, place), layer.source)
+        old, new = found.get(key), Statement(names.value(key, value, place, is_exact=layer.is_decisive), layer.source)
         if old is not None and not is_assumed(old.source):
             difference = names.difference(key, old, new)
             if difference:
@@ -156,13 +157,16 @@ class _Names:
         same = [own for own in self.terms if self.kind(own).name == self.kind(term).name]
         return f"observation.{same[0]}.{option}" if len(same) == 1 else ""
 
-    def value(self, key: str, value: Any, where: str) -> Any:
-        """Return names of joints, and values by their names, in the order of the joints, where these are known."""
+    def value(self, key: str, value: Any, where: str, *, is_exact: bool = False) -> Any:
+        """Return names of joints, and values by their names, in the order of the joints, where these are known.
+
+        `is_exact`: every pattern has to be of a joint; those of a trainer may be for joints that this robot lacks.
+        """
         with blaming(f"{where}: {shown(value)} has no pattern of names", re.error):
             if self.joints and value is not None and (key == "action_joint_names" or key.endswith(".joints")):
                 return _chosen(value, self.joints, where)
             if self.joints and isinstance(value, dict):
-                return _by_name(value, self._owners(key), key, where)
+                return _by_name(value, self._owners(key), key, where, is_exact)
         return value
 
     def _owners(self, key: str) -> tuple[str, ...]:
@@ -243,10 +247,11 @@ def checked(name: str, value: Any, where: str) -> Any:
 def _numbers(option: str, value: Any) -> Any:
     if isinstance(value, dict):
         return {str(joint): _numbers(option, row) for joint, row in value.items()}
-    array = np.array(value)
-    if array.dtype.kind not in "iuf" or array.ndim > 2:
-        raise ValueError("expected a number, one for each joint, or a mapping from names or patterns of joints")
-    return array.astype(np.float64).reshape((-1, 2) if option == "position_clip" else array.shape)
+    with suppress(ValueError):  # of rows that differ in length
+        array = np.array(value)
+        if array.dtype.kind in "iuf" and array.ndim <= 2:
+            return array.astype(np.float64).reshape((-1, 2) if option == "position_clip" else array.shape)
+    raise ValueError("expected a number (no text), one for each joint, or a mapping from names or patterns of joints")
 
 
 def _chosen(value: Any, joints: tuple[str, ...], where: str) -> tuple[str, ...]:
@@ -265,13 +270,13 @@ def _chosen(value: Any, joints: tuple[str, ...], where: str) -> tuple[str, ...]:
     return tuple(joint for joint in joints if any(re.fullmatch(item, joint) for item in value))
 
 
-def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where: str) -> FloatArray:
+def _by_name(value: Mapping[str, Any], owners: tuple[str, ...], key: str, where: str, is_exact: bool) -> FloatArray:
     """Return values by name or pattern as an array; joints that are left out have no limit, or are refused."""
     usual = {"effort_limit": np.inf, "position_clip": np.array([[-np.inf, np.inf]])}
     rows: dict[str, Any] = dict.fromkeys(owners, usual[key]) if key in usual else {}
     for pattern, row in value.items():
         matching = [owner for owner in owners if re.fullmatch(pattern, owner)]
-        if not matching and pattern.isidentifier():  # a name; patterns may be for joints that this robot lacks
+        if not matching and (is_exact or pattern.isidentifier()):
             raise InputError(f"{where}: {known_names('joint', pattern, owners)}")
         rows |= dict.fromkeys(matching, row)
     lacking = [owner for owner in owners if owner not in rows]

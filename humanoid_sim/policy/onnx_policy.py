@@ -18,7 +18,7 @@ from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
 
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
-_SOURCE = re.compile(r"\) (?=[A-Z])|\.(?:cc|h):\d+ \w+ ")  # ends ONNX Runtime's place in its own source
+_SOURCE = re.compile(r"\) (?=[A-Z])|\.(?:cc|h):\d+ \w+ |failed:")  # ends ONNX Runtime's place in its own source
 _LOOPS = (b"Loop", b"Scan", b"SequenceMap")  # operators that repeat others, as their names stand in a file
 _SILENT = 4  # ONNX Runtime's severity of what it prints: fatal errors only
 
@@ -93,15 +93,14 @@ class OnnxModel:
         if re.search(r"^models:", text, re.MULTILINE) and re.search(r"^pipeline:", text, re.MULTILINE):
             what = f"is a LEAPP bundle, which {bundle.name} beside it describes, of {len(names)} inputs"
             raise InputError(f"{self.path}: {what} ({', '.join(names)}): export the network with one observation")
-        outputs = [tensor.name for tensor in self.outputs]
+        outputs = {tensor.name: tensor.shape for tensor in self.outputs}
         fed_back = [name for name in names if "_in" in name and name.replace("_in", "_out") in outputs]
-        fed_back = fed_back or [
-            tensor.name
-            for tensor in self.inputs[1:]
-            if "time_step" not in tensor.name and tensor.shape in [output.shape for output in self.outputs[1:]]
-        ]
         if state := fed_back or [tensor.name for tensor in self.inputs if len(tensor.shape) == 3]:
             raise InputError(f"{self.path}: is recurrent: its hidden state ({', '.join(state)}) is not carried here")
+        others = [tensor for tensor in self.inputs[1:] if "time_step" not in tensor.name]
+        if alike := [tensor.name for tensor in others if tensor.shape in list(outputs.values())[1:]]:
+            what = f"beside {names[0]} it has {', '.join(alike)}, of the shape of an output"
+            raise InputError(f"{self.path}: is recurrent, or has a second observation: {what}; neither is carried here")
 
 
 def onnx_runtime() -> Any:
@@ -133,7 +132,9 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 def _check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file."""
-    if regular_file(path, "an ONNX file").stat().st_size == 0 or path.suffix.lower() in (".pt", ".pth", ".zip"):
+    with regular_file(path, "an ONNX file").open("rb") as file:
+        start = file.read(2)
+    if start in (b"", b"PK") or path.suffix.lower() in (".pt", ".pth", ".zip"):  # PyTorch writes ZIP archives
         raise InputError(f"{path}: is no ONNX file: export the policy as ONNX")
 
 
@@ -155,8 +156,8 @@ class OnnxPolicy:
         named = [name for name in (self._time_step, self._observation) if name]
         require_known("input", named, inputs, where)
         require_known("output", [self._action], outputs, where)
-        if inputs.keys() != set(named):
-            found = f"has the inputs {', '.join(inputs)}"
+        if not self._observation or inputs.keys() != set(named):
+            found = f"has the inputs {', '.join(inputs) or 'none'}"
             raise InputError(f"{where}{found}, expected one observation, and at most 'time_step' beside it")
         self.has_time_step = bool(self._time_step)
         self.observation_width = _row(where, "input", inputs[self._observation])

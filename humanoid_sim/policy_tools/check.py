@@ -93,11 +93,16 @@ def _source_findings(reading: Reading, policy: OnnxPolicy) -> Iterator[Finding]:
 
 def _model_findings(contract: PolicyContract, policy: OnnxPolicy) -> Iterator[Finding]:
     width, limit = policy.observation_width, contract.action_limit
-    action = np.abs(policy(np.zeros(width, dtype=np.float32), 0))
-    if not action.max() <= limit:
-        joint = contract.action_joint_names[int(np.argmax(action))]
-        message = f"answers zeros with {action.max():g} for {joint}, expected a finite number of at most {limit:g}"
-        yield Finding("error", "model", f"{message}; action_limit in x.contract.yaml raises it")
+    action, again, other = (policy(np.full(width, value, dtype=np.float32), 0) for value in (0.0, 0.0, 1.0))
+    if not (most := np.abs(action).max()) <= limit:
+        joint = contract.action_joint_names[int(np.argmax(np.abs(action)))]
+        message = f"answers zeros with {most:g} for {joint}, expected a finite number of at most {limit:g}"
+        remark = "; action_limit in x.contract.yaml raises it" if np.isfinite(most) else ""
+        yield Finding("error", "model", f"{message}{remark}")
+    elif (action != again).any():
+        yield Finding("error", "model", "answers equal observations differently: it samples, export its mean")
+    elif (action == other).all():
+        yield Finding("warning", "model", "answers zeros and ones alike: the export lost weights, or the input")
     if text := missing_normaliser(policy.model.path):
         yield Finding("error", "model", text)
     source = str(policy.model.path)

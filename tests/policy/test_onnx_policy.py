@@ -45,6 +45,13 @@ def fails_when_it_runs():
     return models.finished(graph, None)
 
 
+def without_inputs():
+    """It answers the same always."""
+    outs = [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])]
+    made = [helper.make_node("Constant", [], ["action"], value_floats=[0.0, 1.0])]
+    return models.finished(helper.make_graph(made, "policy", [], outs), None)
+
+
 linear = models.linear_model
 MODELS = [
     (linear(dtype=TensorProto.DOUBLE), "input 'observation' is tensor(double) of shape [1, 8], expected"),
@@ -54,12 +61,13 @@ MODELS = [
     (of_inputs("obs", "memory"), "has the inputs obs, memory, expected one observation"),
     (
         of_inputs("obs", "hidden_states", outputs=("actions", "new_states")),
-        "is recurrent: its hidden state (hidden_states) is not carried",
+        "is recurrent, or has a second observation: beside obs it has hidden_states,",
     ),
     (
         of_inputs("obs", "h_in", "c_in", outputs=("actions", "h_out", "c_out")),
         "is recurrent: its hidden state (h_in, c_in) is not carried",
     ),
+    (without_inputs(), "has the inputs none, expected one observation"),
     (linear(outputs=3), "the model's output is 3 wide, expected 2"),
     (linear(metadata={}), "lacks joint_names, "),
     (fails_when_it_runs(), "the model fails on an observation of zeros: "),
@@ -73,6 +81,13 @@ def test_a_model_of_another_form_is_refused_in_one_line(model, expected, tmp_pat
         load_checkpoint(path)
     assert str(caught.value).startswith(f"{path}: {expected}")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "start"), [("policy.pt", b"?"), ("policy.onnx", b"PK\3\4"), ("policy.onnx", b"")])
+def test_what_pytorch_saved_is_no_onnx_file_by_any_name(tmp_path, name, start):
+    (tmp_path / name).write_bytes(start)
+    with pytest.raises(InputError, match=rf"{name}: is no ONNX file: export"):
+        load_checkpoint(tmp_path / name)
 
 
 def test_a_newer_format_is_refused_with_both_versions_alone(tmp_path):

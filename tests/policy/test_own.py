@@ -111,6 +111,8 @@ def test_each_form_keeps_every_bit_of_what_it_holds(tmp_path, made):
         ("policy_dt: !!python/name:os.system x", "policy_dt: is x"),
         ("joint_stiffness: stiff", "joint_stiffness: is stiff: expected a number"),
         ("joint_stiffness: {nose: 1.0}", "unknown joint 'nose'"),
+        ("joint_stiffness: {'.*': 1.0, '.*_knee': 2.0}", "unknown joint '.*_knee'"),
+        ("command_ranges: [1.0, [0, 1], [0, 1]]", "expected a number"),
         ("joint_stiffness: [1.0, 2.0, -3.0]", "joint_stiffness: is -3.0 for c"),
         ("policy_dt: fast", "policy_dt: is fast"),
         ("action_joint_names: [7]", "expected places of 3 joints"),
@@ -132,6 +134,8 @@ def test_a_contract_yaml_that_is_wrong_is_one_line(tmp_path, text, message):
 def test_the_file_of_a_checkpoint_is_found(tmp_path):
     model = tmp_path / "walk.onnx"
     assert find_contract(model) is None
+    (tmp_path / "contract.yml").touch()
+    assert find_contract(model) == tmp_path / "contract.yml"
     (tmp_path / "contract.yaml").touch()
     assert find_contract(model) == tmp_path / "contract.yaml"
     (tmp_path / "walk.contract.yaml").touch()

@@ -56,6 +56,14 @@ def test_mjlabs_metadata_that_is_wrong(tmp_path, changes, message):
         read(tmp_path, {**MJLAB, **changes})
 
 
+def test_lists_as_python_or_json_writes_them_are_read_too(tmp_path):
+    listed = {key: str(MJLAB[key].split(",")) for key in ("joint_names", "joint_stiffness")}
+    expected = read(tmp_path, MJLAB).contract
+    contract = read(tmp_path, {**MJLAB, **listed}).contract
+    assert contract.joint_names == expected.joint_names
+    assert contract.joint_stiffness.tolist() == expected.joint_stiffness.tolist()
+
+
 def test_mjlabs_clock_and_scan(tmp_path):
     metadata = {key: value for key, value in MJLAB.items() if not key.startswith("observation_terms")}
     (tmp_path / "contract.yaml").write_text("phase: {period: 0.6}\n")
@@ -284,6 +292,7 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
         ("legs: {", 'legs: {class_type: "isaaclab.actuators:ActuatorNetLSTM", ', "legs are ActuatorNetLSTM, a network"),
         ("legs: {", 'legs: {class_type: "isaaclab.actuators:DelayedPDActuator", ', "whose delay is not read"),
         ("concatenate_terms: true", "concatenate_terms: false", "concatenate_terms is false"),
+        ("  policy:", "  proprio:", "observations of proprio are not read, expected policy"),
     ],
 )
 def test_what_an_env_yaml_does_beyond_a_contract_is_named(tmp_path, old, new, line):
@@ -295,6 +304,21 @@ def test_other_actions_are_refused_whatever_else_is_known(tmp_path):
     (tmp_path / "env.yaml").write_text(ENV.replace("JointPositionAction", "JointEffortAction"))
     with pytest.raises(InputError, match="is a JointEffortAction, expected a JointPositionAction"):
         read(tmp_path, MJLAB)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "joints"),
+    [
+        ("joint_names: [d, b, a]", ("a", "b", "d")),
+        ("actuator_names: [d, '[ab]']", ("a", "b", "d")),
+        ("joint_names: [d, b, a], preserve_order: true", ("d", "b", "a")),
+        ("joint_names: [.*]", ("a", "c", "b", "d")),
+    ],
+)
+def test_the_joints_of_an_action_in_an_env_yaml_are_in_the_robots_order(tmp_path, chosen, joints):
+    (tmp_path / "env.yaml").write_text(ENV.replace("scale: 0.25", f"scale: 0.25, {chosen}"))
+    (tmp_path / "contract.yaml").write_text("joint_names: [a, c, b, d]\n")
+    assert read(tmp_path).contract.action_joint_names == joints
 
 
 def test_the_joints_of_a_term_in_an_env_yaml_are_in_the_robots_order(tmp_path):

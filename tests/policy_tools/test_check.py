@@ -43,6 +43,22 @@ def test_an_answer_that_is_not_finite(tmp_path, robot):
     assert "left_hip" in found(check_checkpoint(path, robot), "error model: expected a finite number").message
 
 
+@pytest.mark.parametrize(
+    ("operator", "line"), [("RandomNormalLike", "error model: it samples"), ("ConstantOfShape", "warning model: alike")]
+)
+def test_a_network_that_samples_or_observes_nothing(tmp_path, robot, operator, line):
+    path = save_checkpoint(tmp_path / "walker.onnx")
+    model = onnx.load(str(path))
+    (last,) = model.graph.node
+    action = last.output[0]
+    last.output[0] = "mean"
+    shape = [] if operator == "RandomNormalLike" else [onnx.helper.make_node("Shape", ["mean"], ["shape"])]
+    made = onnx.helper.make_node(operator, ["shape" if shape else "mean"], [action])
+    model.graph.node.extend([*shape, made])
+    onnx.save(model, str(path))
+    found(check_checkpoint(path, robot), line)
+
+
 def test_a_normaliser_that_the_export_lost(walker, robot):
     agent = walker.with_name("agent.yaml")
     for text in ("policy: {actor_obs_normalization: true}", "empirical_normalization: true"):

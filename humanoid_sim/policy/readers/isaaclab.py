@@ -8,10 +8,10 @@ from typing import Any
 
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.layers import COMMAND_AXES, MALFORMED, Layer
-from humanoid_sim.policy.readers.trainer_files import Section, is_group, observation_fields, read_section
+from humanoid_sim.policy.readers.trainer_files import Section, chosen_joints, is_group, observation_fields, read_section
 
 _GAINS = {"stiffness": "joint_stiffness", "damping": "joint_damping", "effort_limit": "effort_limit"}
-_ACTION = {"scale": "action_scale", "clip": "position_clip", "joint_names": "action_joint_names"}
+_ACTION = {"scale": "action_scale", "clip": "position_clip"}
 
 
 class _OtherActionError(InputError):
@@ -59,6 +59,8 @@ def _layers(path: Path) -> list[Layer]:
             terms = group.at("terms")
             observed, remarks = observation_fields(Section({**group, **terms, "terms": None}, group.where))
             values, unused = values | observed, (*unused, *remarks)
+    groups = () if "observation" in values else file.at("observations")
+    unused += tuple(f"{path.name}: observations of {name} are not read, expected policy or actor" for name in groups)
     ranges = file.at("commands", "base_velocity", "ranges")
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = [ranges[axis] for axis in COMMAND_AXES]
@@ -86,6 +88,8 @@ def _action(actions: Section) -> dict[str, Any]:
     if kind.endswith(("Action", "Limits")) and kind != "JointPositionAction":
         raise _OtherActionError(f"{action.where} is a {kind}, expected a JointPositionAction")
     values = action.fields({key: name for key, name in _ACTION.items() if action.get(key)})
+    if joints := chosen_joints(action):
+        values["action_joint_names"] = joints
     if action.get("use_default_offset") is False:
         values["action_offset"] = action.get("offset", 0.0)
     return values

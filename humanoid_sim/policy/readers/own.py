@@ -20,6 +20,7 @@ from humanoid_sim.strict_yaml import read_yaml
 STAMP_KEY = "humanoid_sim_contract"  # metadata key under which a stamped checkpoint carries its contract
 GOLDEN_KEY = "humanoid_sim_golden"  # of the golden vectors
 _VERSION = 2
+_AROUND = " \t\r\n\"'[]()"  # of an item in a list, as Python or JSON write it
 _NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "policy_dt")
 METADATA_KEYS = (
     *("task_type", "joint_names", "action_joint_names", *_NUMBERS[:3], "observation_names", "command_names"),
@@ -29,8 +30,8 @@ METADATA_KEYS = (
 
 
 def csv(text: str) -> list[str]:
-    """Return the items without the space around them; empty text is an empty list."""
-    return [item.strip() for item in text.split(",")] if text.strip() else []
+    """Return the items without the space, quotes and brackets around them; empty text is an empty list."""
+    return [item.strip(_AROUND) for item in text.split(",")] if text.strip(_AROUND) else []
 
 
 def csv_numbers(key: str, text: str, where: str) -> list[float]:
@@ -114,9 +115,10 @@ def own_contract(checkpoint: Path) -> Path:
 
 
 def find_contract(checkpoint: Path) -> Path | None:
-    """Return `<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in its folder; None without one."""
+    """Return `<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, or `.yml`; None without one."""
     places = (own_contract(checkpoint), checkpoint.with_name("contract.yaml"))
-    return next((path for path in places if os.path.isfile(path)), None)
+    spelled = [path.with_suffix(suffix) for path in places for suffix in (".yaml", ".yml")]
+    return next((path for path in spelled if os.path.isfile(path)), None)
 
 
 def read_contract_file(path: Path) -> Layer:

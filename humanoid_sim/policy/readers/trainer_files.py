@@ -97,7 +97,7 @@ def observation_fields(group: Section) -> tuple[dict[str, Any], tuple[str, ...]]
         found[f"{field}.history"] = history or 1  # 0: no history, the present step alone
         if isinstance(params.get("command_name"), str):
             commands.append(params["command_name"])
-        if kind.reads.startswith("joint_") and (joints := _joints(params.at("asset_cfg"))):
+        if kind.reads.startswith("joint_") and (joints := chosen_joints(params.at("asset_cfg"))):
             found[f"{field}.joints"] = joints
         if kind.requires == "phase" and params.get("period") is not None:
             found["phase.period"] = params.number("period")
@@ -105,11 +105,11 @@ def observation_fields(group: Section) -> tuple[dict[str, Any], tuple[str, ...]]
     return found, tuple(f"{group.where}: {line}" for line in unused)
 
 
-def _joints(asset: Section) -> Any:
-    """Return a term's joints by place or, as patterns, in the robot's order; None for all."""
+def chosen_joints(asset: Section) -> Any:
+    """Return the joints of a term or an action by place or, as patterns, in the robot's order; None for all."""
     if asset.get("joint_ids") not in (None, slice(None)):
         return asset["joint_ids"]
-    names = asset.get("joint_names") or []
+    names = asset.get("joint_names") or asset.get("actuator_names") or []  # mjlab's actuators have their joints' names
     patterns = [names] if isinstance(names, str) else list(names)
     if patterns == [".*"] or asset.get("preserve_order") is True:
         return None if patterns == [".*"] else patterns
