@@ -39,7 +39,7 @@ class JoyBindings:
         """Raise `FieldError` if a gamepad lacks a bound button: an operator must not find out while pressing DAMP."""
         for name, combo in self.combos().items():
             if max(combo) >= button_count:
-                raise FieldError(f"JoyBindings.{name}: is {combo}, but the gamepad has {button_count} buttons, from 0")
+                raise FieldError(f"JoyBindings.{name}: is {combo}, expected the {button_count} buttons A 0 to START 7")
 
 
 def pressed_intents(

@@ -12,15 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 import yaml
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.strict_yaml import converted, read_yaml
 
 _HEADING = """\
 # One robot's homing offsets, rad: motor = direction * joint + homing_offset. Written by
@@ -32,7 +32,7 @@ class CalibrationEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """One joint's."""
 
     id: Annotated[int, msgspec.Meta(ge=1, le=255)]  # the motor's CAN id
-    direction: int  # ±1
+    direction: Literal[-1, 1]
     homing_offset: Annotated[float, msgspec.Meta(ge=-25.2, le=25.2)] | None = None  # rad, motor frame, within ±8π
     direction_confirmed: bool = False  # a person has seen the joint move the way of a rising angle
 
@@ -43,12 +43,16 @@ class Calibration:
 
     entries: Mapping[str, CalibrationEntry]  # by joint, in the file's order; joints that the robot lacks are kept
     warnings: tuple[str, ...] = ()  # disagreements of the file with the robot description, one line each
+    path: str = "calibration"
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
         """Return every joint's offset, in the robot's order: rad, motor frame; an `InputError` names missing ones."""
         known = {name: entry.homing_offset for name, entry in self.entries.items() if entry.homing_offset is not None}
         if missing := [name for name in description.joint_names if name not in known]:
-            raise InputError(f"calibration: lacks {', '.join(missing)}; run python -m humanoid_sim.hardware calibrate")
+            foreign = [f"{name}{meant(name, missing)}" for name in self.entries if name not in description.joint_names]
+            others = f" (has {', '.join(foreign)} besides)" if foreign else ""
+            text = f"lacks {', '.join(missing)}{others}; run python -m humanoid_sim.hardware calibrate"
+            raise InputError(f"{self.path}: {text}")
         return {name: known[name] for name in description.joint_names}
 
     def unconfirmed(self, description: RobotDescription) -> tuple[str, ...]:
@@ -65,22 +69,18 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected a mapping from joint names to {accepted}")
     motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
-    entries, warnings = {}, []
+    entries, mirrored = {}, []
     for name, value in document.items():
-        try:
-            entries[name] = entry = msgspec.convert(value, CalibrationEntry)
-        except msgspec.ValidationError as error:
-            raise InputError(f"{path}: {name}: is {str(value)[:120]}: {error}; expected {accepted}") from None
+        entries[name] = entry = converted(value, CalibrationEntry, f"{path}: {name}")
         motor = motors.get(name)
-        if entry.direction not in (-1, 1) or math.isnan(entry.homing_offset or 0.0):
-            raise InputError(f"{path}: {name}: is {value}, expected a direction of 1 or -1, and a finite homing_offset")
         if motor is not None and entry.id != motor.can_id:
             text = f"is {entry.id}, the motor of {description.name}'s joint is {motor.can_id}"
             raise InputError(f"{path}: {name}: id: {text}: another robot's calibration, or calibrate this joint anew")
         if motor is not None and entry.direction != motor.direction:
-            used = f"the robot description has {motor.direction}, which is used"
-            warnings.append(f"{path}: {name}: direction: is {entry.direction}, {used}; calibrate this joint anew")
-    return Calibration(entries, tuple(warnings))
+            mirrored.append(f"{name} ({entry.direction:+d})")
+    used = f"directions are not those of {description.name}, which are used: calibrate these joints anew"
+    warnings = (f"{path}: {used}: {', '.join(mirrored)}",) if mirrored else ()
+    return Calibration(entries, warnings, str(path))
 
 
 def read_entries(path: Path, description: RobotDescription) -> Mapping[str, CalibrationEntry]:

@@ -66,13 +66,14 @@ def make_wiring(
     if len(motors) < description.joint_count:
         without = ", ".join(joint.name for joint in description.joints if joint.motor is None)
         raise InputError(f"{name}: these joints have no motor in the robot description: {without}")
-    buses = max(motor.bus for motor in motors) + 1
-    if channel_count not in {1, buses}:
-        raise InputError(f"{name}: {channel_count} channels given, expected 1, or one for each of its {buses} buses")
+    buses = sorted({motor.bus for motor in motors})
+    if channel_count not in {1, len(buses)}:
+        listed = ", ".join(map(str, buses))
+        raise InputError(f"{name}: {channel_count} channels given, expected 1, or one for each of its buses {listed}")
     offsets = dict.fromkeys(joints, 0.0) if calibration is None else calibration
     models = [MOTORS[motor.model] for motor in motors]
     families = [FAMILIES[model.family] for model in models]
-    places = [(motor.bus if channel_count > 1 else 0, motor.can_id) for motor in motors]
+    places = [(buses.index(motor.bus) if channel_count > 1 else 0, motor.can_id) for motor in motors]
     limits = [(motor.torque_limit or 0.0, motor.current_limit or 0.0) for motor in motors]
     rows = zip(joints, places, models, limits, description.mode_damping.tolist(), strict=True)
     return Wiring(
@@ -208,7 +209,9 @@ def check_positions(wiring: Wiring, joints: Iterable[int], position: FloatArray,
         if not math.isfinite(position[i]):
             checks.problem(name, "has not reported its position")
         elif not math.isfinite(turns[i]):
-            checks.problem(name, f"is at {angle[i]:.2f} rad, not within {limits} on one turn: calibrate it")
+            is_wide = wiring.upper[i] - wiring.lower[i] + 2.0 * MARGIN > _TURN
+            text = "on more than one turn: move it to their middle" if is_wide else "on any turn: calibrate it"
+            checks.problem(name, f"is at {angle[i]:.2f} rad, {'' if is_wide else 'not '}within {limits} {text}")
         elif wiring.position_range[i] < reach[i] < math.inf:
             text = f"needs commands of {reach[i]:.2f} rad, which reach {wiring.position_range[i]:.2f}"
             checks.problem(name, f"{text}: switch the motor off and on, or set its zero")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Callable
+import reprlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,30 +67,55 @@ def read_yaml(path: Path, what: str = "a YAML file") -> Any:
 
 
 def require_finite(document: Any) -> None:
-    """Raise an `InputError` if a document holds `.nan` or `.inf`."""
-    with blaming("holds a number that is not finite", ValueError):
-        json.dumps(document, allow_nan=False, default=str)
+    """Raise an `InputError` with their places if a document holds `.nan` or `.inf`."""
+    with blaming("refers to itself", ValueError):
+        json.dumps(document, default=str)
+    if found := [*_not_finite(document)]:
+        raise InputError("; ".join(found))
+
+
+def _not_finite(value: Any, place: str = "") -> Iterator[str]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _not_finite(inner, f"{place}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _not_finite(inner, f"{place}[{i}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield f"{place}: is {value}, expected a finite number"
 
 
 def converted(
     document: Any, kind: type[_Kind], where: str = "", dec_hook: Callable[[type, Any], Any] | None = None
 ) -> _Kind:
-    """Return a document as a type. Raises `InputError` with the field: `robot.yaml: joints[3].upper: Expected …`."""
+    """Return a document as a type. Raises `InputError` such as `robot.yaml: joints[3].upper: is 'x', expected …`."""
     try:
         return msgspec.convert(document, kind, dec_hook=dec_hook)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
         if problem.startswith("Object contains unknown field"):
             problem = known_names("field", problem.split("`")[1], _fields(kind, place))
+        elif problem.startswith(("Expected", "Invalid enum")) and "..." not in place:
+            parent, _, name = place.strip("`").rpartition(".")
+            accepted = getattr(_fields(kind, parent).get(name), "values", ())
+            expected = " or ".join(map(str, accepted)) or problem.partition(", got")[0].removeprefix("Expected ")
+            expected = expected.replace("`object`", "a mapping").replace("`array`", "a list")
+            problem = f"is {reprlib.repr(_value(document, place))}, expected {expected}"
         raise InputError(": ".join(filter(None, (where, place.strip(".`"), problem)))) from None
 
 
-def _fields(kind: type, place: str) -> list[str]:
-    """Return the names of the fields that a type has at a place such as `.joints[3].motor`."""
+def _value(document: Any, place: str) -> Any:
+    for name in re.findall(r"\w+", place):
+        document = document[int(name) if isinstance(document, (list, tuple)) else name]
+    return document
+
+
+def _fields(kind: type, place: str) -> dict[str, Any]:
+    """Return the fields, with their types, that a type has at a place such as `.joints[3].motor`."""
     node: Any = msgspec.inspect.type_info(kind)
     for name in [*re.findall(r"[^\W\d]\w*", place), ""]:
         while not hasattr(node, "fields"):  # of a union the first, of a list or mapping an item
             inner = node.types[0] if hasattr(node, "types") else getattr(node, "item_type", None)
             node = inner or node.value_type
         node = next((field.type for field in node.fields if field.encode_name == name), node)
-    return [field.encode_name for field in node.fields]
+    return {field.encode_name: field.type for field in node.fields}

@@ -49,8 +49,8 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
     ("options", "line"),
     [
         ({"duratin": 1}, r"simulate: unknown option 'duratin' \(did you mean 'duration'\?\)"),
-        ({"pace": "later"}, "simulate: pace: Invalid enum value 'later'"),
-        ({"duration": "long"}, "simulate: duration: Expected `float"),
+        ({"pace": "later"}, "simulate: pace: is 'later', expected auto or fast or realtime"),
+        ({"duration": "long"}, "simulate: duration: is 'long', expected `float"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
         ({"record": "none"}, r"--record: .*/none"),
         ({"policy": "nothing.onnx"}, "nothing.onnx: no such file"),

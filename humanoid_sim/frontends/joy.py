@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.joy import JoyBindings
@@ -16,7 +15,7 @@ from humanoid_sim.frontends.pads import BUTTON_COUNT
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.stack import recorded_contracts
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.strict_yaml import converted, read_yaml
 
 _MODEST = ((-0.3, 0.5), (-0.2, 0.2), (-0.5, 0.5))  # m/s, m/s, rad/s: for a policy that does not say which it knows
 _DEAD_ZONE = 0.15  # part of a stick's way, from its middle, that counts as none
@@ -46,22 +45,26 @@ def stick_velocity(axes: Sequence[float], speeds: FloatArray) -> FloatArray:
     return velocity
 
 
+def _mapping(value: Any) -> dict[str, Any]:
+    return {str(key): inner for key, inner in value.items()} if isinstance(value, dict) else {}
+
+
 def read_bindings(file: Path) -> JoyBindings:
     """Return the bindings below `joy:` of a file, or `joy.*` of `mode_manager` in a ROS 2 parameter file.
 
     Raises `InputError` if the file holds none, or binds a button that no gamepad has.
     """
-    with blaming(file, (msgspec.ValidationError, FieldError)):
-        document = msgspec.convert(read_yaml(file), dict[str, dict[str, Any]])
-        fields = document.get("joy", {})
-        for node in ("/**", "mode_manager"):  # a node's own parameters override those of every node
-            parameters = msgspec.convert(document.get(node, {}).get("ros__parameters", {}), dict[str, Any])
-            fields |= msgspec.convert(parameters.get("joy", {}), dict[str, Any])
+    with blaming(file, FieldError):
+        document, fields = _mapping(read_yaml(file)), dict[str, Any]()
+        nodes = [name for name in document if name.rpartition("/")[2] in ("**", "mode_manager")]
+        nodes.sort(key=lambda name: not name.endswith("**"))  # a node's own parameters override those of every node
+        for parameters in (document, *(_mapping(_mapping(document[name]).get("ros__parameters")) for name in nodes)):
+            fields |= _mapping(parameters.get("joy"))
             fields |= {key.removeprefix("joy."): value for key, value in parameters.items() if key.startswith("joy.")}
         if not fields:
             raise FieldError("binds no buttons, expected a mapping joy: with damp_button: N and its like")
         known = [item.name for item in dataclasses.fields(JoyBindings)]
         require_known("field of joy", fields, known, f"{file}: ")
-        joy = msgspec.convert(fields, JoyBindings)
+        joy = converted(fields, JoyBindings, f"{file}: joy")
         joy.check(BUTTON_COUNT)
     return joy

@@ -90,8 +90,7 @@ def _described(document: Any, folder: Path) -> RobotDescription:
     if isinstance(document.get("joints", {}), dict):
         document = _completed(document, folder / mjcf)
     robot = converted({**document, "folder": str(folder)}, RobotDescription)
-    problems = [*_problems(robot), *_motor_problems(robot)]
-    if problems:
+    if problems := [*_problems(robot), *_motor_problems(robot)] or [*_range_problems(robot)]:
         raise InputError("; ".join(problems))
     return robot
 
@@ -180,6 +179,33 @@ def _motor_problems(robot: RobotDescription) -> Iterator[str]:
         first = owner.setdefault(motor.can_id, i)
         if first != i:
             yield f"{place}.can_id: is {motor.can_id}, which is the id of joints[{first}]"
+
+
+def _range_problems(robot: RobotDescription) -> Iterator[str]:
+    """Name what the motors would not do: their frames cut it off, while a simulation does it."""
+    period, timeout = 1000.0 / robot.hardware.control_frequency, robot.hardware.rx_timeout_ms
+    if timeout <= period:
+        yield f"hardware.rx_timeout_ms: is {timeout:g}, expected more than the control period of {period:g} ms"
+    asked = [
+        ("lower", "position", np.abs(robot.lower)),
+        ("upper", "position", np.abs(robot.upper)),
+        ("effort_limit", "effort", robot.effort_limit),
+        ("stiffness", "stiffness", robot.stiffness),
+        ("damping", "damping", robot.damping),
+        ("damping_controller", "damping", robot.mode_damping),
+        ("remote_policy_controller", "damping", robot.passive_damping),
+        *((f"{name}.target_stiffness", "stiffness", getattr(robot, name).target_stiffness) for name in _STANDBYS),
+        *((f"{name}.target_damping", "damping", getattr(robot, name).target_damping) for name in _STANDBYS),
+    ]
+    for place, attribute, values in asked:
+        beyond = []
+        for joint, value in zip(robot.joints, values, strict=True):
+            most = math.inf if joint.motor is None else getattr(MOTORS[joint.motor.model], attribute)
+            if most < value < math.inf:
+                beyond.append(f"{joint.name} ({value:g}, at most {most:g})")
+        if beyond:
+            degrees = "; is it in degrees?" if attribute == "position" else ""
+            yield f"{place}: is more than the motor's range for {', '.join(beyond)}{degrees}"
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:

@@ -28,7 +28,7 @@ class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class MotorDescription(_Part, frozen=True, kw_only=True, omit_defaults=True):
     """The motor that drives a joint, and where it is on the bus."""
 
-    bus: Annotated[int, msgspec.Meta(ge=0)]  # index into the robot's buses
+    bus: Annotated[int, msgspec.Meta(ge=0)]  # channels are given in the order of these numbers
     can_id: int  # 1 to 127; a Sito's up to 255 where all motors are Sitos
     model: Text  # key of `humanoid_sim.robots.motors.MOTORS`, such as `rs-02`
     direction: Literal[-1, 1]  # sign between motor and joint frame: of the design, not of one physical robot
@@ -81,7 +81,8 @@ class HardwareSettings(_Part, frozen=True):
     """Settings of the real robot."""
 
     control_frequency: Positive = 50.0  # Hz
-    rx_timeout_ms: Positive = 200.0  # ms without a status of a joint after which RX_TIMEOUT is reported
+    # ms without a status of a joint after which RX_TIMEOUT is reported
+    rx_timeout_ms: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 200.0
     # The IMU's own axes in the robot's IMU frame, w x y z; by default label up, x forward.
     imu_mounting: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
 

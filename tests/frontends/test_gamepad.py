@@ -137,6 +137,8 @@ def test_sticks_steer_and_one_at_rest_claims_nothing(local, pads, pad):
         "joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}",
         "mode_manager: {ros__parameters: {joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}}}",
         "/**: {ros__parameters: {joy.damp_button: 3, joy.load_combo_a: [4, 1], joy.load_combo_b: [4, 0], other: 1}}",
+        "/arm/mode_manager: {ros__parameters: {joy: {load_combo_a: [4, 1], load_combo_b: [4, 0], damp_button: 3}}}\n"
+        "/**: {ros__parameters: {joy.damp_button: 1}}",
     ],
 )
 def test_a_file_binds_the_buttons(text, tmp_path):
@@ -148,10 +150,12 @@ def test_a_file_binds_the_buttons(text, tmp_path):
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("[1]", "Expected `object`"),
-        ("joi: {}", "binds no buttons"),
+        ("[1]", "binds no buttons"),
+        ("damp_button: 3", "binds no buttons"),
+        ("joy:", "binds no buttons"),
         ("joy: {damp: 1}", "damp"),
-        ("joy: {damp_button: x}", "damp_button"),
+        ("joy: {damp_button: x}", "joy: damp_button: is 'x', expected `int`"),
+        ("joy: {damp_button: -1}", r"damp_button: is \(-1,\)"),
         ("joy: {damp_button: 9}", "8 buttons"),
     ],
 )

@@ -32,7 +32,8 @@ def _written(folder, text):
 def test_the_robot_descriptions_direction_is_used_and_said(tmp_path):
     text = _FILE.replace("direction: -1", "direction: 1")
     (warning,) = load_calibration(_written(tmp_path, text), _LITE).warnings
-    assert "left_elbow_pitch: direction: is 1, the robot description has -1, which is used" in warning
+    assert "directions are not those of lite, which are used" in warning
+    assert warning.endswith("left_elbow_pitch (+1)")
 
 
 def test_a_confirmed_direction_needs_no_offset_and_holds_for_that_direction_only(tmp_path):
@@ -41,7 +42,7 @@ def test_a_confirmed_direction_needs_no_offset_and_holds_for_that_direction_only
     calibration = load_calibration(_written(tmp_path, text), _LITE)
     assert calibration.entries["left_wrist_yaw"] == CalibrationEntry(15, 1, None, direction_confirmed=True)
     assert set(_LITE.joint_names) - set(calibration.unconfirmed(_LITE)) == {"left_elbow_pitch", "left_wrist_yaw"}
-    with pytest.raises(InputError, match=r"lacks .*left_wrist_yaw"):
+    with pytest.raises(InputError, match=r"calibration\.yaml: lacks .*left_wrist_yaw"):
         calibration.homing_offsets(_LITE)
     turned = load_calibration(_written(tmp_path, text.replace("direction: -1", "direction: 1")), _LITE)
     assert "left_elbow_pitch" in turned.unconfirmed(_LITE)
@@ -56,8 +57,10 @@ def test_a_confirmed_direction_needs_no_offset_and_holds_for_that_direction_only
     ("text", "words"),
     [
         ("", ["joint names"]),
-        ("a: 3", ["a: is 3"]),
-        ("a: {id: 1, direction: 1, homing_offset: 0, direction_confirmed: 1}", ["$.direction_confirmed"]),
+        ("a: 3", ["a: is 3, expected a mapping"]),
+        ("a: {id: 1, direction: 1, homing_offset: 0, direction_confirmed: 1}", ["a: direction_confirmed: is 1"]),
+        ("a: {id: 1, direction: 0}", ["a: direction: is 0, expected -1 or 1"]),
+        ("a: {id: 1, direction: 1, homing_offset: 57.3}", ["a: homing_offset: is 57.3, expected"]),
         ("a: [", ["not valid YAML"]),
     ],
 )

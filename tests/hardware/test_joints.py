@@ -1,10 +1,13 @@
 """Joints and their motors: turns at power-on, angles that wrap or jump, and a command in the motor frame."""
 
 import math
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.joints import JointTracker, check_positions, make_wiring
 from humanoid_sim.hardware.motor_link import Readings
@@ -25,18 +28,35 @@ def readings(time, position, velocity=0.0):
 
 
 @pytest.mark.parametrize(
-    ("offset", "beyond", "part"),
-    [(0.0, math.nan, "has not reported"), (0.0, 1.0, "on one turn"), (11.9, 0.0, "needs commands")],
+    ("offset", "beyond", "wider", "part"),
+    [
+        (0.0, math.nan, 0.0, "has not reported"),
+        (0.0, 1.0, 0.0, "on any turn: calibrate"),
+        (0.0, 0.0, 4.0, "on more than one turn: move it"),
+        (11.9, 0.0, 0.0, "needs commands"),
+    ],
 )
-def test_a_joint_that_nobody_can_place_is_a_problem(offset, beyond, part):
+def test_a_joint_that_nobody_can_place_is_a_problem(offset, beyond, wider, part):
     """A joint beyond its limits on every turn is not calibrated, or turns the other way."""
     wired = wiring(offset)
-    checks = CheckList()
+    wired, checks = replace(wired, lower=wired.lower - wider), CheckList()
     i = LITE.joint_names.index("left_elbow_pitch")
     check_positions(wired, [i], wired.direction * (wired.upper + beyond) + wired.offset, checks)
     assert len(checks.problems) == 1
     assert "left_elbow_pitch" in checks.problems[0]
     assert part in checks.problems[0]
+
+
+@pytest.mark.parametrize("numbers", [(0, 1), (1, 2), (0, 5)])
+def test_channels_are_those_of_the_buses_in_the_order_of_their_numbers(numbers):
+    moved = [msgspec.structs.replace(joint.motor, bus=numbers[joint.motor.bus]) for joint in LITE.joints]
+    pairs = zip(LITE.joints, moved, strict=True)
+    robot = msgspec.structs.replace(
+        LITE, joints=tuple(msgspec.structs.replace(one, motor=motor) for one, motor in pairs)
+    )
+    assert [motor.channel for motor in make_wiring(robot, 2).motors] == [0] * 7 + [1] * 7
+    with pytest.raises(InputError, match=f"3 channels given, .* buses {numbers[0]}, {numbers[1]}"):
+        make_wiring(robot, 3)
 
 
 STEPS = {

@@ -59,7 +59,22 @@ STANDBY = "standby_controller_a"
 SITO = {"bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 BAD_VALUES = [
     ("mjcf", "nowhere.xml", "mjcf: is 'nowhere.xml', expected the name of an MJCF"),
-    ("joints[3].lower", math.nan, "holds a number that is not finite"),
+    ("joints[3].lower", math.nan, "joints[3].lower: is nan, expected a finite number"),
+    (
+        "joints[3].lower",
+        -135.0,
+        "lower: is more than the motor's range for left_elbow_pitch (135, at most 12.5664); is",
+    ),
+    (
+        "joints[4].effort_limit",
+        17.0,
+        "effort_limit: is more than the motor's range for left_wrist_yaw (17, at most 5.5)",
+    ),
+    ("joints[4].stiffness", 600.0, "stiffness: is more than the motor's range for left_wrist_yaw (600, at most 500)"),
+    ("damping_controller", {"damping_scalar": 6.0}, "damping_controller: is more than the motor's range for left_sh"),
+    ("hardware.rx_timeout_ms", 15, "hardware.rx_timeout_ms: is 15, expected more than the control period of 20 ms"),
+    ("hardware.rx_timeout_ms", 60000, "hardware.rx_timeout_ms: is 60000, expected `float` <= 1000.0"),
+    ("joints[1].motor.direction", 0, "joints[1].motor.direction: is 0, expected -1 or 1"),
     ("joints[3].upper", -3.0, "joints[3].upper: is -3, expected more than lower, which is -2.35619"),
     ("joints[1].motor.can_id", 11, "joints[1].motor.can_id: is 11, which is the id of joints[0]"),
     ("joints[6].motor.family", "sito", "joints[6].motor.family: is sito, but a rs-05 is of robstride"),

@@ -86,10 +86,10 @@ def test_pushes_come_once_in_each_stretch():
     [
         ({"mas": (1, 2)}, "unknown field 'mas'"),
         ({"mass": (2.0, 1.0)}, r"mass is \(2.0, 1.0\), expected the least and the greatest"),
-        ({"mass": 1.0}, r"mass: Expected `array`, got `float`"),
-        ({"encoder_offset": -0.1}, r"encoder_offset: Expected `float` >= 0.0"),
-        ({"delay": (0.0, 60.0)}, r"Expected `float` <= 1.0"),
-        ({"push_interval": 0.1}, r"Expected `float` >= 0.2"),
+        ({"mass": 1.0}, r"mass: is 1.0, expected a list"),
+        ({"encoder_offset": -0.1}, r"encoder_offset: is -0.1, expected `float` >= 0.0"),
+        ({"delay": (0.0, 60.0)}, r"is 60.0, expected `float` <= 1.0"),
+        ({"push_interval": 0.1}, r"is 0.1, expected `float` >= 0.2"),
     ],
 )
 def test_what_is_no_range_is_refused(values, message):
