@@ -45,8 +45,8 @@ class Info:
         with blaming(f"{recording.path}: its header lacks the robot", KeyError):
             robot = RobotDescription.from_json(header.documents["robot"])
         loaded = recorded_policy(header, no_policy) if len(recorded_contracts(header)) == 1 else None
-        figures = RunFigures(robot, motion=None if loaded is None else MotionFigures(robot, loaded))
         with blaming(recording.path):
+            figures = RunFigures(robot, motion=None if loaded is None else MotionFigures(robot, loaded))
             for entry in recording.entries():
                 if isinstance(entry, Event):
                     figures.event(entry)

@@ -39,6 +39,8 @@ class ReplayConfig:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `replay` with command-line arguments; returns the exit status."""
     config = parse(ReplayConfig, "replay", arguments, positional=True)
+    if config.contract is not None and config.policy is None:
+        raise InputError("--contract: is given, expected it with --policy")
     recording = open_recording(config.file)
     return _repeat(recording, config) if config.policy is None else _compare(recording, config, config.policy)
 
@@ -51,7 +53,7 @@ def _repeat(recording: Recording, config: ReplayConfig) -> int:
         print(json_text({"identical": report.is_identical, **asdict(report)}))
         return ExitStatus.of(report.is_identical)
     verdict = "bit for bit identical" if report.is_identical else "repeated; NOT the same to the end"
-    print(f"{report.ticks} ticks, {verdict}")
+    print(f"{report.ticks} ticks, {verdict if report.ticks else 'nothing to compare'}")
     if report.difference is not None:
         one = report.difference
         print(f"tick {report.tick}, t = {report.time:.3f} s, differs in {one.field} {one.where}")
@@ -84,7 +86,8 @@ def _compare(recording: Recording, config: ReplayConfig, policy: str) -> int:
     print_table(Console(highlight=False), title, rows, *columns)
     if report.failure:
         print(f"ended at {report.failure_time:.3f} s: {report.failure}")
-    print("the commands are the same" if report.is_same else "the commands differ")
+    verdict = "the commands are the same" if report.is_same else "the commands differ"
+    print(verdict if report.ticks or report.failure else "nothing to compare: no policy ran")
     return ExitStatus.of(report.is_same)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -48,11 +49,14 @@ def parse_header(
     if fields.get("format") != _FORMAT:
         raise InputError(f"{where}: header has format '{fields.get('format')}', expected '{_FORMAT}'")
     with blaming(f"{where}: header is damaged", (KeyError, TypeError, ValueError)):
+        period, start = float(fields["control_period"]), int(fields["start_time_ns"])
+        if not 0.0 < period < math.inf or not 0 <= start < 2**63:
+            raise ValueError(f"control_period is {period:g}, start_time_ns {start}")
         return SessionHeader(
             robot=fields["robot"],
             joint_names=tuple(json.loads(fields["joint_names"])),
-            control_period=float(fields["control_period"]),
-            start_time_ns=int(fields["start_time_ns"]),
+            control_period=period,
+            start_time_ns=start,
             documents=dict(documents),
             attachments={name: attachments[name] for name in json.loads(fields["attachments"])},
             observation_terms=tuple((name, width) for name, width in json.loads(fields["observation_terms"])),
@@ -61,6 +65,6 @@ def parse_header(
 
 def json_document(header: SessionHeader, name: str) -> dict[str, Any]:
     """Return a JSON object among a header's documents; empty where there is none. Raises `InputError` if damaged."""
-    with blaming(f"recording: header's document '{name}' is damaged", ValueError):
-        document: dict[str, Any] = json.loads(header.documents.get(name, "{}"))
+    with blaming(f"recording: header's document '{name}' is damaged", (ValueError, TypeError)):
+        document: dict[str, Any] = dict(**json.loads(header.documents.get(name, "{}")))
     return document

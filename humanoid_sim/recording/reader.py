@@ -56,6 +56,9 @@ class Recording:
                 topic = topics[record.channel_id]
                 with blaming(f"{self.path}: message {record.sequence} of {topic}", CdrError):
                     entry = _DECODERS[topic](record.data)
+                joints = entry.input.state.joint_position.shape if isinstance(entry, TickRecord) else None
+                if joints not in (None, (len(self.header.joint_names),)):
+                    raise InputError(f"{self.path}: its ticks have joints of shape {joints}, its header others")
                 yield entry
 
     def arrays(self) -> dict[str, Any]:
@@ -112,7 +115,8 @@ class Recording:
                 documents = record.metadata
             elif isinstance(record, Metadata) and record.name == SESSION:
                 return parse_header(str(self.path), record.metadata, documents, attachments)
-        raise InputError(f"{self.path}: {self.damage or f'no recording: it has no metadata record {SESSION!r}'}")
+        reason = f"{self.damage}, before its header" if self.damage else f"it has no metadata record {SESSION!r}"
+        raise InputError(f"{self.path}: no recording: {reason}")
 
     def _records(self) -> Iterator[McapRecord]:
         """Yield the file's records up to its end, or to the first that is not sound: see `damage`."""

@@ -63,7 +63,16 @@ def test_a_policy_that_answers_nan_is_reported(recorded, tmp_path, capsys):
     assert f"ended at 4.200 s: action of {LITE.joint_names[JOINT]} is nan" in out
 
 
+def test_where_no_policy_ran_nothing_is_compared(recorded, tmp_path, capsys):
+    recording = open_recording(recorded)
+    write_recording(tmp_path / "run.mcap", [*recording.ticks()][:10], recording.header)
+    assert replay([str(tmp_path / "run.mcap"), "--policy", str(save_model(tmp_path / "same.onnx"))]) == 1
+    assert "nothing to compare: no policy ran" in capsys.readouterr().out
+
+
 def test_what_the_recording_lacks_is_one_line(recorded, tmp_path, capsys):
+    assert replay([recorded, "--contract", "x.yaml"]) == 2
+    assert "--contract: is given, expected it with --policy" in capsys.readouterr().err
     walking = replace(CONTRACT, observation=(*CONTRACT.observation, "base_lin_vel"))
     for policy, line in (
         ("lite_biped_velocity", "joint_names of the policy do not match the robot's joints"),

@@ -16,6 +16,7 @@ from humanoid_sim.messages import Event, EventKind, RemoteCommand, SafetyFlag, S
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording import sink
+from humanoid_sim.recording.header import header_fields, json_document, parse_header
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.testing.properties import fingerprint
@@ -159,7 +160,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
         writer.start(profile="ros2")
         writer.finish()
     reasons = {
-        empty: "cut at byte 0",
+        empty: "no recording: cut at byte 0, before its header",
         text: "not a valid MCAP file",
         directory: "is a directory, expected a recording (.mcap)",
         foreign: "no recording: it has no metadata record 'humanoid_sim.session'",
@@ -170,3 +171,25 @@ def test_what_is_no_recording_is_refused(tmp_path):
             open_recording(path)
         assert str(caught.value).startswith(f"{path}: ")
         assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"control_period": "0"}, "control_period is 0"),
+        ({"control_period": "nan"}, "control_period is nan"),
+        ({"start_time_ns": str(10**30)}, "start_time_ns 10000"),
+    ],
+)
+def test_a_header_that_cannot_be_is_damaged(changes, reason):
+    header = make_header()
+    with pytest.raises(InputError, match=f"^x: header is damaged: .*{reason}"):
+        parse_header("x", header_fields(header) | changes, header.documents, header.attachments)
+    with pytest.raises(InputError, match="document 'labels' is damaged"):
+        json_document(make_header(documents={"labels": "[]"}), "labels")
+
+
+def test_ticks_of_other_joints_than_the_header_s_are_refused(tmp_path):
+    write_recording(tmp_path / "run.mcap", [make_tick(0)], make_header(joint_names=("hip", "knee")))
+    with pytest.raises(InputError, match=r"its ticks have joints of shape \(3,\), its header others"):
+        open_recording(tmp_path / "run.mcap").columns()
