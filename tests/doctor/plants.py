@@ -92,9 +92,7 @@ def at_rate(hertz: float) -> Plant:
 def alike(one: PolicyContract, other: PolicyContract) -> bool:
     """Whether two contracts wire a policy alike, but for rounding."""
     a, b = wiring_values(one), wiring_values(other)
-    return a.keys() == b.keys() and all(same(a[name], b[name]) for name in a)
-
-
-def same(a: Any, b: Any) -> bool:
-    is_numeric = np.array(a).dtype.kind == np.array(b).dtype.kind == "f"
-    return bool(np.allclose(a, b)) if is_numeric else a == b
+    if a.keys() != b.keys():
+        return False
+    is_numeric = {name: np.array(a[name]).dtype.kind == np.array(b[name]).dtype.kind == "f" for name in a}
+    return all(np.allclose(a[name], b[name]) if is_numeric[name] else a[name] == b[name] for name in a)

@@ -69,19 +69,19 @@ def plants_of(policy, right):
     """The mistakes that a policy can have, by name."""
     robot, breadth_first = right.description.joint_names, isaac_order(right.description)
     pick = {
-        "unitree": (("left_hip_roll_joint", "left_hip_yaw_joint"), breadth_first, "left_knee_joint", "base_ang_vel",
+        "unitree": (("left_hip_roll_joint", "left_hip_yaw_joint"), breadth_first, "left_knee_joint",
                     ("joint_pos_rel", "joint_vel_rel"), "last_action", "projected_gravity", breadth_first),
-        "waltz": (("left_knee_joint", "left_shoulder_pitch_joint"), robot, "right_hip_roll_joint", "base_ang_vel",
+        "waltz": (("left_knee_joint", "left_shoulder_pitch_joint"), robot, "right_hip_roll_joint",
                   ("base_lin_vel", "base_ang_vel"), "actions", "", robot),
         "holosoma": (("left_hip_pitch_joint", "right_hip_pitch_joint"), breadth_first, "right_knee_joint",
-                     "base_ang_vel", ("dof_pos", "dof_vel"), "actions", "projected_gravity", breadth_first),
+                     ("dof_pos", "dof_vel"), "actions", "projected_gravity", breadth_first),
         "berkeley": (("leg_left_hip_yaw_joint", "leg_left_hip_pitch_joint"), breadth_first,
-                     "leg_right_knee_pitch_joint", "base_ang_vel", ("base_ang_vel", "projected_gravity"), "last_action",
+                     "leg_right_knee_pitch_joint", ("base_ang_vel", "projected_gravity"), "last_action",
                      "projected_gravity", ()),
-        "playground": (("LL_HFE", "LL_KFE"), tuple(sorted(robot)), "LR_HAA", "base_ang_vel",
+        "playground": (("LL_HFE", "LL_KFE"), tuple(sorted(robot)), "LR_HAA",
                        ("joint_pos", "joint_vel"), "actions", "projected_gravity", breadth_first),
     }  # fmt: skip
-    pair, order, joint, gyro, terms, action, gravity, gains = pick[policy]
+    pair, order, joint, terms, action, gravity, gains = pick[policy]
     found = {
         "two joints swapped": swapped(*pair),
         "order of all joints": plants.relabelled(order),
@@ -89,7 +89,7 @@ def plants_of(policy, right):
         "gains x 2": plants.multiplied(2.0, "joint_stiffness", "joint_damping"),
         "action scale x 0.5": plants.multiplied(0.5, "action_scale"),
         "default pose zero": plants.no_pose,
-        "gyro in the world frame": term(gyro, frame="world"),
+        "gyro in the world frame": term("base_ang_vel", frame="world"),
         "25 Hz": plants.at_rate(25.0),
         "two terms swapped": plants.terms_swapped(*terms),
         "last action scaled": term(action, form="scaled"),

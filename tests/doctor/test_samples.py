@@ -56,13 +56,6 @@ def search(walker, steps, tmp_path):
     return run
 
 
-def test_the_right_contract_is_clean(walker, search):
-    result = search(walker.contract)
-    assert result.is_healthy
-    assert result.finding is None
-    assert result.rows == ()
-
-
 def test_a_fix_that_is_pasted_into_the_contract_file_is_clean(steps, tmp_path):
     trace, file = tmp_path / "trace.npz", tmp_path / "x.contract.yaml"
     np.savez(trace, **steps)

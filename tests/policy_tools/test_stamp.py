@@ -1,6 +1,7 @@
-"""A stamped copy needs no other file, and answers bit for bit what the original does."""
+"""A stamped copy needs no other file, answers bit for bit what the original does, and is shown as one table."""
 
 import json
+import re
 
 import numpy as np
 import onnx
@@ -74,3 +75,14 @@ def test_a_policy_that_follows_files_is_verified_without_any(tmp_path):
     assert "trainer's run" in load_checkpoint(policy_path("lite_tracking")).golden
     with pytest.raises(InputError, match=r"joint_pos\[0\] \(left_shoulder_pitch\)"):
         load_checkpoint(policy_path("lite_tracking"), shifted)
+
+
+def test_a_contract_is_one_table_and_a_replaced_value_stands_behind_its_replacement(cli, stamped):
+    status, out, error = cli("show", stamped)
+    assert (status, error) == (0, "")
+    lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
+    assert "8 samples of the trainer's run (trace.npz)" in lines["golden"]
+    assert "joint_pos_rel 12 + joint_vel_rel 4" in lines["observation"]
+    assert "history 3 of joint_pos_rel" in " ".join(out.split())
+    stamped.with_name("contract.yaml").write_text("policy_dt: 0.04\n")
+    assert re.search(r"\npolicy_dt +0.04 .*contract.yaml \(replaces 0.02 .*\)", cli("show", stamped)[1])

@@ -1,4 +1,4 @@
-"""The shipped robots: their models against published figures, their tables, and poses that touch nothing."""
+"""The shipped robots, motors and pianos against published figures, and poses that touch nothing."""
 
 import json
 from itertools import pairwise
@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
+from humanoid_sim.robots.piano import TRIGGER, key_joint_names
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())
+DATA = Path(__file__).parents[1] / "data"
+GOLDEN, PIANOS = (json.loads((DATA / f"{name}.json").read_text()) for name in ("lite_arms_golden", "piano"))
+MOTOR_TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
 ARMS = pytest.mark.parametrize("robot", [load_robot("lite"), load_robot("lite_neck")], ids=lambda robot: robot.name)
 BIPED = load_robot("lite_biped")
 ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
@@ -127,3 +131,41 @@ def test_poses_and_the_ways_to_them_touch_nothing(robot):
     across_the_chest = np.zeros(robot.joint_count)
     across_the_chest[[0, 1, 3]] = -1.5, -1.2, -2.3
     assert touches(model, data, across_the_chest), "the check can fail"
+
+
+@pytest.mark.parametrize(("robot", "name"), [("lite_piano", "dep20"), ("lite_piano_nikomaku", "nikomaku")])
+def test_keys_and_body_of_the_shipped_mjcf_are_the_published_ones(robot, name):
+    model, data = build_model(load_robot(robot)), PIANOS[name]
+    assert load_robot(robot).joints == load_robot("lite").joints
+    assert key_joint_names() == tuple(key["joint"] for key in data["keys"])
+    for key in data["keys"]:
+        joint, body = model.joint(key["joint"]), model.body(key["body"])
+        assert joint.range == pytest.approx(key["range"], abs=1e-11)
+        assert TRIGGER * joint.range[1] == pytest.approx(key["trigger_angle"], abs=1e-11)
+        assert joint.pos == pytest.approx(key["joint_pos"], abs=1e-11)
+        assert body.pos == pytest.approx(key["pos"], abs=1e-11)
+        assert body.mass[0] == pytest.approx(key["mass"], abs=1e-11)
+        assert model.geom(key["body"]).size == pytest.approx(key["size"], abs=1e-11)
+        found = joint.stiffness[0], joint.damping[0], model.qpos_spring[joint.qposadr[0]], joint.armature[0]
+        assert found == pytest.approx([key[name] for name in ("stiffness", "damping", "springref", "armature")])
+    for geom, box in zip(("piano_rear", "piano_under"), data["boxes"], strict=True):
+        assert model.geom(geom).pos == pytest.approx(box["pos"], abs=1e-11)
+        assert model.geom(geom).size == pytest.approx(box["size"], abs=1e-11)
+
+
+@pytest.mark.skipif(not MOTOR_TABLE.is_file(), reason="the table of actuators is not beside the checkout")
+def test_ranges_are_the_tables():
+    models = json.loads(MOTOR_TABLE.read_text(encoding="utf-8"))["models"]
+    assert {model["model"] for model in models} == {m.name for m in MOTORS.values() if m.family == "robstride"}
+    for model in models:
+        limits, motor = model["mit_limits"], MOTORS[model["model"]]
+        assert (motor.stiffness, motor.damping) == (limits["kp"], limits["kd"])
+        assert (motor.velocity, motor.effort) == (limits["velocity"], limits["torque"])
+
+
+def test_ids_of_one_family_that_the_others_frames_could_address():
+    robstride, sito, both = FAMILIES["robstride"], FAMILIES["sito"], {"robstride", "sito"}
+    assert [i for i in range(256) if id_problem(robstride, i, {"robstride"})] == [0, *range(128, 256)]
+    assert [i for i in range(128) if id_problem(robstride, i, both)] == [0, 1, 9, 69]
+    assert [i for i in range(257) if id_problem(sito, i, {"sito"})] == [0, 256]
+    assert [i for i in range(256) if id_problem(sito, i, both)] == [0, *range(128, 256)]
