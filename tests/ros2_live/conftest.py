@@ -8,34 +8,18 @@ import pytest
 # The machines have a name for all test modules; importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
 
-from interface_package import MADE, build, missing_tools, variables_of
-from machines import Machine, plug_in, why_not
+from interface_package import MADE, PACKAGE, build, variables_of
+from machines import Machine, plug_in
 
 
 @pytest.fixture(scope="session")
-def able():
-    """Skip where there is no ROS 2, or no namespaces."""
-    reason = why_not()
-    if reason:
-        pytest.skip(reason)
-
-
-@pytest.fixture(scope="session")
-def interfaces(able):
-    """Where the compiled `humanoid_control_msgs` is."""
-    if missing_tools():
-        pytest.skip(f"needs {', '.join(missing_tools())}")
-    return build()
-
-
-@pytest.fixture(scope="session")
-def messages(interfaces):
-    """The environment with all message types."""
-    return variables_of(interfaces, *map(build, MADE))
+def messages():
+    """The environment with all message types, compiled."""
+    return variables_of(*map(build, (PACKAGE, *MADE)))
 
 
 @pytest.fixture(scope="module")
-def robot(able, tmp_path_factory):
+def robot(tmp_path_factory):
     """The robot's computer."""
     with Machine(tmp_path_factory.mktemp("robot")) as machine:
         yield machine

@@ -1,7 +1,6 @@
 """Computers for tests: network and shared memory of their own, joined by a cable, on this machine."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -17,19 +16,6 @@ CABLE = "eth1"
 _HOLD = "mount -t tmpfs tmpfs /dev/shm && ip link set lo up && echo ready && exec cat"
 _LIMIT = 60.0
 """s; a program that should have ended long before."""
-
-
-def why_not() -> str:
-    """Why these tests cannot run here; empty if they can."""
-    if not ROS_PYTHON.exists():
-        return f"no ROS 2 in {ROS_PYTHON.parent.parent}; run `make test-ros`"
-    if shutil.which("unshare") is None or shutil.which("ip") is None:
-        return "needs unshare (util-linux) and ip (iproute2)"
-    try:
-        with Machine(Path("/tmp")):
-            return ""
-    except OSError as error:
-        return str(error)
 
 
 class Machine:
@@ -50,11 +36,7 @@ class Machine:
         if self._holder.stdout.readline() != "ready\n":
             _, problem = self._holder.communicate()
             raise OSError(f"no namespaces of our own here: {problem.strip()}")
-
-    @property
-    def process(self) -> int:
-        """That holds its namespaces."""
-        return self._holder.pid
+        self.process = self._holder.pid
 
     def __enter__(self):
         return self
@@ -135,25 +117,6 @@ def play(machine: Machine, *options: str, script: str = "hold 300") -> subproces
     return machine.python(
         "-m", "humanoid_sim.play", "--script", script, "--viewer", "none", "--record", "none", *options, cwd=ROOT
     )
-
-
-def wait_for_session(machine: Machine, patience: float = 40.0) -> None:
-    """Wait until a session runs on a machine."""
-    machine.run(sys.executable, "-c", _FIND, str(patience), cwd=ROOT)
-
-
-_FIND = """
-import sys, time
-from humanoid_sim.client import Feed, running_sessions
-end = time.monotonic() + float(sys.argv[1])
-while time.monotonic() < end:
-    for session in running_sessions():
-        with Feed(session) as feed:
-            if feed.wait(0, 1.0):
-                sys.exit(0)
-    time.sleep(0.05)
-sys.exit("no session began")
-"""
 
 
 def serve(machine: Machine, folder: Path = ROOT, *options: str, **environment: str) -> subprocess.Popen[str]:

@@ -30,12 +30,9 @@ def listen(
     machine: Machine, messages: Mapping[str, str], seconds: float, *, until: Sequence[str] = (), **environment: str
 ) -> subprocess.Popen[str]:
     """Subscribe to all topics; `heard` gives what came, for some seconds and until certain topics have been heard."""
-    arguments = [
-        word for topic, kind in TYPES.items() for word in (topic, kind, "latched" if topic in LATCHED else "plain")
-    ]
-    program = machine.ros(
-        "listen.py", str(seconds), ",".join(until), *arguments, environment={**messages, **environment}
-    )
+    topics = {topic: (kind, topic in LATCHED) for topic, kind in TYPES.items()}
+    arguments = map(json.dumps, (seconds, until, topics))
+    program = machine.ros("listen.py", *arguments, environment={**messages, **environment})
     read_until(program, "ready")
     return program
 

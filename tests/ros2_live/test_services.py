@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from machines import play, read_until, serve, wait_for_session
+from machines import play, read_until, serve
 
 pytestmark = pytest.mark.ros
 
@@ -52,7 +52,7 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot, services):
     assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10")) == SERVICES
     assert call("damp") == [False, "no session is running; start one with play"]
     session = play(robot)
-    wait_for_session(robot)
+    read_until(session, "ZERO_TORQUE  started")
     assert call("load_a") == [
         False,
         "ZERO_TORQUE (zero_torque_controller): LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE",

@@ -1,7 +1,4 @@
-"""Count the UDP packets that arrive at a device from an address; each line that comes in asks how many.
-
-packets.py DEVICE ADDRESS
-"""
+"""Count the UDP packets that arrive at a device from an address, until a line comes in: packets.py DEVICE ADDRESS"""
 
 import select
 import socket
@@ -13,13 +10,8 @@ end = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ALL))
 end.bind((device, 0))
 print("ready", flush=True)
 count = 0
-while True:
-    ready, _, _ = select.select([end, sys.stdin], [], [])
-    if end in ready:
-        packet = end.recv(65536)
-        source = packet[ETHERNET + 12 : ETHERNET + 16]
-        count += packet[12:14] == IPV4 and packet[ETHERNET + 9] == UDP and source == socket.inet_aton(address)
-    elif sys.stdin.readline():
-        print(count, flush=True)
-    else:
-        break
+while end in select.select([end, sys.stdin], [], [])[0]:
+    packet = end.recv(65536)
+    source = packet[ETHERNET + 12 : ETHERNET + 16]
+    count += packet[12:14] == IPV4 and packet[ETHERNET + 9] == UDP and source == socket.inet_aton(address)
+print(count)
