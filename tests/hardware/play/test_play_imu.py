@@ -12,19 +12,17 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
 
-def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calibrate):
+def saved_policy(path, inputs, **changes):
+    """A policy of the Lite that holds its pose, with so many inputs."""
     lite = load_robot("lite")
-    names = lite.joint_names
-    contract = models.contract(
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=50.0,
-        joint_damping=2.0,
-        default_joint_pos=0.0,
-        action_scale=0.5,
-        observation=("projected_gravity", "imu_ang_vel"),
-    )
-    models.saved(folder / "feels.onnx", models.linear_model(models.write_metadata(contract), inputs=6, outputs=14))
+    pose = lite.standby_controller_a.pose_segments[-1]
+    gains = {"joint_stiffness": 50.0, "joint_damping": 2.0}
+    contract = models.contract_of(lite.joint_names, default_joint_pos=pose, action_scale=1e-6, **gains, **changes)
+    models.saved(path, models.linear_model(models.write_metadata(contract), inputs=inputs, outputs=14))
+
+
+def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calibrate):
+    saved_policy(folder / "feels.onnx", 6, observation=("projected_gravity", "imu_ang_vel"))
     calibrate()
     result = run("--robot", quick, "--hardware", "can0", "--policy", "feels.onnx", record=False)
     assert result.status == 2
@@ -33,27 +31,20 @@ def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calib
 
 def tracker(folder, *observation):
     """Options of `play` for a policy that holds the pose, and follows a motion of the joints and the left hand."""
-    lite = load_robot("lite")
-    names, width = lite.joint_names, {"motion_anchor_ori_b": 6, "motion_anchor_pos_b": 3, "motion_command": 28}
-    contract = models.contract(
+    width = {"motion_anchor_ori_b": 6, "motion_anchor_pos_b": 3, "motion_command": 28}
+    saved_policy(
+        folder / "arm.onnx",
+        sum(width[name] for name in observation),
         task_type="tracking",
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=50.0,
-        joint_damping=2.0,
-        default_joint_pos=lite.standby_controller_a.pose_segments[-1],
-        action_scale=1e-6,
         observation=observation,
         command_names=("motion",),
         body_names=("left_hand",),
         anchor_body="left_hand",
     )
-    inputs = sum(width[name] for name in observation)
-    models.saved(folder / "arm.onnx", models.linear_model(models.write_metadata(contract), inputs=inputs, outputs=14))
     (folder / "contract.yaml").write_text("anchor_body: left_hand\n")
     frames = np.zeros((100, 2 * 14 + 7), dtype=np.float32)
     frames[:, -4] = 1.0
-    motion = Motion(frames, ("left_hand",), 0.02, layout="joints_bodies_w", joint_names=names)
+    motion = Motion(frames, ("left_hand",), 0.02, layout="joints_bodies_w", joint_names=load_robot("lite").joint_names)
     (folder / "arm.mcap").write_bytes(motion_bytes(motion))
     return "--policy", "arm.onnx", "--motion", "arm.mcap", "--hardware", "virtual:anchor", "--allow-script"
 
