@@ -15,10 +15,10 @@ __all__ = ["folder", "make_robot", "quick", "run"]
 def calibrate(folder):
     """Write a calibration of the Lite; by default it says that all motors' zeros are the joints'."""
 
-    def write(offset=float, name="calibration.yaml"):
-        motors = {joint.name: joint.motor for joint in load_robot("lite").joints if joint.motor is not None}
-        entries = {joint: CalibrationEntry(motor.can_id, motor.direction, offset()) for joint, motor in motors.items()}
-        save_calibration(folder / name, entries)
+    def write(offset=0.0):
+        motors = {joint.name: joint.motor for joint in load_robot("lite").joints}
+        entries = {joint: CalibrationEntry(motor.can_id, motor.direction, offset) for joint, motor in motors.items()}
+        save_calibration(folder / "calibration.yaml", entries)
 
     return write
 

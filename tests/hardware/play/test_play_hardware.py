@@ -76,7 +76,7 @@ def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, cap
 
 
 def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
-    calibrate(lambda: 0.1)
+    calibrate(0.1)
     without = ("--no-gamepad", *PLACEHOLDER)
     result = run("--robot", quick, "--hardware", "can7", *without, record=False)
     assert result.status == 2

@@ -55,7 +55,14 @@ def _stops(robot, *names):
     return {name: joints[name].lower for name in names}, {name: joints[name].upper for name in names}
 
 
-def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, motors, lead, path):
+def test_swept_joints_are_calibrated_and_no_motor_is_written_to(run, table_rows, motors, lead, path, monkeypatch):
+    sent, send = [], RobstrideLink.send
+
+    def watched(requests, commands):
+        sent.extend(frame.arbitration_id >> 24 for group in commands.values() for frame in group)
+        send(requests, commands)
+
+    monkeypatch.setattr(RobstrideLink, "send", watched)
     lead(motors, *_stops(_LITE, *_OFFSETS))
     old = {
         "left_elbow_pitch": CalibrationEntry(14, -1, 1.0, direction_confirmed=True),
@@ -76,18 +83,6 @@ def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, motors
     assert verdicts["left_elbow_pitch"] == verdicts["left_wrist_yaw"] == "good"
     assert verdicts["left_wrist_roll"] == "unswept"
     assert f"wrote {path}: 2 joints calibrated, 2 kept\n" in printed
-
-
-def test_no_motor_is_enabled_or_written_to(run, motors, lead, path, monkeypatch):
-    sent, send = [], RobstrideLink.send
-
-    def watched(requests, commands):
-        sent.extend(frame.arbitration_id >> 24 for group in commands.values() for frame in group)
-        send(requests, commands)
-
-    monkeypatch.setattr(RobstrideLink, "send", watched)
-    lead(motors)
-    _calibrate(run, path, joints=_JOINTS)
     assert set(sent) == {FrameType.READ_PARAMETER}
 
 
