@@ -49,11 +49,6 @@ class MockImu:
 
     close = unplug
 
-    def sample(self) -> bytes:
-        """Return a packet of the present measurements."""
-        quantities = {0x0A: self.attitude, 0x05: self.rate, 0x04: self.force}
-        return encode_packet(0x80, {k: struct.pack(f">{len(quantities[k])}f", *quantities[k]) for k in self.format})
-
     def _run(self) -> None:
         buffer = bytearray()
         due = 0.0
@@ -64,7 +59,9 @@ class MockImu:
                     self._obey(*packet)
             if self._streaming and not self.mute and time.monotonic() >= due:
                 due = time.monotonic() + self.decimation / BASE_RATE
-                self.send(self.sample())
+                quantities = {0x0A: self.attitude, 0x05: self.rate, 0x04: self.force}
+                fields = {kind: struct.pack(f">{len(quantities[kind])}f", *quantities[kind]) for kind in self.format}
+                self.send(encode_packet(0x80, fields))
 
     def _obey(self, descriptor_set: int, commands: Mapping[int, bytes]) -> None:
         for descriptor, data in commands.items():

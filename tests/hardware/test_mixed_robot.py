@@ -1,6 +1,5 @@
 """Motors of two families on one robot and one bus: ten Robstride and four Sito, emulated."""
 
-import itertools
 import time
 from contextlib import closing, contextmanager
 
@@ -25,7 +24,6 @@ ROBOT = load_robot("lite_sito")
 ZEROS = dict.fromkeys(ROBOT.joint_names, 0.0)
 WRISTS = (5, 6, 12, 13)
 TA50 = MOTORS["TA40-50"]
-_numbers = itertools.count()
 
 
 @pytest.fixture(autouse=True)
@@ -34,9 +32,8 @@ def short_listening(monkeypatch):
 
 
 @contextmanager
-def rig(before=lambda _: None, control_period=None):
-    told = []
-    channel = f"virtual:mixed-{next(_numbers)}"
+def rig(before=lambda _: None):
+    told, channel = [], "virtual:mixed"
     with punctual_threads(behind=10):
         motors = MockServer(ROBOT, [channel], log=lambda _, text: told.append(text))
     with motors:
@@ -45,7 +42,6 @@ def rig(before=lambda _: None, control_period=None):
             ROBOT,
             [channel],
             calibration=ZEROS,
-            control_period=control_period,
             allow_no_timeout=True,
             can_timeout=1.0,  # a busy machine may not send for a while
             clock=motors.clock,

@@ -53,11 +53,6 @@ def command(
     return program
 
 
-def ticks(machine: Machine, seconds: float) -> list[dict[str, Any]]:
-    """What a session's feed says for some time: one dict for each tick."""
-    return ticks_of(watch(machine, seconds))
-
-
 def watch(machine: Machine, seconds: float = math.inf) -> subprocess.Popen[str]:
     """Watch a session's feed for some time, or until `ticks_of` is called."""
     program = machine.python("-c", TICKS, str(seconds), cwd=ROOT)

@@ -16,7 +16,6 @@ from strangers import (
     is_passive,
     listen,
     passive_in_time,
-    ticks,
     ticks_of,
     watch,
 )
@@ -92,7 +91,7 @@ def test_by_default_nothing_crosses(robot, host, messages):
         outside = heard(listen(host, messages, 4.0, **OUTSIDE))
         assert sum(outside["counts"].values()) == 0
         assert set(outside["writers"].values()) == {0}
-        assert [tick for tick in ticks(robot, 0.5) if tick["arrival"] is not None] == []
+        assert [tick for tick in ticks_of(watch(robot, 0.5)) if tick["arrival"] is not None] == []
         assert [*map(count, packets)] == [0, 0]
         inside = heard(listen(robot, messages, 1.0, until=ACROSS))
         assert [topic for topic in ACROSS if not inside["counts"][topic]] == []

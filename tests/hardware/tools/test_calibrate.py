@@ -23,15 +23,15 @@ def motors():
 
 @pytest.fixture
 def lead(monkeypatch):
-    """Lead joints by hand to these positions, rad, one after the other; the tool's sweep ends after the last."""
+    """Lead joints by hand from stop to stop; the tool's sweep ends afterwards."""
 
-    def begin(motors, *positions):
-        hand, calls, moved = list(positions), [], [0.0]
+    def begin(motors, robot, *names):
+        ends, calls, moved = ["lower", "upper"], [], [0.0]
 
         def move(mock):
-            for name, angle in hand.pop(0).items():
-                joint = mock.names.index(name)
-                mock.plant.data.qpos[mock.plant.joints.qpos[joint]] = angle
+            end = ends.pop(0)
+            for joint in map(mock.names.index, names):
+                mock.plant.data.qpos[mock.plant.joints.qpos[joint]] = getattr(robot.joints[joint], end)
                 mock.plant.jam(joint, True)
             calls.clear()
             moved[0] = mock.time + 0.1
@@ -39,7 +39,7 @@ def lead(monkeypatch):
         def is_over():
             calls.append(motors.clock())
             was_read = len(calls) > 4 and motors.clock() > moved[0]
-            if was_read and hand:
+            if was_read and ends:
                 motors.call(move)
                 return False
             return was_read
@@ -50,11 +50,6 @@ def lead(monkeypatch):
     return begin
 
 
-def _stops(robot, *names):
-    joints = {joint.name: joint for joint in robot.joints}
-    return {name: joints[name].lower for name in names}, {name: joints[name].upper for name in names}
-
-
 def test_swept_joints_are_calibrated_and_no_motor_is_written_to(run, table_rows, motors, lead, path, monkeypatch):
     sent, send = [], RobstrideLink.send
 
@@ -63,7 +58,7 @@ def test_swept_joints_are_calibrated_and_no_motor_is_written_to(run, table_rows,
         send(requests, commands)
 
     monkeypatch.setattr(RobstrideLink, "send", watched)
-    lead(motors, *_stops(_LITE, *_OFFSETS))
+    lead(motors, _LITE, *_OFFSETS)
     old = {
         "left_elbow_pitch": CalibrationEntry(14, -1, 1.0, direction_confirmed=True),
         "left_wrist_roll": CalibrationEntry(16, -1, 0.5),
@@ -150,7 +145,7 @@ def test_motors_without_questions_are_enabled_limp_for_the_sweep(run, types, pat
         types("no")
         status, _, complained = run(*words)
         assert (status, complained, log) == (2, "error: not enabled: not confirmed\n", [])
-        lead(motors, *_stops(robot, "left_wrist_roll"))
+        lead(motors, robot, "left_wrist_roll")
         types("yes")
         status, printed, complained = run(*words)
         until(lambda: "left_wrist_roll: disabled" in log)
