@@ -8,14 +8,14 @@ import pytest
 # The machines have a name for all test modules; importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
 
-from interface_package import MADE, PACKAGE, build, variables_of
+from interface_package import variables
 from machines import Machine, plug_in
 
 
 @pytest.fixture(scope="session")
 def messages():
-    """The environment with all message types, compiled."""
-    return variables_of(*map(build, (PACKAGE, *MADE)))
+    """The environment with all message types."""
+    return variables()
 
 
 @pytest.fixture(scope="module")

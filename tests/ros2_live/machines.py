@@ -22,20 +22,13 @@ class Machine:
     """A computer of its own: programs that run on it share loopback, `/dev/shm` and the folder of sessions."""
 
     def __init__(self, folder: Path, beside=None) -> None:
-        """Switch it on.
-
-        Args:
-            folder: of its users' sessions.
-            beside: a machine that a cable is to lead to.
-        """
+        """Switch it on; `folder` is that of its users' sessions, and a cable is to lead to `beside`."""
         self._folder = folder
         self._programs: list[subprocess.Popen[str]] = []
         begin = ["unshare", "-rnm"] if beside is None else [*beside.command("unshare", "-nm")]
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
         self._holder = subprocess.Popen([*begin, "sh", "-c", _HOLD], text=True, **pipes)
-        if self._holder.stdout.readline() != "ready\n":
-            _, problem = self._holder.communicate()
-            raise OSError(f"no namespaces of our own here: {problem.strip()}")
+        assert self._holder.stdout.readline() == "ready\n", "no namespaces of our own here"
         self.process = self._holder.pid
 
     def __enter__(self):

@@ -1,5 +1,7 @@
 """`play` on emulated motors; the quick robot and the way to run are those of the tests of `play`."""
 
+from functools import partial
+
 import pytest
 from play_fixtures import folder, make_robot, quick, run
 
@@ -24,19 +26,9 @@ def calibrate(folder):
 
 
 @pytest.fixture
-def emulate(monkeypatch):
-    """Let `play` make mock motors with these faults and log; returns the motors that it makes."""
-
-    def replace(faults=(), log=lambda *_: None):
-        made = []
-
-        def make(*arguments, **options):
-            made.append(MockServer(*arguments, **options, log=log))
-            for fault in faults:
-                made[-1].inject(fault)
-            return made[-1]
-
-        monkeypatch.setattr(hardware_robot, "MockServer", make)
-        return made
-
-    return replace
+def told(monkeypatch):
+    """What the mock motors log that `play` makes."""
+    lines = []
+    server = partial(MockServer, log=lambda _, text: lines.append(text))
+    monkeypatch.setattr(hardware_robot, "MockServer", server)
+    return lines

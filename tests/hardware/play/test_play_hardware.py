@@ -8,7 +8,6 @@ import pytest
 from rich.console import Console
 
 from humanoid_sim.hardware.mock import robstride_motor
-from humanoid_sim.hardware.mock.faults import parse_fault
 from humanoid_sim.hardware.robstride.firmware import emulated_version
 from humanoid_sim.play.hardware_robot import HardwareSetup
 from humanoid_sim.play.options import PlayConfig
@@ -16,12 +15,9 @@ from humanoid_sim.robots.description import load_robot
 
 HARDWARE = ("--hardware", "virtual:play", "--allow-script")
 PLACEHOLDER = ("--policy", "placeholder")
-WALK = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1"
 
 
-def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, emulate):
-    told = []
-    emulate(log=lambda _, text: told.append(text))
+def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, told):
     result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
     assert (result.status, result.err) == (0, "")
     assert result.out.count("\nok ") == 14  # a line for each motor
@@ -30,18 +26,6 @@ def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, emulate):
     assert not [text for text in told if "enabled" in text]
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER).status == 0
     assert len([text for text in told if "enabled" in text]) == 14  # so they would have told
-
-
-def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
-    emulate(faults=[parse_fault("silent:left_elbow_pitch", load_robot("lite"))])
-    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
-    assert result.status == 2
-    assert result.err.startswith("error: lite: not enabled")
-    assert result.err.count("\n") == 1
-    problem = next(line for line in result.out.splitlines() if line.startswith("problem"))
-    assert "left_elbow_pitch" in problem
-    assert "ZERO_TORQUE" not in result.out
-    assert list(result.folder.iterdir()) == []
 
 
 def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatch):
@@ -54,6 +38,8 @@ def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatc
     assert dry.out.count("\nok ") == 14
     refused = run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER)
     assert (refused.status, refused.err) == (2, "error: lite: not enabled: the checks on standard output say why\n")
+    assert "ZERO_TORQUE" not in refused.out
+    assert list(refused.folder.iterdir()) == []
     accepted = {line.split("--accept-firmware ")[1].split()[0] for line in questions}
     options = ["--accept-firmware", *accepted]
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *options, *PLACEHOLDER).status == 0
