@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from models import contract_of, linear_model, saved
 
-from humanoid_sim import record
+from humanoid_sim import record, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.readers.own import write_metadata
 from humanoid_sim.robots.description import load_robot
@@ -81,3 +81,20 @@ def test_a_song_that_nobody_can_play_is_one_line(run, policy, tmp_path):
     result = run("--robot", "lite_piano", "--policy", str(policy), "--motion", str(high))
     assert result.status == 2
     assert "has no note that 'lite_piano' can reach: A7, B7, C8" in result.err
+
+
+@pytest.mark.soak
+def test_on_emulated_motors_the_policy_hears_the_keys_that_it_presses(run, make_robot, policy, tmp_path, capfd):
+    song = saved_song(tmp_path / "song.mid", [(55, 2, 8)])
+    walk = "hold 0.3; damp; hold 0.1; load_a; wait; hold 0.5; start_locomotion; hold 3; damp; hold 0.1"
+    options = ("--policy", str(policy), "--motion", str(song), "--script", walk)
+    result = run("--robot", make_robot("lite_piano"), "--hardware", "virtual:piano", "--allow-script", *options)
+    assert (result.status, result.err) == (0, "")
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
+    driven = [tick for tick in result.ticks if tick.output.policy_step is not None]
+    assert driven[-1].input.state.extern["key_pressed"].value.nonzero()[0].tolist() == [_KEYS[0]]
+    assert driven[-1].output.policy_step.observation[88 + _KEYS[0]] == 1.0
+    assert run_program(replay.main, ["r.mcap"]) == 0
+    capfd.readouterr()
+    assert run_program(record.main, ["info", "r.mcap", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["piano"]["f1"] > 0.8
