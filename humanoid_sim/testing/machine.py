@@ -88,11 +88,15 @@ class StackMachine(RuleBasedStateMachine):
         A remote command of zeros arrives in each, or in the first alone and then grows old.
         """
         for i in range(ticks + 1):  # the first one takes the consequences of what came before
-            new = RemoteCommand(MITCommand.zeros(self.joint_count), self.time + PERIOD) if sends or i == 0 else None
+            new = self._remote_command() if sends or i == 0 else None
             name, output = self.memory.controller, self.tick(remote=new)
             now = output.control_mode.controller_name
             require(i == 0 or not output.faults, "on a healthy robot, in tick {} in {}: {}", i, name, output.faults)
             require(i == 0 or now == name, "{} went to {} by itself, in tick {}", name, now, i)
+
+    def _remote_command(self) -> RemoteCommand:
+        """Return a command of zeros that arrives with the next tick."""
+        return RemoteCommand(MITCommand.zeros(self.joint_count), self.time + PERIOD)
 
     def go(self, pose: Intent, begin: Intent | None = None) -> bool:
         """To a finished pose, and from there into LOCOMOTION or REMOTE; False if there are no such controllers.
@@ -112,7 +116,7 @@ class StackMachine(RuleBasedStateMachine):
             self.time += _WAITING_PERIOD - PERIOD
             output = self.tick()
         if begin:
-            mode = self.tick(begin).control_mode
+            mode = self.tick(begin, remote=self._remote_command()).control_mode
             require(mode.controller_name == EDGES[begin][1], "{} on a healthy robot ended in {}", begin, mode)
         return True
 

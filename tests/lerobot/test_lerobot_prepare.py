@@ -51,7 +51,7 @@ NAMES = {
 def test_an_episode_becomes_a_motion(tmp_path, capsys):
     paths = [joint_path(30, seed) for seed in range(3)]
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(path) for path in paths], NAMES)
-    assert "--episode: is None, expected one of the 3 episodes" in refusal(capsys, tmp_path, root)
+    assert "--episode: missing, expected one of the 3 episodes" in refusal(capsys, tmp_path, root)
     assert "--episode: is 3" in refusal(capsys, tmp_path, root, "--episode", "3")
     assert prepare(tmp_path, root, "--episode", "1") == 0
     motion = read_motion(tmp_path / "out" / "dances_1.mcap")

@@ -122,6 +122,13 @@ def test_guards_that_are_never_asked_are_found():
         push()
 
 
+def test_a_floating_base_is_led_into_remote():
+    class Machine(testing.StackMachine):
+        build = staticmethod(testing.robot_stack("lite_biped"))
+
+    assert Machine().go(Intent.LOAD_A, Intent.START_REMOTE)
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
 def test_every_shipped_robot_withstands_anything(name):
