@@ -5,28 +5,21 @@ import pytest
 import rig
 
 from humanoid_sim.controllers import policy_step
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, Term
+from humanoid_sim.controllers.contract import PhaseRule, Term
 from humanoid_sim.controllers.policy_step import advance_phase
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
 
-JOINTS = ("a", "b", "c")
 STEPS, ROBOTS = 8, 4
 WALK, STAND = np.array([0.5, 0.0, 0.0]), np.zeros(3)
 TURN = 2.0 * np.pi * 0.02
 """rad that a clock of 1 s advances in one step of 0.02 s."""
 
 
-def contract(**changes):
+def wiring():
     """Everything that has a memory: history, phase, a reference laid onto the robot, the last action."""
-    fields = {
-        "task_type": "tracking",
-        "joint_names": ("c", "a", "b"),
-        "action_joint_names": ("b", "c"),
-        "joint_stiffness": [50.0, 40.0, 30.0],
-        "joint_damping": [2.0, 1.5, 1.0],
-        "default_joint_pos": [0.1, 0.2, 0.3],
-        "observation": (
+    contract = rig.contract(
+        observation=(
             Term("joint_pos", history=3),
             Term("projected_gravity", scale=2.0),
             "motion_anchor_pos_b",
@@ -36,20 +29,15 @@ def contract(**changes):
             "velocity_commands",
             "motion_command",
         ),
-        "command_names": ("motion",),
-        "action_scale": [0.5, 0.25],
-        "policy_dt": 0.02,
-        "body_names": ("torso",),
-        "anchor_body": "torso",
-        "phase": PhaseRule(period=0.7, standing_threshold=0.3),
-    }
-    return PolicyContract(**{**fields, **changes})
-
-
-def frames():
+        command_names=("motion",),
+        body_names=("torso",),
+        anchor_body="torso",
+        phase=PhaseRule(period=0.7, standing_threshold=0.3),
+    )
     table = np.random.default_rng(1).normal(size=(5, 13))
     table[:, 9:] /= np.sqrt((table[:, 9:] ** 2).sum(axis=1, keepdims=True))
-    return table
+    reference = build_world_reference(contract, table, rig.JOINTS, ("torso",))
+    return policy_step.PolicyWiring(rig.JOINTS, contract, reference, EXTERN_WIDTHS)
 
 
 def states(rng, batch):
@@ -67,39 +55,33 @@ def row(state, i):
     return MITState(0.0, *arrays, live)
 
 
-def wiring_of(contract):
-    reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
-    return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS)
-
-
 def test_a_batch_does_what_its_robots_do():
-    rng, wiring = np.random.default_rng(2), wiring_of(contract())
-    memories = None
-    batch = None
+    rng, wired = np.random.default_rng(2), wiring()
+    state = states(rng, (ROBOTS,))
+    batch, memories = wired.activate(state), [wired.activate(row(state, i)) for i in range(ROBOTS)]
     for _ in range(STEPS):
-        state, actions = states(rng, (ROBOTS,)), rng.normal(size=(ROBOTS, 2)).astype(np.float32)
-        batch = wiring.activate(state) if batch is None else batch
-        memories = [wiring.activate(row(state, i)) for i in range(ROBOTS)] if memories is None else memories
-        observations, batch = wiring.observe(batch, state)
-        batch, commands = wiring.act(batch, actions)
-        assert observations.shape == (ROBOTS, wiring.layout.width)
+        actions = rng.normal(size=(ROBOTS, 2)).astype(np.float32)
+        observations, batch = wired.observe(batch, state)
+        batch, commands = wired.act(batch, actions)
+        assert observations.shape == (ROBOTS, wired.layout.width)
         for i in range(ROBOTS):
-            observation, memory = wiring.observe(memories[i], row(state, i))
+            observation, memory = wired.observe(memories[i], row(state, i))
             np.testing.assert_array_equal(observations[i], observation)
-            memories[i], command = wiring.act(memory, actions[i])
+            memories[i], command = wired.act(memory, actions[i])
             np.testing.assert_array_equal(commands.position[i], command.position)
             assert batch.frame[i] == memories[i].frame
+        state = states(rng, (ROBOTS,))
 
 
 def test_actions_are_accepted_one_by_one():
-    wiring = wiring_of(contract())
+    wired = wiring()
     actions = np.array([[1.0, -100.0], [1.0, 100.5], [np.nan, 0.0], [0.0, np.inf]], dtype=np.float32)
-    np.testing.assert_array_equal(wiring.accepts(actions), [True, False, False, False])
-    assert wiring.accepts(actions[0])
+    np.testing.assert_array_equal(wired.accepts(actions), [True, False, False, False])
+    assert wired.accepts(actions[0])
     hint = "action_limit in a contract.yaml raises it"
-    assert wiring.action_problem(actions[1]) == f"action of c is 100.5, expected a magnitude <= 100: {hint}"
-    assert wiring.action_problem(actions[2]) == "action of b is nan, expected a magnitude <= 100"
-    assert wiring.action_problem(actions[0]) == ""
+    assert wired.action_problem(actions[1]) == f"action of shoulder is 100.5, expected a magnitude <= 100: {hint}"
+    assert wired.action_problem(actions[2]) == "action of elbow is nan, expected a magnitude <= 100"
+    assert wired.action_problem(actions[0]) == ""
 
 
 def rig_map(**changes):

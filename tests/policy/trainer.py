@@ -119,15 +119,12 @@ class Run:
         for a, name in enumerate(DRIVEN):
             self.target[:, ROBOT_JOINTS.index(name)] = DEFAULT[JOINTS.index(name)] + SCALE[a] * self.action[:, a]
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """What the trainer writes into a trace."""
-        names = ("qpos", "qvel", "obs", "action", "cmd", "target")
-        return {name: getattr(self, name) for name in names} | {"joint_names": np.array(["root", *ROBOT_JOINTS])}
-
 
 def save_trace(path: Path, run: Run, **changes: np.ndarray | None) -> Path:
     """Write a run; a change of None leaves the array out."""
-    arrays = {**run.arrays(), **changes}
+    names = ("qpos", "qvel", "obs", "action", "cmd", "target")
+    joints = {"joint_names": np.array(["root", *ROBOT_JOINTS])}
+    arrays = {**{name: getattr(run, name) for name in names}, **joints, **changes}
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
     return path
 

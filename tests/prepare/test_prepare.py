@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from models import contract_of, linear_model, saved
 from motion_samples import BODIES, FRAMES, POLICY, joint_frames, joint_path, lite, prepare, refusal, state_of, write_npz
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -9,6 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
 from humanoid_sim.prepare import main
 from humanoid_sim.prepare.convert import Skeleton
 
@@ -189,6 +191,38 @@ def test_a_csv_and_what_must_be_said_of_it(tmp_path, capsys, rows, names, option
 )
 def test_a_csv_that_does_not_fit(tmp_path, capsys, rows, names, options, reason):
     assert reason in refusal(capsys, tmp_path, csv(tmp_path, rows, *names), *options)
+
+
+def test_the_motion_of_a_policy_with_an_anchor_is_in_the_world(tmp_path):
+    """From quaternions of any sign, and from the base and the joints alone."""
+    contract = contract_of(
+        lite().joint_names[::-1],
+        task_type="tracking",
+        observation=("motion_command", "motion_anchor_ori_b"),
+        command_names=("motion",),
+        body_names=("chest", "left_hand"),
+        anchor_body="chest",
+    )
+    metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
+    policy = saved(tmp_path / "p.onnx", linear_model(metadata, inputs=2 * 14 + 6, outputs=14))
+    signs = np.where(np.arange(FRAMES) % 3 == 1, -1.0, 1.0)[:, None, None]
+    bodies = [SKELETON.bodies.index(name) for name in contract.body_names]
+    for path, options in (
+        (npz(tmp_path, body_quat_w=signs * TURNS), ["--joint-order", "robot", "--body-order", "mjcf"]),
+        (csv(tmp_path, np.concatenate([BASE, ROWS], axis=1), *BASE_NAMES, *lite().joint_names), NAMED),
+    ):
+        given = ["--policy", policy, "--robot", "lite", "--motion", path, "--output", tmp_path / "out", "--overwrite"]
+        assert run_program(main, [*map(str, given), *options]) == 0
+        motion = made(tmp_path)
+        assert (motion.layout, motion.joint_names) == ("joints_bodies_w", contract.joint_names)
+        assert motion.body_names == contract.body_names
+        angles, speeds, points, turns = np.split(motion.frames, [14, 28, 34], axis=1)
+        np.testing.assert_allclose(angles, ROWS[:, ::-1], atol=1e-6)
+        np.testing.assert_allclose(speeds, SPEEDS[:, ::-1], atol=2e-3)
+        np.testing.assert_allclose(points.reshape(FRAMES, 2, 3), POINTS[:, bodies], atol=1e-5)
+        turns = turns.reshape(FRAMES, 2, 4)
+        np.testing.assert_allclose(np.abs((turns * TURNS[:, bodies]).sum(axis=-1)), 1.0, atol=1e-6)
+        assert ((turns[1:] * turns[:-1]).sum(axis=-1) > 0.0).all()
 
 
 def bag(tmp_path, q, *topics, joints=()):
