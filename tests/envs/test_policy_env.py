@@ -5,12 +5,11 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
-from alike import BIPED, LITE, STILL, hasty
+from alike import BIPED, LITE, STILL, both, hasty
 
 from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY, motion_path
 from humanoid_sim.envs.config import CONFIGS
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, TickInput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern
@@ -110,38 +109,37 @@ def test_a_simulation_that_breaks_ends_the_episode(env):
     assert not env.step(zeros(env))[2]
 
 
-def pressing(env, step):
-    """Actions that lead a wrist into its stop and beyond, within 15 steps: shape (m,)."""
-    contract = env.scenario.contract
+def pressing(contract, step):
+    """Shape (14,): an action that leads a wrist into its stop and beyond, within 15 steps."""
     i = contract.action_joint_names.index("left_wrist_roll")
     start = contract.default_joint_pos[contract.joint_names.index("left_wrist_roll")]
-    action = zeros(env) if env.action_space.shape == (14,) else np.zeros(14, dtype=np.float32)
+    action = np.zeros(14, dtype=np.float32)
     action[i] = min(step / 15, 1.0) * (0.9 - start) / np.broadcast_to(contract.action_scale, action.shape)[i]
     return action
 
 
-def test_a_guard_ends_the_episode_of_one_robot_and_of_one_among_many():
-    """The second of three is pressed into its stop; it is watched afresh in its next episode."""
-    one = PolicyEnv(TRACKING, **STILL)
-    one.reset(seed=3)
-    steps, over, info = 0, False, {}
-    while not over:
-        steps += 1
-        _, _, over, _, info = one.step(pressing(one, steps))
-    assert info["fault"].startswith("following guard: left_wrist_roll does not follow")
-    assert 15 <= steps <= 30
-    many = PolicyVectorEnv(3, TRACKING, **STILL, threads=1)
-    many.reset(seed=[1, 3, 5])
-    actions = np.zeros((3, 14), dtype=np.float32)
-    for step in range(1, 2 * steps + 2):
-        actions[1] = pressing(many, step if step <= steps else step - steps - 1)
-        _, _, terminated, _, infos = many.step(actions)
-        ends = step in (steps, 2 * steps + 1)  # in between is the step in which its next episode begins
-        assert terminated.tolist() == [False, ends, False], step
-        assert not ends or infos["fault"][1] == info["fault"]
-    unwatched = PolicyEnv(TRACKING, guards=False, **STILL)
-    unwatched.reset(seed=3)
-    assert not any(unwatched.step(pressing(unwatched, step))[2] for step in range(1, steps + 5))
+@pytest.mark.parametrize("guards", [True, False])
+def test_a_guard_ends_the_episode_of_one_among_many_as_it_does_alone(guards):
+    """The second is pressed into its stop; it is watched afresh in its next episode."""
+    native, sync = both(LITE, 3, guards=guards, **STILL)
+    native.reset(seed=3)
+    sync.reset(seed=3)
+    step, ends = 0, []
+    for _ in range(52):
+        actions = np.zeros((3, 14), dtype=np.float32)
+        actions[1] = pressing(native.scenario.contract, step)
+        ours, theirs = native.step(actions), sync.step(actions)
+        np.testing.assert_array_equal(ours[2], theirs[2])
+        step += 1
+        if ours[2].any():
+            assert ours[2].tolist() == [False, True, False]
+            assert ours[4]["fault"][1] == theirs[4]["fault"][1]
+            assert ours[4]["fault"][1].startswith("following guard: left_wrist_roll does not follow")
+            ends.append(step)
+            step = -1  # in between is the step in which its next episode begins
+    assert len(set(ends)) == guards
+    assert len(ends) >= 2 * guards
+    assert all(15 <= end <= 31 for end in ends)
 
 
 def test_what_is_no_step_is_refused(env):

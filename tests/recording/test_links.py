@@ -5,25 +5,22 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from recording_samples import make_tick, write_recording
+from recording_samples import write_recording
+from records import record_of
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.controllers.rotation import matrix
-from humanoid_sim.messages import TickInput, TickRecord
-from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.recording.links import Links
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.stack import run_header
+from humanoid_sim.testing.healthy import healthy_state
 
 
-def tick_of(description, index, position, qpos):
-    """A tick in which the robot has these joint positions."""
-    n = description.joint_count
-    zeros, imu = np.zeros(n), np.array([0.8, 0.0, 0.6, 0.0])
-    state = MITState(0.02 * index, position, zeros, zeros, zeros, imu, np.zeros(3), np.zeros(3))
-    output = replace(make_tick(0).output, command=MITCommand.zeros(n), policy_step=None, standby=None)
-    return TickRecord(index, TickInput(state), output, 0.001, False, qpos)
+def tick_of(position, index=0, qpos=None):
+    """A tick of a robot that is pitched."""
+    state = replace(healthy_state(position, 0.02 * index), imu_quaternion=[0.8, 0.0, 0.6, 0.0])
+    return record_of(state, index=index, qpos=qpos)
 
 
 def in_world(links, poses):
@@ -52,8 +49,7 @@ def test_links_are_where_mujoco_has_them(name):
     mujoco.mj_normalizeQuat(model, data.qpos)
     mujoco.mj_kinematics(model, data)
     beside = np.append(data.qpos, 9.0)  # something else is simulated too
-    record = tick_of(description, 0, data.qpos[addresses], beside)
-    poses = links.poses(record)
+    poses = links.poses(tick_of(data.qpos[addresses], qpos=beside))
     places = in_world(links, poses)
     for body in range(1, model.nbody):
         found = places[model.body(body).name]
@@ -65,7 +61,7 @@ def test_links_are_where_mujoco_has_them(name):
 
 def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path):
     lite, found = load_robot("lite"), {}
-    ticks = [tick_of(lite, index, np.zeros(14), None) for index in range(40)]
+    ticks = [tick_of(np.zeros(14), index) for index in range(40)]
     write_recording(tmp_path / "run.mcap", ticks, run_header(lite, 0.005, None, settings={}))
     with AnyReader([tmp_path / "run.mcap"]) as reader:
         for connection, _, data in reader.messages():
@@ -77,6 +73,6 @@ def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path):
 def test_without_a_simulation_the_imu_turns_the_base():
     biped = load_robot("lite_biped")
     links = Links.of(run_header(biped, 0.02, None, settings={}))
-    record = tick_of(biped, 0, np.zeros(biped.joint_count), None)
+    record = tick_of(np.zeros(biped.joint_count))
     assert bare_model(biped).site(biped.imu).quat.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
     assert np.abs(links.poses(record)[links.base, 3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
