@@ -1,6 +1,3 @@
-import json
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -12,8 +9,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import AnchorOrientation, ForwardKinematics, GravityTorque, InverseKinematics
 from humanoid_sim.simulation.model import SimConfig, build_model
 from humanoid_sim.simulation.sim_robot import SimRobot
-
-GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())["samples"]
 
 ON_A_TILTED_BASE = """
 <mujoco>
@@ -29,16 +24,6 @@ ON_A_TILTED_BASE = """
   </worldbody>
 </mujoco>
 """
-
-
-def test_golden_hand_positions():
-    kinematics = ForwardKinematics(load_robot("lite"))
-    assert kinematics.bodies == ("left_hand", "right_hand")
-    positions, rotations = kinematics(np.array([sample["q"][:14] for sample in GOLDEN]))
-    assert (positions.shape, rotations.shape) == ((20, 2, 3), (20, 2, 3, 3))
-    for b, hand in enumerate(kinematics.bodies):
-        expected = [sample[hand]["pos"] for sample in GOLDEN]
-        np.testing.assert_allclose(positions[:, b], expected, rtol=0, atol=1e-9)
 
 
 def test_poses_are_in_the_base_frame(small_robot):
