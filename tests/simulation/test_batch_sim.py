@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from alike import EVERYTHING
 from msgspec.structs import replace
 
 from humanoid_sim.assets import shipped
@@ -24,16 +25,6 @@ STATE = (
     "imu_quaternion",
     "imu_angular_velocity",
     "imu_linear_acceleration",
-)
-EVERYTHING = Randomisation(
-    mass=(0.8, 1.2),
-    centre_of_mass=0.01,
-    friction=(0.5, 1.5),
-    gains=(0.9, 1.1),
-    effort=(0.5, 1.0),
-    armature=(0.8, 1.2),
-    delay=(0.0, 0.012),
-    encoder_offset=0.02,
 )
 
 
@@ -100,7 +91,7 @@ def test_a_robot_moves_as_the_reference_does(robot):
 def test_a_drawn_robot_is_the_same_alone_and_in_a_batch(name):
     robot, generator = load_robot(name), np.random.default_rng(6)
     pushed = {"push": (0.1, 0.3), "push_interval": 0.4} if robot.is_floating else {}
-    ranges = Randomisation(**{field: getattr(EVERYTHING, field) for field in EVERYTHING.__struct_fields__} | pushed)
+    ranges = Randomisation(**EVERYTHING | pushed)
     alone, batch = SimRobot(robot), BatchSim(robot, 3, randomisation=ranges, seeds=[5, 6, 7], threads=1)
     for _ in range(2):
         alone.vary(ranges, generator)

@@ -138,12 +138,11 @@ def test_a_slider_steers_in_locomotion_alone(desk):
     assert desk.intake.velocities[3:] == [(0.0, 0.0, 0.0, True)], "a slider at rest claims nothing"
 
 
-@pytest.mark.parametrize(("silence", "mode"), [("no heartbeat", Mode.LOCOMOTION), ("", Mode.DAMPING)])
-def test_a_velocity_ends_with_its_page_and_with_the_mode_and_does_not_come_back(desk, silence, mode):
+def test_a_velocity_ends_with_its_page_and_does_not_come_back(desk):
     desk.operator.do(desk.operator.steer, 0, 0.5)
     desk.run(Mode.LOCOMOTION, 0.2)
-    desk.silence = silence
-    desk.step(mode)
+    desk.silence = "no heartbeat"
+    desk.step(Mode.LOCOMOTION)
     assert desk.intake.velocities[-1] == (0.0, 0.0, 0.0, False)
     assert desk.operator.answer.startswith("velocity let go: ")
     count, desk.silence = len(desk.intake.velocities), ""
