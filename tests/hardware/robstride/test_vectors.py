@@ -13,7 +13,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
 from humanoid_sim.hardware.robstride import protocol
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS, ParameterType, pack_value, unpack_value
+from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
 from humanoid_sim.hardware.robstride.protocol import FrameType, flag_names
 from humanoid_sim.robots.motors import MOTORS
 
@@ -212,12 +212,6 @@ def test_every_malformed_frame_gets_its_class_and_moves_no_motor():
         if not row["expected"].startswith("ignore:host_command"):
             motor = RobstrideMotor(_ANY_MODEL, _motor(row), bytes(8))
             assert not motor.is_for(_frame(row)) or motor.receive(_frame(row), 1.0) == (), row["note"]
-
-
-def test_the_velocity_is_not_the_current():
-    """Drivers have read one for the other: their indices are neighbours."""
-    found = [PARAMETERS[name].index for name in ("mechPos", "iqf", "mechVel", "VBUS")]
-    assert found == [0x7019, 0x701A, 0x701B, 0x701C]
 
 
 _replies = st.builds(
