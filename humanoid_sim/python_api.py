@@ -8,6 +8,7 @@ would print.
 from __future__ import annotations
 
 import io
+import threading
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -17,6 +18,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from weakref import finalize
 
+import numpy as np
 from rich.console import Console
 
 from humanoid_sim.assets import policy_path
@@ -117,6 +119,8 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
     from humanoid_sim.play.run import played  # noqa: PLC0415
 
+    if threading.current_thread() is not threading.main_thread():  # which alone may handle signals
+        raise InputError("simulate: is called in another thread, expected the main one")
     for name in ("hardware", "manual"):
         if options.get(name):
             raise InputError(f"simulate: {name} is {options[name]!r}, expected none; an operator's runs are play's")
@@ -206,5 +210,6 @@ def _contract_of(policy: Given) -> dict[str, Path]:
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
     """Return a program's options from keywords. Raises `InputError` for one that does not exist, or a wrong value."""
     require_known("option", given, [item.name for item in fields(kind)], f"{function}: ")
-    texts = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+    texts = {name: str(value) if isinstance(value, Path) else value for name, value in plain.items()}
     return converted(texts, kind, function, dec_hook=lambda wanted, value: wanted(value))

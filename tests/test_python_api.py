@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def test_importing_the_package_loads_none_of_it_and_no_name_hides_a_module() -> 
 
 @pytest.fixture(scope="module")
 def run() -> Simulation:
-    return simulate("lite_tracking", motion="wave", duration=7.0)
+    return simulate("lite_tracking", motion="wave", duration=np.float64(7.0))
 
 
 def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -> None:
@@ -54,12 +55,18 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
         ({"record": "none"}, r"--record: .*/none"),
         ({"policy": "nothing.onnx"}, "nothing.onnx: no such file"),
+        ({"command": "0.5,0,0"}, "--command: is '0.5,0,0', but no policy of this run takes a velocity"),
     ],
 )
 def test_a_wrong_option_is_one_line(options: dict[str, object], line: str) -> None:
     with pytest.raises(InputError, match=line) as raised:
         simulate(**options)  # type: ignore[arg-type]
     assert "\n" not in str(raised.value)
+
+
+def test_another_thread_is_told_to_leave_runs_to_the_main_one() -> None:
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InputError, match="called in another thread"):
+        pool.submit(simulate, "lite_tracking").result()
 
 
 def test_a_policy_is_what_policy_show_prints(

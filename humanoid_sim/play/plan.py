@@ -62,6 +62,8 @@ class Plan:
         """Name and width of the live inputs that come from other programs."""
         ranges = next((one.command_ranges for one in contracts if one.takes_velocity_command), None)
         command = parse_velocity(config.command, ranges)
+        if command.any() and not self.policies.walks:
+            raise InputError(f"--command: is '{config.command}', but no policy of this run takes a velocity")
         self.velocity = VelocityCommand(command, ranges) if self.policies.walks else None
         self.supervisor = build_supervisor(
             description,

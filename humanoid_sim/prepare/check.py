@@ -19,6 +19,7 @@ _BEYOND = 0.035  # rad beyond a limit, by which motions that nothing else confir
 _HIGHEST = 10.0  # m above the floor, of the base of any robot whose lengths are in m
 _OFF_SPEED = 0.1  # share by which velocities may differ from the change of positions
 _STILL = 1e-4  # (rad/s)², mean square below which joints do not move
+_UPRIGHT = 0.5  # least mean of the vertical part of the base's own z axis
 _MOST_POSES = 120  # frames for which joint positions are sought
 
 
@@ -27,15 +28,18 @@ def check(motion: SourceMotion, skeleton: Skeleton) -> list[str]:
 
     Its joints are in the robot's order, its bodies in the base frame.
     """
-    about_joints = [] if motion.joints is None else _check_joints(motion, motion.joints, skeleton)
+    lines = [] if motion.joints is None else _check_joints(motion, motion.joints, skeleton)
+    upright = 1.0 if motion.base is None else float(matrix(motion.base[:, 3:])[:, 2, 2].mean())
+    if upright < _UPRIGHT:
+        lines.append("note: its base lies most of the time, as if y were up, or --quaternions another")
     if motion.bodies is not None:
-        return [_check_bodies(motion, motion.bodies, skeleton), *about_joints]
-    if motion.base is not None and matrix(motion.base[:, 3:])[:, 2, 2].mean() < 0.0:
+        return [_check_bodies(motion, motion.bodies, skeleton), *lines]
+    if upright < 0.0:
         raise InputError(f"{motion.source}: its base is upside down most of the time; are --quaternions right?")
     if motion.base is not None and (height := np.abs(motion.base[:, 2]).max()) > _HIGHEST:
         raise InputError(f"{motion.source}: its base is up to {height:g} m high; are its lengths in m?")
     return [
-        *about_joints,
+        *lines,
         "note: without body poses nothing confirms the meaning of its columns but the joints' limits",
     ]
 

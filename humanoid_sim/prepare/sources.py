@@ -171,7 +171,10 @@ def read_joint_states(path: Path, topic: str | None, joints: tuple[str, ...]) ->
     found: dict[str, list[tuple[float, list[float]]]] = {}
     others: tuple[str, ...] = ()
     regular_file(path, "an MCAP file", None)
-    with blaming(f"{path}: is not a whole MCAP file of joint states", Exception), path.open("rb") as stream:
+    with (
+        blaming(f"{path}: is not a whole MCAP file of joint states (`mcap recover` repairs a cut one)", Exception),
+        path.open("rb") as stream,
+    ):
         for schema, channel, message in make_reader(stream).iter_messages():
             if schema is None or schema.name != JOINT_STATE:
                 continue

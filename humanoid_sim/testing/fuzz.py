@@ -17,6 +17,7 @@ from hypothesis.strategies import DataObject
 from humanoid_sim.controllers.base import REMOTE_POLICY, Controller, Fault
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
@@ -141,6 +142,8 @@ def _step(controller: Controller, memory: Any, tick: TickInput) -> Any:
     if isinstance(result, Fault):
         require(bool(result.message), "a fault whose message is {!r}", result.message)
         return result
+    is_pair = isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], MITCommand)
+    require(is_pair, "the answer is {!r}, expected (memory, MITCommand) or a Fault", result)
     memory, command = result
     check_complete(command, len(controller.joints))
     return memory

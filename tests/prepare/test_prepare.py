@@ -8,6 +8,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.controllers.rotation import multiply, quaternion_from_matrix, rotate
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.readers.own import STAMP_KEY, encode, write_metadata
@@ -83,12 +84,15 @@ def test_what_the_file_does_not_say_the_options_do(tmp_path, changes, options):
     assert_sample(tmp_path, 1e-5)
 
 
+LAID = quaternion_from_matrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]))
+Y_UP = {"body_pos_w": rotate(LAID, POINTS), "body_quat_w": multiply(LAID, TURNS)}
 JUMP = np.where(np.arange(FRAMES)[:, None] == 20, ANGLES + 1.0, ANGLES)
 
 
 @pytest.mark.parametrize(
     ("changes", "note"),
     [
+        (Y_UP, "its base lies most of the time, as if y were up"),
         ({"joint_vel": 0.6 * SPEEDS}, "its joint velocities are 0.60 times its positions' change; is its rate right?"),
         ({"joint_pos": JUMP, "joint_vel": np.gradient(JUMP, 0.02, axis=0)}, "rad/s after frame 19"),
     ],

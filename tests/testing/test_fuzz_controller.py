@@ -54,6 +54,11 @@ class IsNotPure(Held):
         return replace(super().command(state), effort=np.full(3, 0.1 * len(self.log)))
 
 
+class AnswersACommandAlone(Held):
+    def update(self, memory, tick_input):
+        return self.command(tick_input.state)
+
+
 class FaultsWithoutAWord(Held):
     def activate(self, tick_input):
         return Fault("") if isinstance(super().activate(tick_input), Fault) else Memory()
@@ -77,6 +82,7 @@ def test_the_packages_own_controllers_are_sound(name):
         (Raises(), "raised ValueError"),
         (PassesNaNOn(), "expected"),
         (IsNotPure(), "the same inputs gave"),
+        (AnswersACommandAlone(), "the answer is MITCommand"),
         (FaultsWithoutAWord(), "a fault whose message is ''"),
         (FailsInTime(rig.JOINTS, np.ones(3)), "in tick 1501"),
     ],
