@@ -1,7 +1,7 @@
 """The recorder: everything is in the file, nothing waits for the disk, and a dying disk or process costs little."""
 
+import itertools
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -91,13 +91,10 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
     told = []
     recorder = McapRecorder(tmp_path / "run.mcap", tell=told.append)
     recorder.start(make_header())
-    index = 0
-    while recorder.error is None and index < 5000:
-        recorder.tick(make_tick(index))
-        index += 1
-        time.sleep(0.001)
+    indices = itertools.count()
+    until(lambda: recorder.tick(make_tick(next(indices))) or recorder.error)
     assert recorder.error == f"{tmp_path / 'run.mcap'}: recording stopped: No space left on device"
-    recorder.tick(make_tick(index))
+    recorder.tick(make_tick(next(indices)))
     recorder.event(Event(0.0, "still running"))
     recorder.close()
     assert told == [recorder.error]
