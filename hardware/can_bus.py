@@ -98,7 +98,7 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
 # --- opening
 
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "socketcand"})  # none, or given elsewhere
-_REMEDIES = {  # by the number of the system's error
+REMEDIES = {  # by the number of the system's error
     errno.ENETDOWN: f"it is down: sudo ip link set {{}} up type can bitrate {BITRATE} restart-ms 0",
     errno.ENODEV: "there is no such network interface: see `ip link`; one may be slcan:/dev/ttyACM0 instead",
     errno.ENOENT: "there is no such device: see `ls /dev/serial/by-id`",
@@ -140,10 +140,10 @@ def open_bus(address: BusAddress) -> can.BusABC:
         return can.Bus(interface=address.interface, channel=address.channel, **options)
     except Exception as error:  # every driver has exceptions of its own
         reason = f"{type(error).__name__}: {reason_of(error)}"
-        number = _error_number(error) or 0
+        number = error_number(error)
         if number == errno.ENODEV and address.interface == "udp_multicast":
             reason = "no network leads there: sudo ip link set lo up; sudo ip route add 224.0.0.0/4 dev lo"
-        elif remedy := _REMEDIES.get(number):
+        elif remedy := REMEDIES.get(number):
             reason = remedy.format(address.channel)
         elif isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
             reason += f": pip install 'python-can[{address.interface}]', or its network interface where Linux has one"
@@ -153,15 +153,15 @@ def open_bus(address: BusAddress) -> can.BusABC:
 OpenBus = Callable[[BusAddress], can.BusABC]
 
 
-def _error_number(error: BaseException | None) -> int | None:
-    """Return the `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
+def error_number(error: BaseException | None) -> int:
+    """Return the `errno` behind one of python-can's exceptions, which keeps it in one of three places; 0 without."""
     while error is not None:
         for name in ("error_code", "errno"):
             number = getattr(error, name, None)
             if isinstance(number, int):
                 return number
         error = error.__cause__
-    return None
+    return 0
 
 
 def lock_channel(address: BusAddress) -> socket.socket:
@@ -332,7 +332,7 @@ class Channel:
     def _failed(self, text: str, error: Exception) -> None:
         self.errors += 1
         self.error = text
-        if _error_number(error) in _DOWN:
+        if error_number(error) in _DOWN:
             self.down = self.down or text
 
     # --- sender
@@ -356,7 +356,7 @@ class Channel:
     def _refused(self, key: Hashable, waiting: _Waiting, error: Exception) -> None:
         """Keep a frame for which there is no room; drop one that failed, as newer ones will have been sent later."""
         now = self._clock()
-        is_full = _error_number(error) in _FULL or isinstance(error, can.CanTimeoutError) or "buffer full" in str(error)
+        is_full = error_number(error) in _FULL or isinstance(error, can.CanTimeoutError) or "buffer full" in str(error)
         if not is_full:
             self._failed(f"sending fails: {error}", error)
         if not self.down and (not is_full or now - waiting.since >= _REFUSED):

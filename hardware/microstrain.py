@@ -10,7 +10,6 @@ MIT-licensed mip_sdk for the quaternion's convention.
 from __future__ import annotations
 
 import math
-import os
 import struct
 from collections.abc import Mapping, Sequence
 from time import monotonic
@@ -20,7 +19,8 @@ import numpy as np
 import serial
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
-from humanoid_sim.errors import RobotError
+from humanoid_sim.errors import RobotError, reason_of
+from humanoid_sim.hardware.can_bus import REMEDIES, error_number
 from humanoid_sim.hardware.imu import SOURCE, UPRIGHT_AT_REST, Imu, ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
@@ -113,8 +113,9 @@ class MicrostrainImu(Imu):
                     raise RobotError(f"sends no sample within {_ANSWER_TIME:g} s")
         except (OSError, ValueError, RobotError) as error:
             self.close()
-            number = getattr(error, "errno", None)
-            reason = f"cannot be opened: {os.strerror(number)}" if number else error
+            reason = str(error)
+            if not isinstance(error, RobotError):
+                reason = f"cannot be opened: {REMEDIES.get(error_number(error)) or reason_of(error)}"
             raise RobotError(f"{self._port}: the IMU {reason}") from None
 
     def read(self, time: float) -> ImuReading:

@@ -39,7 +39,7 @@ class ModeOptions:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `mode` with command-line arguments; returns the exit status: 1 if it was refused, or failed."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] == ["stop"]:  # as somebody types who has no time to look it up
+    if words[:1] in (["stop"], ["DAMP"], ["STOP"]):  # as somebody types who has no time to look it up
         words[0] = "damp"
     match words:
         case [word] if word in WORDS:  # read without tyro, which takes time to load

@@ -36,7 +36,7 @@ def told():
     return f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
 
 
-@pytest.mark.parametrize("word", ["damp", "stop"])
+@pytest.mark.parametrize("word", ["damp", "stop", "DAMP"])
 def test_it_names_the_session_that_it_reached(word, local, capsys):
     assert serve(local, word) == (0, [Intent.DAMP])
     assert capsys.readouterr().out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"

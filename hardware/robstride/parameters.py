@@ -74,11 +74,11 @@ _STOPS = "without a command for so long the motor stops; 0: never"
 
 _PARAMETERS = (
     Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP", (0, 5)),
-    Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
+    Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit", (0.0, 120.0)),  # the strongest model's
     Parameter(0x7010, "cur_kp", _F32, "", True, 0.17, "current loop"),
     Parameter(0x7011, "cur_ki", _F32, "", True, 0.012, "current loop"),
     Parameter(0x7014, "cur_filter_gain", _F32, "", True, 0.1, "current filter, 0 to 1", (0.0, 1.0)),
-    Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of the velocity and position modes"),
+    Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of other modes than operation", (0.0, 90.0)),
     Parameter(0x7019, "mechPos", _F32, "rad", False, None, "position of the output, with its turns"),
     Parameter(0x701A, "iqf", _F32, "A", False, None, "filtered current"),
     Parameter(0x701B, "mechVel", _F32, "rad/s", False, None, "velocity of the output"),
@@ -100,7 +100,8 @@ def check_value(parameter: Parameter, value: float) -> None:
     """Refuse, by `InputError`, a value that the documents do not allow."""
     lowest, highest = parameter.accepted
     if not (lowest <= value <= highest and (parameter.is_float or value.is_integer())):
-        raise InputError(f"{parameter.name}: is {value:g}, expected {parameter.type.name}, {lowest:g} to {highest:g}")
+        kind = "a number" if parameter.is_float else "a whole number"
+        raise InputError(f"{parameter.name}: is {value:g}, expected {kind}, {lowest:g} to {highest:g}")
 
 
 def find_parameter(name_or_index: str) -> Parameter:

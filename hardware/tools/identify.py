@@ -11,6 +11,7 @@ import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, require_known
+from humanoid_sim.files import output_file
 from humanoid_sim.hardware.calibration import CalibrationEntry, read_entries, save_calibration
 from humanoid_sim.hardware.can_bus import parse_addresses
 from humanoid_sim.hardware.joints import Wiring, make_wiring
@@ -51,6 +52,7 @@ def identify(config: Identify) -> int:
         text = "nothing stops its motor when this program dies: --allow-no-timeout accepts that"
         raise InputError(f"{config.joint}: {text}")
     entries = dict(read_entries(config.output, description))
+    output_file(config.output, "--output")
     alone = wiring.motors[joint]._replace(torque_limit=config.torque, current_limit=0.0, damping=_WATCHDOG_DAMPING)
     terms = LinkTerms(CAN_TIMEOUT, _PERIOD, accepted_firmware=config.accept_firmware)
     with real_time(), bench.open_bench(addresses, wiring.motors) as link:

@@ -52,7 +52,7 @@ def judge_signs(recording: Recording, description: RobotDescription) -> list[Joi
         best, is_explained = limb[left.argmin()], left.min() <= _EXPLAINED * sound[limb].sum()
         for i, misfit in zip(limb, left.tolist(), strict=True):
             if sound[i] == 0.0:
-                verdicts[i] = "agrees" if misfit > _VISIBLE else "too small to say"
+                verdicts[i] = "agrees" if misfit > _VISIBLE else "agrees, as it would mirrored"
             elif not is_explained:
                 verdicts[i] = "contradicts: zero, load or contact?"
             else:

@@ -108,6 +108,15 @@ def test_a_device_that_is_pulled_out_is_a_fault_that_says_so(device, imu):
     assert "cannot be read any more" in imu.read(time.monotonic()).status.message
 
 
+@pytest.mark.parametrize(
+    ("port", "reason"),
+    [("/dev/nowhere", "there is no such device"), ("/dev/null", "cannot be opened: Could not configure port")],
+)
+def test_a_port_that_cannot_be_opened_is_one_line_that_says_why(port, reason):
+    with pytest.raises(RobotError, match=f"^{port}: the IMU .*{reason}"):
+        make_imu(f"microstrain:{port}", tuple(UP)).open()
+
+
 def test_a_refused_command_is_named(device, imu):
     device.errors = {(0x0C, 0x0F): 3}
     with pytest.raises(RobotError, match=rf"{device.port}.*refuses Message Format.*error 03"):
