@@ -83,7 +83,7 @@ class ScriptedBus(can.BusABC):
 
     def __init__(self):
         super().__init__(channel="scripted")
-        self.incoming = queue.SimpleQueue()
+        self.incoming, self.received = queue.SimpleQueue(), []
         self.on_send = lambda _: None
 
     def _recv_internal(self, timeout):
@@ -102,25 +102,19 @@ def bus():
 
 
 @pytest.fixture
-def received():
-    """Frames with their times."""
-    return []
-
-
-@pytest.fixture
-def channel(bus, received):
+def channel(bus):
     address = BusAddress("virtual", "scripted")
-    channel = Channel(address, lambda frame, when: received.append((frame, when)), open_bus=lambda _: bus)
+    channel = Channel(address, lambda _, when: bus.received.append(when), open_bus=lambda _: bus)
     yield channel
     channel.close()
 
 
-def test_a_frame_is_as_old_as_its_stamp(received, bus, channel):
+def test_a_frame_is_as_old_as_its_stamp(bus, channel):
     for age in (0.3, 3600.0, -5.0):  # it lay in the kernel; the process was stopped for an hour; the clock was set
         bus.incoming.put(message_of(FRAME, time.time() - age))
-    assert until(lambda: len(received) == 3)
+    assert until(lambda: len(bus.received) == 3)
     now = time.monotonic()
-    ages = [now - when for _, when in received]
+    ages = [now - when for when in bus.received]
     assert 0.3 <= ages[0] < 20.0
     assert ages[1] > 5.0
     assert 0.0 <= ages[2] < 20.0

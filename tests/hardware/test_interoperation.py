@@ -23,13 +23,7 @@ _MOTORS = {joint.name: joint.motor for joint in _LITE.joints if joint.motor is n
 
 
 @pytest.fixture
-def motors():
-    with MockServer(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
-        yield motors
-
-
-@pytest.fixture
-def client(motors, monkeypatch):
+def client(monkeypatch):
     for model in ROBSTRIDES:
         monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
         monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
@@ -41,7 +35,13 @@ def client(motors, monkeypatch):
     client.disconnect(disable_torque=False)
 
 
-def test_their_parameters_and_mit_frames_are_obeyed_and_their_readings_are_true(client, motors, capsys):
+def test_their_parameters_and_mit_frames_are_obeyed_and_their_readings_are_true(client, capsys):
+    with MockServer(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
+        _drive(client, motors)
+    assert "WARNING" not in capsys.readouterr().out.replace("WARNING: No calibration provided", "")
+
+
+def _drive(client, motors):
     name = "left_wrist_yaw"
     assert (client.read(name, ParameterType.MODE), client.read(name, ParameterType.VBUS)) == (0, 48.0)
     client.write(name, ParameterType.TORQUE_LIMIT, 5.0)
@@ -67,4 +67,3 @@ def test_their_parameters_and_mit_frames_are_obeyed_and_their_readings_are_true(
     still, _, effort, _ = client.read_operation_frame(name)
     assert effort == pytest.approx(0.0, abs=1e-3)
     assert still == pytest.approx(position, abs=0.1)
-    assert "WARNING" not in capsys.readouterr().out.replace("WARNING: No calibration provided", "")

@@ -112,13 +112,12 @@ def play(machine: Machine, *options: str, script: str = "hold 300") -> subproces
     )
 
 
-def serve(machine: Machine, folder: Path = ROOT, *options: str, **environment: str) -> subprocess.Popen[str]:
+def serve(machine: Machine, folder: Path = ROOT, **environment: str) -> subprocess.Popen[str]:
     """Start the services on a machine, as a user of ROS 2 does."""
     program = machine.start(
         str(ROS_PYTHON),
         "-m",
         "humanoid_sim.ros2_services",
-        *options,
         environment={**environment, "PYTHONPATH": str(ROOT)},
         cwd=folder,
     )

@@ -45,10 +45,10 @@ def heard(program: subprocess.Popen[str]) -> dict[str, Any]:
 
 
 def command(
-    machine: Machine, messages: Mapping[str, str], position: float, effort: float = 0.0, **environment: str
+    machine: Machine, messages: Mapping[str, str], position: float, **environment: str
 ) -> subprocess.Popen[str]:
     """Send commands for REMOTE until it is ended."""
-    program = machine.ros("command.py", str(position), str(effort), *JOINTS, environment={**messages, **environment})
+    program = machine.ros("command.py", str(position), *JOINTS, environment={**messages, **environment})
     read_until(program, "ready")
     return program
 

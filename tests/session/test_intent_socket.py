@@ -41,18 +41,8 @@ def test_the_folder_is_for_its_user_alone_and_a_path_too_long_is_one_line(local,
         IntentSocket(tmp_path / ("d" * 120))
 
 
-def test_a_policy_is_selected_at_rest_and_refused_in_motion_or_late(local):
+def test_a_late_selection_of_a_policy_and_words_without_a_meaning_are_refused(local):
     operator = local.intake("operator")
-    for name, intents, is_granted in (
-        ("dance", (), True),
-        ("danse", (), False),
-        ("walk", (Intent.DAMP, Intent.LOAD_A), False),
-    ):
-        for intent in intents:
-            local.tick(intent)
-        token = operator.post(f"policy {name}")
-        assert local.tick().input.policy == name
-        assert operator.answer(token, 1.0).granted is is_granted
     for word, seen, refusal in (
         ("policy walk", monotonic_ns() - 600_000_000, "too late"),
         ("policy", None, "policy NAME"),

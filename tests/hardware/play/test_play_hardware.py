@@ -45,17 +45,14 @@ def test_firmware_that_no_document_mentions_is_a_question(run, quick, monkeypatc
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *options, *PLACEHOLDER).status == 0
 
 
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
 def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, capsys):
     config = PlayConfig(hardware="udp_multicast:239.74.163.9", calibration="none")
     setup = HardwareSetup(config, load_robot("lite"), 0.02, ExitStack())
     monkeypatch.setattr(setup.robot, "prepare", lambda: setup.robot.checks.warn("can0", "no active reports"))
-    monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
+    terminal = io.StringIO(f"{answer}\n")
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stdin", terminal)
     assert setup.bring_up(config, Console()) is enables
     out = capsys.readouterr().out
     assert out.index("warning  can0  no active reports") < out.index("Enable the motors of lite on ")

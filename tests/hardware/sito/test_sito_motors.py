@@ -34,9 +34,6 @@ class Rig:
     def kinds(self, *values):
         return [type(message) for message in self.command(*values) if message.device_id == 22]
 
-    def receive(self, message):
-        assert self.motors.receive(0, encode(message, MODEL), 1.0)
-
 
 def test_stiffer_gains_go_after_the_command_and_softer_ones_before():
     """So that no target is ever held with gains that were not meant for it."""
@@ -59,8 +56,8 @@ def test_gains_go_with_every_command():
 def test_the_position_of_a_damping_command_is_where_the_motor_is():
     """Were the frame with the gains lost, the old K_p would meet the new command's position."""
     rig = Rig(1)
-    rig.receive(Feedback(22, 0.1, 0.2))
-    rig.receive(PositionFeedback(22, 0.25))
+    for message in (Feedback(22, 0.1, 0.2), PositionFeedback(22, 0.25)):
+        assert rig.motors.receive(0, encode(message, MODEL), 1.0)
     (command,) = [m for m in rig.command(0.0, 2.0) if isinstance(m, Command)]
     assert command.position == pytest.approx(0.25, abs=1e-4)
     reading = rig.motors.readings()

@@ -95,13 +95,8 @@ def path(tmp_path):
     return tmp_path / "calibration.yaml"
 
 
-def _seen(monkeypatch, sweep):
-    """The elbow was swept so; nothing else."""
-    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: sweep})
-
-
 def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path):
-    _seen(monkeypatch, (-0.01, 2.37))
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: (-0.01, 2.37)})  # of the elbow
     status, printed, complained = _calibrate(run, path)
     assert status == 1
     assert all(words in complained for words in ("left_elbow_pitch", "direction", "--any-offset"))
