@@ -7,13 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.calibration import (
-    CalibrationEntry,
-    Verdict,
-    evaluate,
-    load_calibration,
-    save_calibration,
-)
+from humanoid_sim.hardware.calibration import CalibrationEntry, Verdict, evaluate, load_calibration, save_calibration
 from humanoid_sim.robots.description import load_robot
 
 _LITE = load_robot("lite")

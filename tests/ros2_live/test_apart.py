@@ -7,18 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 from machines import CABLE, PROGRAMS, play, read_until, serve
-from strangers import (
-    ACROSS,
-    JOINTS,
-    REMOTE,
-    command,
-    heard,
-    is_passive,
-    listen,
-    passive_in_time,
-    ticks_of,
-    watch,
-)
+from strangers import ACROSS, JOINTS, REMOTE, command, heard, is_passive, listen, passive_in_time, ticks_of, watch
 
 pytestmark = pytest.mark.ros
 

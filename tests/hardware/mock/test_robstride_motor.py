@@ -8,23 +8,9 @@ from hypothesis import strategies as st
 
 from humanoid_sim.hardware.can_bus import Frame
 from humanoid_sim.hardware.mock.robstride_motor import RobstrideMotor
+from humanoid_sim.hardware.robstride import protocol
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.protocol import (
-    CLEAR_FAULTS,
-    REPORTS_OFF,
-    REPORTS_ON,
-    SAVE,
-    FaultBit,
-    FrameType,
-    MotorMode,
-    OperationControl,
-    Status,
-    StatusFault,
-    decode_reply,
-    encode_command,
-    encode_operation,
-    parameter_data,
-)
+from humanoid_sim.hardware.robstride.protocol import FaultBit, FrameType, MotorMode, Status, StatusFault
 from humanoid_sim.robots.motors import MOTORS
 
 ID = 11
@@ -42,7 +28,7 @@ class Lone:
 
     def ask(self, kind, data=b""):
         """The answer to a command."""
-        (reply,) = self._read(self.motor.receive(encode_command(kind, ID, data), self.time))
+        (reply,) = self._read(self.motor.receive(protocol.encode_command(kind, ID, data), self.time))
         return reply
 
     def wait(self, duration):
@@ -55,22 +41,22 @@ class Lone:
 
     def mit(self):
         """The status that answers operation control without torque."""
-        command = encode_operation(ID, OperationControl(0.0, 0.0, 0.0, 0.0, 0.0), self.motor.model)
+        command = protocol.encode_operation(ID, protocol.OperationControl(0.0, 0.0, 0.0, 0.0, 0.0), self.motor.model)
         (status,) = self._read(self.motor.receive(command, self.time))
         return status
 
     def write(self, name, value):
         parameter = PARAMETERS[name]
-        self.ask(FrameType.WRITE_PARAMETER, parameter_data(parameter.index, pack_value(parameter.type, value)))
+        self.ask(FrameType.WRITE_PARAMETER, protocol.parameter_data(parameter.index, pack_value(parameter.type, value)))
 
     def read(self, name):
         parameter = PARAMETERS[name]
-        reply = self.ask(FrameType.READ_PARAMETER, parameter_data(parameter.index))
+        reply = self.ask(FrameType.READ_PARAMETER, protocol.parameter_data(parameter.index))
         assert reply.is_success
         return unpack_value(parameter.type, reply.payload)
 
     def _read(self, frames):
-        return [decode_reply(frame, {ID: self.motor.model}, self.motor.host_id) for frame in frames]
+        return [protocol.decode_reply(frame, {ID: self.motor.model}, self.motor.host_id) for frame in frames]
 
 
 def test_after_power_on_it_is_disabled_and_knows_its_angle_within_one_turn():
@@ -81,7 +67,7 @@ def test_after_power_on_it_is_disabled_and_knows_its_angle_within_one_turn():
     assert Lone(0.13 + 14 * math.pi).mit().position == pytest.approx(0.13, abs=4e-4)
     lone.write("zero_sta", 1)
     lone.write("limit_torque", 3.0)
-    lone.ask(FrameType.SAVE_PARAMETERS, SAVE)
+    lone.ask(FrameType.SAVE_PARAMETERS, protocol.SAVE)
     lone.write("limit_torque", 4.0)
     lone.motor.power_on()
     assert lone.mit().position == pytest.approx(-0.13, abs=4e-4)
@@ -124,22 +110,22 @@ def test_a_fault_stops_it_and_is_latched_until_it_is_cleared_without_its_cause(s
     status = lone.mit()
     assert (status.mode, status.faults) == (MotorMode.RESET, in_status)
     assert lone.ask(FrameType.ENABLE).mode is MotorMode.RESET
-    assert lone.ask(FrameType.STOP, CLEAR_FAULTS).faults == in_status, "the cause is still there"
+    assert lone.ask(FrameType.STOP, protocol.CLEAR_FAULTS).faults == in_status, "the cause is still there"
     setattr(lone.motor.sensed, sensor, healthy)
     lone.wait(0.1)
     assert lone.ask(FrameType.STOP).faults == in_status, "latched"
-    assert lone.ask(FrameType.STOP, CLEAR_FAULTS).faults == StatusFault(0)
+    assert lone.ask(FrameType.STOP, protocol.CLEAR_FAULTS).faults == StatusFault(0)
     assert lone.ask(FrameType.ENABLE).mode is MotorMode.RUN
 
 
 def test_active_reports_have_their_interval():
     lone = Lone(enabled=True)
     lone.write("EPScan_time", 3)
-    lone.ask(FrameType.ACTIVE_REPORT, REPORTS_ON)
+    lone.ask(FrameType.ACTIVE_REPORT, protocol.REPORTS_ON)
     reports = lone.wait(0.1)
     assert len(reports) == 5, "every 20 ms"
     assert all(isinstance(report, Status) and report.is_report for report in reports)
-    lone.ask(FrameType.ACTIVE_REPORT, REPORTS_OFF)
+    lone.ask(FrameType.ACTIVE_REPORT, protocol.REPORTS_OFF)
     assert lone.wait(0.1) == []
 
 
@@ -151,7 +137,7 @@ def test_measurements_are_parameters_and_the_position_wraps_in_a_status_only():
     lone.write("mechPos", 1.0)  # read only
     assert [lone.read(name) for name in ("mechPos", "mechVel", "VBUS")] == pytest.approx([13.0, 2.5, 47.0])
     assert lone.read("iqf") == pytest.approx(1.7 * 23.0 / 17.0, rel=1e-6)
-    reply = lone.ask(FrameType.READ_PARAMETER, parameter_data(0x7FFF))
+    reply = lone.ask(FrameType.READ_PARAMETER, protocol.parameter_data(0x7FFF))
     assert not reply.is_success
-    lone.ask(FrameType.WRITE_PARAMETER, parameter_data(0x700B, b"\x00\x00\xc0\x7f"))
+    lone.ask(FrameType.WRITE_PARAMETER, protocol.parameter_data(0x700B, b"\x00\x00\xc0\x7f"))
     assert lone.read("limit_torque") == 17.0, "NaN is not taken"
