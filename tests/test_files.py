@@ -121,7 +121,7 @@ class Cart(msgspec.Struct):
 @pytest.mark.parametrize(
     ("document", "problem"),
     [
-        ({"wheels": [{"radius": 1}, {"radius": "x"}]}, "wheels[1].radius: Expected `float`, got `str`"),
+        ({"wheels": [{"radius": 1}, {"radius": "x"}]}, "wheels[1].radius: is 'x', expected `float`"),
         ({}, "Object missing required field `wheels`"),
     ],
 )

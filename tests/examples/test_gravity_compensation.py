@@ -77,7 +77,7 @@ def test_the_arms_are_held_in_both_forms(tmp_path, monkeypatch, runtime):
                 line_with(client, "REMOTE: holding")
                 time.sleep(8.0)
                 client.terminate()
-                assert client.wait(20.0) == 0
+                assert client.wait(60.0) == 0
         play.send_signal(signal.SIGINT)
         play.communicate(timeout=60.0)
     remote = [tick for tick in open_recording(record).ticks() if tick.output.control_mode.mode is Mode.REMOTE]
