@@ -3,25 +3,16 @@
 import pytest
 import rig
 from hypothesis import settings
-from hypothesis.stateful import run_state_machine_as_test
 
-from humanoid_sim.testing import DEFAULT_SETTINGS, StackMachine
+from humanoid_sim.testing import DEFAULT_SETTINGS, fuzz_stack
 
 pytestmark = pytest.mark.timeout(1800)  # shrinking a failure to its few steps takes up to five minutes
 
 
-class RigMachine(StackMachine):
-    """The small stack of the tests, with two policies."""
-
-    def build(self, policy):
-        return rig.two_policies(policy, policy)
-
-
-def test_the_supervisor_withstands_anything():
-    run_state_machine_as_test(RigMachine, settings=settings(DEFAULT_SETTINGS, max_examples=5, derandomize=True))
-
-
-@pytest.mark.soak
-def test_the_supervisor_withstands_anything_for_longer():
-    """New examples in every run; a failure prints how to repeat it."""
-    run_state_machine_as_test(RigMachine, settings=settings(DEFAULT_SETTINGS, max_examples=300))
+@pytest.mark.parametrize(
+    ("count", "is_repeatable"), [(5, True), pytest.param(300, False, marks=pytest.mark.soak)], ids=["short", "long"]
+)
+def test_the_supervisor_withstands_anything(count, is_repeatable):
+    """Where examples are new in every run, a failure prints how to repeat it."""
+    chosen = settings(DEFAULT_SETTINGS, max_examples=count, derandomize=is_repeatable)
+    fuzz_stack(lambda policy: rig.two_policies(policy, policy), chosen)
