@@ -106,6 +106,7 @@ REMEDIES = {  # by the number of the system's error
     errno.EACCES: "this user may not: sudo usermod -aG dialout $USER, then log in again",
     errno.EBUSY: "another program has it open",
 }
+_NO_DRIVER = (can.CanInterfaceNotImplementedError, ImportError, NameError)
 _IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
 _MOST_ECHOES = 1024  # frames that are remembered until they come back: some get lost
 
@@ -145,7 +146,7 @@ def open_bus(address: BusAddress) -> can.BusABC:
             reason = "no network leads there: sudo ip link set lo up; sudo ip route add 224.0.0.0/4 dev lo"
         elif remedy := REMEDIES.get(number):
             reason = remedy.format(address.channel)
-        elif isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
+        elif isinstance(error, _NO_DRIVER) or (isinstance(error, OSError) and not number):  # a library of the vendor
             reason += f": pip install 'python-can[{address.interface}]', or its network interface where Linux has one"
         raise RobotError(f"{address}: cannot be opened: {reason}") from error
 

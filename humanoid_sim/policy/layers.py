@@ -81,6 +81,8 @@ class Reading:
         hand = f"{self.path.stem}.contract.yaml"
         found = {field: f"{text} (the right value in {hand} decides)" for field, text in self.differences.items()}
         lacking = f"lacks {', '.join(self.missing)}: give what is missing in {hand}"
+        if "joint_names" in self.missing and "env.yaml" in self.source.values():
+            lacking += "; env.yaml has no order of the joints (Isaac Lab's is breadth first, mjlab's that of the MJCF)"
         return {"contract": lacking, **found} if self.missing else found
 
     def required_contract(self) -> PolicyContract:

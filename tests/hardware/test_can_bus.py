@@ -63,6 +63,7 @@ def test_what_cannot_be_an_address_is_refused(text, says):
         (OSError(errno.ENETDOWN, "Network is down"), "sudo ip link set can0 up type can bitrate 1000000"),
         (OSError(errno.EAFNOSUPPORT, "Address family"), "modprobe can_raw"),
         (OSError(errno.EACCES, "Permission denied"), "-aG dialout"),
+        (OSError("pcanbasic library not found."), "found.: pip install 'python-can.socketcan.'"),
         (can.CanInterfaceNotImplementedError("No module named 'usb'"), "'usb': pip install 'python-can.socketcan.'"),
     ],
 )

@@ -193,7 +193,7 @@ def test_isaac_labs_env_yaml(tmp_path):
     (tmp_path / "params").mkdir()
     (tmp_path / "params" / "env.yaml").write_text(ENV)
     assert read(tmp_path).missing == ("joint_names",)
-    assert "order of the joints" in read(tmp_path).unused[0]
+    assert "order of the joints" in read(tmp_path).problems["contract"]
     (tmp_path / "contract.yaml").write_text("joint_names: [a, c, b, d]\n")
     contract = read(tmp_path).contract
     assert contract.joint_stiffness.tolist() == [40.0, 20.0, 50.0, 20.0]
@@ -276,12 +276,36 @@ def test_what_berkeleys_yaml_lacks_or_has_beside_is_told(tmp_path, old, new, mis
     assert missing is None or reading.missing == missing
 
 
-def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
-    terms = "{joint_pos: {scale: 0.5, history_length: 3}, actions: {}}"
-    (tmp_path / "env.yaml").write_text(f"observations: {{actor: {{terms: {terms}, concatenate_terms: true}}}}\n")
+MJLAB_ENV = """\
+scene:
+  entities:
+    robot:
+      init_state: {joint_pos: {knee: 0.3}}
+      articulation:
+        actuators: !!python/tuple
+        - {target_names_expr: !!python/tuple [hip], stiffness: 40.0, damping: 1.0, effort_limit: 88.0, delay_max_lag: 2}
+        - {target_names_expr: [knee], stiffness: 99.0, damping: 2.0, effort_limit: 139.0, delay_max_lag: 0}
+observations:
+  actor: {terms: {command: {}, joint_pos: {scale: 0.5, history_length: 3}, actions: {}}, concatenate_terms: true}
+commands:
+  motion: {anchor_body_name: torso, body_names: !!python/tuple [pelvis, torso]}
+  base_velocity:
+    ranges: {lin_vel_x: [0.0, 0.1], lin_vel_y: [0, 0], ang_vel_z: [0, 0]}
+    limit_ranges: {lin_vel_x: [-0.5, 1.0], lin_vel_y: [0, 0], ang_vel_z: [-1, 1]}
+"""
+
+
+def test_mjlabs_env_yaml_has_robot_and_terms_one_deeper_and_commands_have_their_motions_anchor(tmp_path):
+    (tmp_path / "env.yaml").write_text(MJLAB_ENV)
+    (tmp_path / "contract.yaml").write_text("joint_names: [knee, hip]\n")
     reading = read(tmp_path)
-    assert reading.values["observation"] == ("joint_pos", "actions")
-    assert (reading.values["observation.joint_pos.history"], reading.unused) == (3, ())
+    values = {name: getattr(value, "tolist", lambda value=value: value)() for name, value in reading.values.items()}
+    assert values["observation"] == ("command", "joint_pos", "actions")
+    assert (values["observation.joint_pos.history"], values["default_joint_pos"]) == (3, [0.3, 0.0])
+    assert (values["joint_stiffness"], values["effort_limit"]) == ([99.0, 40.0], [139.0, 88.0])
+    assert (values["anchor_body"], values["body_names"]) == ("torso", ("pelvis", "torso"))
+    assert values["command_ranges"][0] == [-0.5, 1.0]
+    assert reading.unused == ("env.yaml: actuators 0 are delayed, which is not read",)
 
 
 @pytest.mark.parametrize(
@@ -290,7 +314,7 @@ def test_mjlabs_env_yaml_has_its_terms_one_deeper(tmp_path):
         ("observations:base_ang_vel", "observations:root_quat_w", "gyro is computed by isaaclab.envs.mdp"),
         ("scale: 0.2,", "scale: 0.2, modifiers: [{bias: 1}],", "gyro has modifiers"),
         ("legs: {", 'legs: {class_type: "isaaclab.actuators:ActuatorNetLSTM", ', "legs are ActuatorNetLSTM, a network"),
-        ("legs: {", 'legs: {class_type: "isaaclab.actuators:DelayedPDActuator", ', "whose delay is not read"),
+        ("legs: {", 'legs: {class_type: "isaaclab.actuators:DelayedPDActuator", ', "are delayed, which is not read"),
         ("concatenate_terms: true", "concatenate_terms: false", "concatenate_terms is false"),
         ("  policy:", "  proprio:", "observations of proprio are not read, expected policy"),
     ],

@@ -11,6 +11,7 @@ from humanoid_sim.policy.layers import COMMAND_AXES, MALFORMED, Layer
 from humanoid_sim.policy.readers.trainer_files import Section, chosen_joints, is_group, observation_fields, read_section
 
 _GAINS = {"stiffness": "joint_stiffness", "damping": "joint_damping", "effort_limit": "effort_limit"}
+_MOTION = {"anchor_body_name": "anchor_body", "body_names": "body_names"}
 _ACTION = {"scale": "action_scale", "clip": "position_clip"}
 
 
@@ -36,16 +37,17 @@ def _layers(path: Path) -> list[Layer]:
     physics, key = (file.at("sim"), "dt") if "dt" in file.at("sim") else (file.at("sim", "mujoco"), "timestep")
     if physics.get(key) is not None and file.get("decimation") is not None:
         values["policy_dt"] = physics.number(key) * file.number("decimation")
-    robot = file.at("scene", "robot")
+    robot = file.at("scene", "robot") or file.at("scene", "entities", "robot")  # Isaac Lab's, or mjlab's
     if pose := robot.at("init_state", "joint_pos"):
         values["default_joint_pos"] = {".*": 0.0, **pose}
-    actuators = robot.at("actuators")
+    listed = robot.at("articulation").get("actuators") or []
+    actuators = robot.at("actuators") or Section(dict(enumerate(listed)), f"{path}: actuators")
     for name in actuators:
         kind = str(actuators.at(name).get("class_type") or "").rpartition(":")[2]
         if kind.startswith("ActuatorNet"):
             raise InputError(f"actuators {name} are {kind}, a network that is not reproduced here")
-        if kind.startswith("Delayed"):
-            unused += (f"{path.name}: actuators {name} are {kind}, whose delay is not read",)
+        if kind.startswith("Delayed") or actuators.at(name).get("delay_max_lag"):
+            unused += (f"{path.name}: actuators {name} are delayed, which is not read",)
     for key, name in _GAINS.items():
         gains: dict[str, Any] = {}
         for actuator in actuators:
@@ -61,17 +63,17 @@ def _layers(path: Path) -> list[Layer]:
             values, unused = values | observed, (*unused, *remarks)
     groups = () if "observation" in values else file.at("observations")
     unused += tuple(f"{path.name}: observations of {name} are not read, expected policy or actor" for name in groups)
-    ranges = file.at("commands", "base_velocity", "ranges")
+    values |= file.at("commands", "motion").fields(_MOTION)
+    velocity = file.at("commands", "base_velocity")
+    ranges = velocity.at("limit_ranges") or velocity.at("ranges")  # Unitree's curriculum ends at limits
     if all(axis in ranges for axis in COMMAND_AXES):
         values["command_ranges"] = [ranges[axis] for axis in COMMAND_AXES]
-    if "joint_stiffness" in values:
-        unused += (f"{path.name} does not state the order of the joints (Isaac Lab's is breadth first)",)
     return [Layer(path.name, values, unused=unused)]
 
 
 def _by_pattern(group: Section, key: str) -> dict[str, Any]:
     value = group.get(key) if group.get(f"{key}_sim") is None else group[f"{key}_sim"]
-    patterns = group.get("joint_names_expr") or []
+    patterns = group.get("joint_names_expr") or group.get("target_names_expr") or []
     if isinstance(value, dict):
         return {f"(?=(?:{pattern})$){name}": item for pattern in patterns for name, item in value.items()}
     return {} if value is None else dict.fromkeys(patterns, value)
