@@ -1,4 +1,4 @@
-"""The observation: values and conventions of its terms, and terms without a source."""
+"""The observation: values and conventions of its terms, terms without a source, and the motions that they show."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from rig import JOINTS, contract, reference, state
 
 from humanoid_sim.controllers.contract import Term
 from humanoid_sim.controllers.observation import pack, resolve_observation
-from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.terms import TermInput
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern
@@ -70,3 +70,23 @@ def test_the_last_action_is_shown_as_it_was_clipped():
 def test_a_term_without_a_source_is_refused(name, source, message):
     with pytest.raises(FieldError, match=f"^{message}"):
         resolve_observation(contract(observation=(name,)), JOINTS, source, {})
+
+
+def test_a_tracking_motion_is_cut_into_positions_and_orientations():
+    two = contract(body_names=("left_hand", "right_hand"))
+    motion = build_reference(two, np.arange(36.0).reshape(2, 18))
+    assert motion.frame_count == 2
+    assert motion.term("motion_body_pos_b", 0).tolist() == [0, 1, 2, 3, 4, 5]
+    assert motion.term("motion_body_ori_b", 1).tolist() == list(range(24, 36))
+
+
+def test_a_song_looks_ahead_and_holds_its_end():
+    piano = contract(task_type="piano", observation=("target_keys",), lookahead_steps=(1, 2))
+    song = build_reference(piano, [[0, 0], [1, 0], [0, 1]])
+    assert song.term("target_keys", 1).tolist() == [1, 0]
+    assert [song.term("target_keys_future", k).tolist() for k in range(3)] == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 1, 0, 1]]
+
+
+def test_frames_of_another_width_are_refused():
+    with pytest.raises(FieldError, match=r"^motion: frames are 8 wide, expected 9"):
+        build_reference(contract(), np.zeros((2, 8)))

@@ -112,6 +112,24 @@ def test_what_is_no_description_or_robot(tmp_path):
         load_robot("lit")
 
 
+@pytest.mark.peers
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("robot_descriptions:unitree_g1", "known: g1"),
+        ("robot_descriptions:talso", "did you mean 'talos'?"),
+        ("robot_descriptions:zzzz", "known: a1, "),
+        ("mine", "or a file that exists"),
+    ],
+)
+def test_a_wrong_name_of_a_public_robot_gives_the_near_ones_in_one_line(name, message):
+    pytest.importorskip("robot_descriptions")
+    with pytest.raises(InputError) as caught:
+        load_robot(name)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("name", shipped("robots"))
 def test_a_shipped_robot_survives_json(name):
     robot = load_robot(name)
