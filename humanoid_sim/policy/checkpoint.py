@@ -119,7 +119,10 @@ def read_checkpoint(
     for name, read_file in _FILES.items() if own.STAMP_KEY not in metadata else ():
         if file := find_beside(path, name.format(stem=path.stem)):
             with blaming(file, MALFORMED):
-                layers += read_file(file, robot_joints)
+                found = read_file(file, robot_joints)
+            if read_file is not agent.read_agent and not any(layer.values or layer.unused for layer in found):
+                found = [Layer(file.name, {}, unused=(f"{file.name}, which is of no kind that is known",))]
+            layers += found
     chosen = own.find_contract(path) if contract_file is None else contract_file
     return join(layers if chosen is None else [*layers, own.read_contract_file(chosen)], path)
 

@@ -33,15 +33,17 @@ def read(path, metadata=None, robot=ROBOT):
 
 
 def test_mjlabs_metadata(tmp_path):
-    reading = read(tmp_path, {**MJLAB, "observation_term_clip": "[-inf, inf]"})
+    more = {f"wandb_{i}": "x" for i in range(9)}
+    reading = read(tmp_path, {**MJLAB, **more, "observation_term_clip": "[-inf, inf]"})
     contract = reading.contract
     velocity, command, positions, _ = contract.terms
     assert (velocity.at, command.scale.tolist(), positions.history) == ("imu", [1.0, 1.0, 2.0], 5)
     assert (positions.clip, float(positions.scale)) == ((-5.0, 5.0), 0.5)
     assert (contract.policy_dt, reading.source["policy_dt"]) == (0.02, "assumed (mjlab)")
-    (line,) = reading.unused  # a key that mjlab does not write is named
+    (line,) = reading.unused  # keys that mjlab does not write, the likely mistake first
     assert "'observation_term_clip'" in line
     assert "'observation_terms_clip'" in line
+    assert "and 7 more" in line
 
 
 @pytest.mark.parametrize(

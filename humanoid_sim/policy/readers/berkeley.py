@@ -33,10 +33,10 @@ _ACTION_LIMIT = 1e4  # the project's default clip of raw actions, which are in t
 
 
 def read_berkeley(path: Path, _: object) -> list[Layer]:
-    """Return what the file states, and the terms that come with the dialect; a remark if it is some other file."""
+    """Return what the file states, and the terms that come with the dialect; nothing of some other file."""
     document = read_yaml(path)
     if not isinstance(document, dict) or len(document.keys() & _KNOWN_BY) < _ENOUGH:
-        return [Layer(path.name, {}, unused=(f"{path.name}, which is of no kind that is known",))]
+        return []
     file = Section(document, str(path))
     values = file.fields(_FIELDS)
     if file.get("action_limit_upper") is not None:

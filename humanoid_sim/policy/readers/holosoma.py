@@ -10,7 +10,7 @@ import numpy as np
 
 from humanoid_sim.errors import blaming
 from humanoid_sim.policy.layers import Layer
-from humanoid_sim.policy.readers.own import GOLDEN_KEY
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, unread_keys
 from humanoid_sim.policy.readers.trainer_files import Section
 
 _FIELDS = {"dof_names": "joint_names", "kp": "joint_stiffness", "kd": "joint_damping", "action_scale": "action_scale"}
@@ -30,7 +30,7 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> list[Layer]:
     assumed: dict[str, Any] = {"policy_dt": 0.02}
     if "phase.period" in values:  # holosoma's LocomotionGait
         assumed |= {"phase.offsets": [0.0, np.pi], "phase.standing_threshold": 0.01, "phase.standing_value": np.pi}
-    unused = tuple(f"metadata key '{key}' is not read" for key in metadata if key not in (*_KNOWN, *_WITHOUT_EFFECT))
+    unused = unread_keys(metadata, (*_KNOWN, *_WITHOUT_EFFECT))
     return [Layer("assumed (holosoma)", assumed), Layer("holosoma metadata", values, unused=unused)]
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import HeightScan
 from humanoid_sim.controllers.terms import term_kind
-from humanoid_sim.errors import InputError, meant
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import HEIGHT_SCAN, IMU
 from humanoid_sim.policy.layers import Layer
-from humanoid_sim.policy.readers.own import GOLDEN_KEY, METADATA_KEYS, csv, csv_field, csv_numbers
+from humanoid_sim.policy.readers.own import GOLDEN_KEY, METADATA_KEYS, csv, csv_field, csv_numbers, unread_keys
 
 _FIELDS = {key: key.replace("observation_names", "observation") for key in METADATA_KEYS}
 _FIELDS["anchor_body_name"] = "anchor_body"
@@ -67,8 +67,7 @@ def read_csv(metadata: Mapping[str, str], where: str) -> list[Layer]:
             values[f"{field}.clip"] = own[_CLIP]
         if _HISTORY in own:  # 0 stands for a term without a history: it shows the present step alone
             values[f"{field}.history"] = max(int(own[_HISTORY][0]), 1)
-    others = [key for key in metadata if key not in (*_READ, "run_path", GOLDEN_KEY)]
-    unused = tuple(f"metadata key '{key}' is not read{meant(key, _READ)}" for key in others)
+    unused = unread_keys(metadata, (*_READ, "run_path", GOLDEN_KEY))
     return [Layer("assumed (mjlab)", assumed), Layer("mjlab metadata", values, unused=unused)]
 
 

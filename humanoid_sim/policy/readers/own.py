@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.errors import FieldError, InputError, blaming, known_names
+from humanoid_sim.errors import FieldError, InputError, blaming, known_names, meant
+from humanoid_sim.policy.findings import list_joints
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked
 from humanoid_sim.policy.readers.trainer_files import Section
 from humanoid_sim.strict_yaml import read_yaml
@@ -48,6 +49,13 @@ def csv_field(key: str, text: str, where: str) -> Any:
     if key == "lookahead_steps":
         return [int(number) for number in csv_numbers(key, text, where)] if text.strip() else []
     return text.strip() if key in ("task_type", "dataset_repo_id", "anchor_body_name") else csv(text)
+
+
+def unread_keys(metadata: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Return a line about the keys that are not known, those first that are near a known one."""
+    keys = [f"'{key}'{meant(key, known)}" for key in metadata if key not in known]
+    keys.sort(key=lambda text: text.endswith("'"))
+    return (f"metadata key {list_joints(keys)}: not read",) if keys else ()
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
