@@ -156,7 +156,7 @@ def test_a_file_binds_the_buttons(text, tmp_path):
         ("joy: {damp: 1}", "damp"),
         ("joy: {damp_button: x}", "joy: damp_button: is 'x', expected `int`"),
         ("joy: {damp_button: -1}", r"damp_button: is \(-1,\)"),
-        ("joy: {damp_button: 9}", "8 buttons"),
+        ("joy: {damp_button: 8}", "8 buttons"),
     ],
 )
 def test_a_file_that_is_no_layout_is_refused(text, named, tmp_path):

@@ -1,5 +1,6 @@
 """`prepare` from its options to its file: each kind of source, what has to be said of it, and what is refused."""
 
+import mido
 import numpy as np
 import pytest
 from models import contract_of, linear_model, saved
@@ -291,3 +292,41 @@ def test_options_that_make_no_sense(tmp_path, capsys, options, reason):
     assert run_program(main, [*given, "--output", str(tmp_path / "out"), *options]) == 2
     assert reason in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def midi(tmp_path):
+    track = mido.MidiTrack()
+    for note in (60, 64, 67, 105):
+        track += [mido.Message("note_on", note=note), mido.Message("note_off", note=note, time=480)]
+    file = mido.MidiFile()
+    file.tracks.append(track)
+    path = tmp_path / "a tune.mid"
+    file.save(path)
+    return path
+
+
+def prepare_song(midi, *words):
+    given = ["--song", str(midi), "--robot", "lite_piano", "--output", str(midi.parent / "out")]
+    return run_program(main, [*given, *words])
+
+
+def test_a_song_becomes_goals_within_the_robot_s_reach(midi, capsys):
+    assert prepare_song(midi, "--fps", "25") == 0
+    motion = read_motion(midi.parent / "out" / "a_tune.mcap")
+    assert (motion.task_type, motion.policy_dt, motion.robot) == ("piano", 0.04, "lite_piano")
+    assert np.flatnonzero(motion.frames.any(axis=0)).tolist() == [39, 43, 46]
+    assert not motion.frames[:25].any()  # the hands come over the keys
+    printed = capsys.readouterr().out
+    assert "3 of 4 notes" in printed
+    assert "left out, beyond reach or too many at a time: A7" in printed
+
+
+def test_a_song_for_a_policy_has_its_rate(midi, capsys):
+    assert prepare_song(midi, "--policy", "lite_tracking") == 2
+    assert "task_type tracking, expected piano" in capsys.readouterr().err
+    assert not (midi.parent / "out").exists()
+    assert prepare_song(midi, "--policy", "lite_piano", "--fps", "10") == 2
+    assert "--fps: is given" in capsys.readouterr().err
+    assert prepare_song(midi, "--policy", "lite_piano", "--name", "low") == 0
+    assert read_motion(midi.parent / "out" / "low.mcap").policy_dt == 0.02
