@@ -14,9 +14,9 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.policy.checks import effort_findings, model_damping_findings, suspicious_findings
+from humanoid_sim.policy.checks import effort_findings, model_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, imu_line
 from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import BaseObserver, Supported, support_in_mode
 from humanoid_sim.simulation.model import SimConfig, build_model
@@ -117,7 +117,7 @@ class SimulatedSetup(RobotSetup):
         gains = resolve_action(contract, self.description.joint_names)
         findings = [
             *(finding for finding in suspicious_findings(contract) if finding.severity == "error"),
-            *model_damping_findings(contract, own_joint_damping(self._bare, self.description)),
+            *model_findings(contract, self.description, self._bare),
             *effort_findings(contract, self.description),
         ]
         return [*self.robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, findings)]

@@ -15,7 +15,7 @@ from humanoid_sim.names import mirrored_pairs
 from humanoid_sim.policy.findings import Finding, Severity, list_joints
 from humanoid_sim.policy.layers import rounding
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import NO_RANGE, own_actuators, own_joint_damping
+from humanoid_sim.robots.mjcf import NO_RANGE, odd_gravity, own_actuators, own_joint_damping
 from humanoid_sim.robots.motors import MOTORS
 
 _FEW = 4  # joints below which values that are alike show nothing
@@ -42,7 +42,7 @@ def contract_findings(
         *_symmetry_findings(contract),
         *_actuator_findings(contract, model, damping),
         *_formula_findings(contract, description, model),
-        *model_damping_findings(contract, damping),
+        *model_findings(contract, description, model),
         *_rounding_findings(contract),
     ]
 
@@ -134,9 +134,13 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     yield from _on("warning", field, message, names, weaker, "{:g}, robot {:g}", trained, robot)
 
 
-def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
-    """Joints that the robot's model damps as well, N·m·s/rad by joint, where nobody decides whether both act."""
-    joints, damping = contract.joint_names, contract.joint_damping
+def model_findings(contract: PolicyContract, robot: RobotDescription, bare: mujoco.MjModel) -> Iterator[Finding]:
+    """Find what of a robot's own model a policy cannot mean, and joints that both damp where nobody decides."""
+    if gravity := odd_gravity(bare):
+        yield Finding("warning", "gravity", f"is {gravity}")
+    if contract.takes_velocity_command and not robot.is_floating:
+        yield Finding("warning", "base", f"of '{robot.name}' is fixed, and the policy walks")
+    joints, damping, own = contract.joint_names, contract.joint_damping, own_joint_damping(bare, robot)
     model = np.array([own.get(name, 0.0) for name in joints])
     both = (damping > 0.0) & (model > 0.0) & (contract.model_joint_damping == "undecided")
     message = "the contract's K_d and the model's own damping both act: keep or drop in x.contract.yaml: {}"

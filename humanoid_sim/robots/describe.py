@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import ON_JOINT, imu_line, own_actuators
+from humanoid_sim.robots.mjcf import ON_JOINT, imu_line, odd_gravity, own_actuators
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _WIDEST = (0.12, 25.0)  # rad, between which a robot's widest range is; 2π read as degrees is less, 1440° as rad more
@@ -63,7 +63,7 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
     rates = f"physics step {settings.physics_timestep:g} s, control at {settings.control_frequency:g} Hz"
     motors = Counter(joint.motor.model for joint in robot.joints if joint.motor is not None)
     names = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.jnt_type[i] != _FREE]
-    widths, (x, y, z) = robot.upper - robot.lower, model.opt.gravity.tolist()
+    widths = robot.upper - robot.lower
     width = float(widths[np.isfinite(widths)].max(initial=0.0))
     is_odd = width > 0.0 and not _WIDEST[0] < width < _WIDEST[1]
     elsewhere = np.flatnonzero(~np.isin(model.actuator_trntype, ON_JOINT)).tolist()
@@ -77,7 +77,7 @@ def lines(robot: RobotDescription, model: mujoco.MjModel) -> dict[str, str]:
         "passive joints": ", ".join(name for name in names if name not in robot.joint_names),
         "other actuators": ", ".join(model.actuator(i).name or "unnamed" for i in elsewhere),
         "ranges": f"at most {width:.3g} rad wide; is the compiler's angle right?" if is_odd else "",
-        "gravity": "" if (x, y) == (0.0, 0.0) and z < 0.0 else f"{x:g} {y:g} {z:g} m/s²; policies take -z for down",
+        "gravity": odd_gravity(model),
         "equalities": ", ".join(_equalities(model)),
     }
 

@@ -182,6 +182,12 @@ def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
     return f"site '{name}' on '{body.name}', {owner}" if site >= 0 else f"body '{name}', {owner}"
 
 
+def odd_gravity(model: mujoco.MjModel) -> str:
+    """Return the gravity of a model, and what is odd about it; '' where it is along -z."""
+    x, y, z = model.opt.gravity.tolist()
+    return "" if (x, y) == (0.0, 0.0) and z < 0.0 else f"{x:g} {y:g} {z:g} m/s²; policies take -z for down"
+
+
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> dict[str, float]:
     """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
     damping = {name: float(model.joint(name).damping[0]) for name in description.joint_names}

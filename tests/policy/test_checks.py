@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import msgspec
 import pytest
 from models import contract_of
 from policy_fixtures import found
@@ -10,6 +11,7 @@ from trainer import JOINTS, contract
 from humanoid_sim.policy.checks import contract_findings, suspicious_findings
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
+from humanoid_sim.robots.schema import BaseSettings
 
 SUFFIXED = tuple(f"{name}_joint" for name in JOINTS)
 HIPS, KNEES = ("left_hip", "right_hip"), ("left_knee", "right_knee")
@@ -61,6 +63,15 @@ CASES = [
 def test_a_mistake_is_one_line(changes, line, joints, robot):
     finding = found(findings_of(robot, **changes), line)
     assert all(joint in finding.message for joint in joints)
+
+
+def test_a_model_that_no_policy_can_mean(robot):
+    sideways = bare_model(robot)
+    sideways.opt.gravity[:] = (0.0, -9.81, 0.0)
+    fixed = msgspec.structs.replace(robot, base=BaseSettings())
+    findings = contract_findings(contract(**SOUND), fixed, sideways, hardware=False)
+    assert found(findings, "warning gravity: 0 -9.81 0 m/s²")
+    assert found(findings, "warning base: the policy walks")
 
 
 def test_damping_of_the_model_beside_the_contracts(robot):
@@ -117,6 +128,7 @@ def motorized(tmp_path):
             "default_joint_pos": 0.1,
             "action_scale": 0.625,
             "observation": ("joint_pos",),
+            "phase": None,
         }
         return contract_findings(contract(**values | changes), robot, bare_model(robot), hardware=False)
 
