@@ -87,7 +87,8 @@ def _notes(messages: Iterable[Any]) -> list[Note]:
             notes.append(Note(message.note - FIRST_NOTE, start, now))
         if message.type == "note_on" and message.velocity > 0:
             starts[at] = now
-    return notes
+    held = [Note(note - FIRST_NOTE, start, now) for (_, note), start in starts.items() if start < now]
+    return notes + held  # to the end, where nothing releases them
 
 
 def playable(notes: Iterable[Note], piano: PianoSettings) -> Song:

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from humanoid_sim.assets import policy_path
-from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, motion_bytes
@@ -69,6 +69,7 @@ def _checkpoint(options: PrepareOptions, folder: Path, robot: RobotDescription) 
         return None
     contract_file = None if options.contract is None else Path(options.contract)
     checkpoint = load_checkpoint(path, contract_file, robot.joint_names)
+    require_known("joint", checkpoint.contract.joint_names, robot.joint_names, f"{path} on robot '{robot.name}': ")
     task = checkpoint.contract.task_type
     wanted = "tracking" if options.song is None else "piano"
     if task != wanted:

@@ -121,8 +121,8 @@ def read_npz(path: Path) -> SourceMotion:
         count, width = joints.shape
         bodies = np.concatenate([position.reshape(count, -1, 3), quaternion.reshape(count, -1, 4)], axis=-1)
         times, velocity = _even_times(count, float(fps.flat[0]), str(path)), velocity.reshape(count, width)
-        named = [key for key in ("joint_names", "body_names") if key in arrays]
-        names = {key: tuple(arrays[key].astype(str).ravel().tolist()) for key in named}  # some writers have bytes
+        named = {"joint_names", "body_names"} & arrays.keys()  # some writers have bytes
+        names = {key: tuple(arrays[key].astype(str).ravel().tolist()) for key in named}
     return SourceMotion(
         source=str(path),
         times=times,

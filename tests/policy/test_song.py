@@ -43,8 +43,12 @@ def test_a_note_that_is_struck_again_ends_and_drums_are_left_out(write):
         Message("note_on", note=60, time=BEAT),
         Message("note_on", note=60, velocity=0, time=BEAT),
         *(message.copy(channel=9) for message in struck(35, BEAT)),
+        Message("note_on", note=64),
+        MetaMessage("end_of_track", time=BEAT),
     ]
-    assert spans(read_notes(write(track))) == [(39, 0.0, 0.5), (39, 0.5, 1.0)]
+    assert spans(read_notes(write(track))) == [(39, 0.0, 0.5), (39, 0.5, 1.0), (43, 1.5, 2.0)], (
+        "the last is not released"
+    )
 
 
 def test_a_file_that_is_no_song_is_one_line(write, tmp_path):

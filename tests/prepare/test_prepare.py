@@ -285,6 +285,7 @@ def test_joint_states_of_other_joints(tmp_path, capsys, joints, reason):
         (["--motion", "x.NPZ", "--episode", "1"], "--episode: is given, but x.NPZ is no dataset"),
         (["--motion", "x.csv", "--fps", "1e9"], "--fps: is 1e+09, expected"),
         (["--policy", "lite_biped_velocity", "--robot", "lite_biped"], "is a policy of task_type locomotion"),
+        (["--motion", "x.npz", "--robot", "lite_biped"], ".onnx on robot 'lite_biped': unknown joint 'left_shoulder_p"),
     ],
 )
 def test_options_that_make_no_sense(tmp_path, capsys, options, reason):
