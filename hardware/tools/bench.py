@@ -81,7 +81,9 @@ def warn_of_troubles(link: RobstrideLink, channel: int) -> None:
 def answer_of(link: RobstrideLink, motor: int, answers: Mapping[int, Answer]) -> Answer:
     """Return a motor's answer; raises `SilentMotorError` where there is none."""
     if motor not in answers:
-        raise silence(link, link.motors[motor].channel, f"motor {link.motors[motor].motor_id} does not answer")
+        trouble = link.slots[motor].invalid.text
+        text = f"motor {link.motors[motor].motor_id} {f'cannot be read: {trouble}' if trouble else 'does not answer'}"
+        raise silence(link, link.motors[motor].channel, text)
     return answers[motor]
 
 

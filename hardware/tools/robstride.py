@@ -94,9 +94,10 @@ def ping(config: Ping) -> int:
         rows = {name: _shown(PARAMETERS[name], _value(link, motor, PARAMETERS[name])) for name in _PINGED}
         version = link.read_versions([motor]).get(motor)
         model = None if version is None else model_name(version)
-        if version is not None and model is not None:
+        if version is not None:
+            rows["firmware"] = f"{version_text(version)} ({model or 'of no known model'})"
+        if model is not None:
             word = _value(link, motor, parameters.fault_word(model))
-            rows["firmware"] = f"{version_text(version)} ({model})"
             rows["faults"] = "not there" if math.isnan(word) else ", ".join(flag_names(FaultBit(int(word)))) or "none"
     for name, text in rows.items():
         print(f"  {name:<13} {text}")

@@ -149,7 +149,8 @@ class IntentSocket(IntentSource, Sink):
         return Answer(is_granted, f"{control.mode.name} ({control.controller_name}): {control.status_message}")
 
     def close(self) -> None:
-        _send([(request, Answer(True, "the session has ended")) for request in self._waiting])
+        done = (Intent.DAMP.value, Intent.QUIT.value)
+        _send([(request, Answer(request.word in done, "the session has ended")) for request in self._waiting])
         self._mailbox.close()
 
 

@@ -29,6 +29,17 @@ def test_what_was_meant_for_the_mode_before_is_refused_however_young(local, pass
     assert operator.answer(token, 1.0) == Answer(True, text), "one who saw it may ask at once"
 
 
+@pytest.mark.parametrize(
+    ("word", "is_granted"), [("damp", True), ("quit", True), ("reactivate", False), ("load_a", False)]
+)
+def test_what_the_end_of_the_session_overtook_is_not_granted(local, word, is_granted):
+    operator = local.intake("operator")
+    token = operator.post(word)
+    local.intents.poll(0.0, None)
+    local.intents.close()
+    assert operator.answer(token, 1.0) == Answer(is_granted, "the session has ended")
+
+
 def test_the_longest_safety_status_damps(local):
     local.tick(Intent.DAMP)
     local.intake("lidar").post_safety("\U0001f600" * 80, 2, "\U0001f600" * 300, flags=2**32 - 1)

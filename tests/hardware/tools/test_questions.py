@@ -43,8 +43,17 @@ def test_every_motor_is_found_with_its_joint(run, table_rows):
 
 
 def test_a_motor_reports_the_firmware_that_it_was_given(run, motors):
-    motors.set_versions({"rs-02": (0, 2, 3, 32)})
-    assert "0.2.3.32" in run("ping", CHANNEL, "11")[1]
+    for version, text in (((0, 9, 3, 32), "0.9.3.32 (of no known model)"), ((0, 2, 3, 32), "0.2.3.32 (rs-02)")):
+        motors.set_versions({"rs-02": version})
+        assert text in run("ping", CHANNEL, "11")[1]
+
+
+def test_a_motor_whose_frames_cannot_be_read_is_no_silent_one(run, motors, log):
+    motors.inject(Fault("garbage", ("right_wrist_pitch",)))
+    until(lambda: "fault: garbage of right_wrist_pitch" in log)
+    status, _, complained = run("ping", CHANNEL, "27")
+    motors.call(lambda mock: mock.clear_faults())
+    assert (status, "motor 27 cannot be read: get device id with 7 bytes, expected 8" in complained) == (3, True)
 
 
 def test_status_1_where_a_joint_is_missing(run, motors):
