@@ -125,6 +125,7 @@ def test_a_fixed_base_stays_where_it_is(urdf):
         (("leg.obj", "knee.obj"), [], "does not find package:"),
         (("", ""), ["--imu", "skull"], "--imu: unknown link 'skull'; known: pelvis, head, leg"),
         (("<robot", "<robot><"), [], "not a valid URDF"),
+        (("</robot>", "<xacro:include filename='arm'/></robot>"), [], "expand it with xacro"),
         (('type="fixed"', 'type="continuous"'), ["--imu", "hip"], "--imu: unknown link 'hip'"),
         (('<joint name="neck" type="fixed"', '<joint name="hip" type="continuous"'), [], "repeated name 'hip'"),
     ],

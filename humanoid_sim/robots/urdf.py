@@ -155,10 +155,11 @@ def convert_urdf(path: Path, base: Literal["floating", "fixed"], folder: Path, i
 
     Raises `InputError` if it is not a URDF, a mesh is missing, there is no such link, or it does not compile.
     """
+    text = regular_file(path, "a URDF").read_text(encoding="utf-8", errors="replace")
+    if path.suffix == ".xacro" or "${" in text or "<xacro:" in text:
+        raise InputError(f"{path}: holds xacro, expected a URDF: expand it with xacro")
     if path.suffix != ".urdf":
         raise InputError(f"{path}: is not a .urdf")
-    if "${" in regular_file(path, "a URDF").read_text(encoding="utf-8", errors="replace"):
-        raise InputError(f"{path}: holds xacro (${{...}}), expected a URDF: expand it with xacro")
     spec = read_spec(path)
     spec.compiler.fusestatic = False  # MuJoCo merges links without a joint into their parents
     for mesh in spec.meshes:

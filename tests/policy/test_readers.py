@@ -263,12 +263,18 @@ def test_a_trainers_file_that_is_wrong(tmp_path, file, text, message):
         read(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["deploy.yaml", "env.yaml", "policy.yaml"])
+def test_a_file_of_another_program_is_named(tmp_path, name):
+    (tmp_path / name).write_text("services: {web: {image: nginx}}")
+    assert read(tmp_path).unused == (f"{name}, which is of no kind that is known",)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "missing", "unused"),
     [
         ("joint_kd: 2.0", "joint_kds: 2.0", ("joint_damping",), "policy.yaml: joint_kds: not read"),
         ("action_indices: [1, 3]", "", (), ""),
-        (BERKELEY, "[some, other, file]", None, "policy.yaml, which is of no kind that is known"),
+        (BERKELEY, "[some, other]", None, "policy.yaml, which is of no kind that is known"),
     ],
 )
 def test_what_berkeleys_yaml_lacks_or_has_beside_is_told(tmp_path, old, new, missing, unused):
