@@ -98,6 +98,19 @@ def test_policies_that_are_worse_or_fail_do_not_pass_beside_one_that_does(suite,
     assert not re.search("<(script|link|img)", text), "one file, without network"
 
 
+def test_a_baseline_of_other_versions_is_noted_and_one_step_has_no_rate(base, tmp_path, capsys):
+    made = read(base).candidates[0].run.versions["mujoco"]
+    old = tmp_path / "old.json"
+    old.write_text(base.read_text().replace(f'"mujoco": "{made}"', '"mujoco": "3.2.0"'))
+    suite = str(yaml_suite(tmp_path))
+    assert main([str(SAMPLE), "--suite", suite, "--baseline", str(old), "--only", "drum"]) == 0
+    assert f"note: the baseline was made with mujoco 3.2.0, now {made}\n" in capsys.readouterr().out
+    brief = str(yaml_suite(tmp_path, SHORT.replace("duration: 0.1", "duration: 0.001")))
+    assert main([str(SAMPLE), "--suite", brief, "--only", "drum", "--json", str(tmp_path / "brief.json")]) == 0
+    metrics = read(tmp_path / "brief.json").candidates[0].run.episodes[0].metrics
+    assert (metrics["action_rate"], metrics["survival"]) == (None, 1.0)
+
+
 def test_python_gives_the_same_verdict(suite, base):
     found = run_suite(SAMPLE, base, suite=suite, only="drum")
     assert found.passed
