@@ -64,5 +64,6 @@ def test_a_normaliser_that_the_export_lost(walker, robot):
     for text in ("policy: {actor_obs_normalization: true}", "empirical_normalization: true"):
         agent.write_text(text)
         found(check_checkpoint(walker, robot), "error model: with the normaliser")
-    agent.write_text("empirical_normalization: false")
-    assert not any(finding.field == "model" for finding in check_checkpoint(walker, robot))
+    for text in ("empirical_normalization: false", "{policy: gpt, params: x}"):  # and another program's
+        agent.write_text(text)
+        assert not any(finding.field == "model" for finding in check_checkpoint(walker, robot))
