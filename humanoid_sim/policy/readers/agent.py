@@ -10,7 +10,6 @@ import onnx
 from humanoid_sim.policy.layers import Layer
 from humanoid_sim.policy.readers.trainer_files import find_beside, read_section
 
-
 _NORMALISES = (
     ("empirical_normalization",),  # rsl_rl, as it was; as it is
     ("policy", "actor_obs_normalization"),
