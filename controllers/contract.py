@@ -61,7 +61,6 @@ class HeightScan:
 
     @property
     def count(self) -> int:
-        """Number of rays."""
         return len(self.points)
 
     @property
@@ -259,7 +258,6 @@ class PolicyContract:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the observation terms, in order."""
         return tuple(term.name for term in self.terms)
 
     def clipped(self, action: Float32Array) -> Float32Array:

@@ -40,7 +40,6 @@ class ObservationLayout:
         return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 
     def term_at(self, index: int) -> BoundTerm:
-        """Return the term that the value at `index` of the whole observation belongs to."""
         return self._place(index)[0]
 
     def _place(self, index: int) -> tuple[BoundTerm, int, int]:

@@ -49,7 +49,6 @@ class StandbyController:
         return StandbyMemory(standby=standby, start=state.joint_position, elapsed=0.0, time=float(state.time))
 
     def update(self, memory: StandbyMemory, tick_input: TickInput) -> tuple[StandbyMemory, MITCommand] | Fault:
-        """Advance along the trajectory by the time that has passed."""
         if problem := self._problem(tick_input.state):
             return Fault(problem)
         time = float(tick_input.state.time)

@@ -103,12 +103,10 @@ class Scenario:
 
     @property
     def contract(self) -> PolicyContract:
-        """Return the policy's contract."""
         return self.wiring.contract
 
     @property
     def sim_config(self) -> SimConfig:
-        """Return the settings of simulated robots, one or a batch."""
         return replace(
             observed_by(self.contract),
             control_period=self.contract.policy_dt,

@@ -65,7 +65,6 @@ class RunLog:
             stream.log(f"plots/{plot}", rerun.SeriesLines(names=list(source.header.joint_names)), static=True)
 
     def tick(self, record: TickRecord) -> None:
-        """Write a tick."""
         rerun, stream, data, state = self._rerun, self._stream, self._data, record.input.state
         stream.set_time("robot_time", duration=float(state.time))
         data.qpos[:] = shown_qpos(record, data.qpos, self._joints)

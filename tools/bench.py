@@ -90,7 +90,6 @@ class Figure:
 
     @property
     def is_met(self) -> bool:
-        """Return whether the value is within its limit."""
         if self.limit is None:
             return True
         return self.value >= self.limit if self.at_least else self.value <= self.limit

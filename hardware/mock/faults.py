@@ -40,11 +40,9 @@ class Fault:
 
     @property
     def amount(self) -> float:
-        """The value, or the default of its kind."""
         return FAULTS[self.kind][0] if self.value is None else self.value
 
     def affects(self, joint: str) -> bool:
-        """Return whether it is a fault of this joint's motor."""
         return not self.joints or joint in self.joints
 
 

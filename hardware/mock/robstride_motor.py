@@ -80,7 +80,6 @@ class RobstrideMotor:
         return tuple(protocol.encode_reply(reply, self.model, self.host_id) for reply in replies)
 
     def drive(self) -> Drive:
-        """Return the command of its control loop."""
         limit = min(max(self.parameters["limit_torque"], 0.0), self.model.peak_torque)  # assumed to hold in operation
         return Drive(*self.command, limit, self.origin)
 

@@ -72,7 +72,7 @@ class SitoMotor:
         return protocol.encode(feedback, model), protocol.encode(position, model)
 
     def drive(self) -> Drive:
-        """Return the command of its control loop. Gains without a command hold position 0."""
+        """Gains without a command hold position 0."""
         limit = self.model.peak_torque
         if not self.is_running:
             return Drive(limit=limit, origin=self.origin)

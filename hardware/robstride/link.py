@@ -135,7 +135,6 @@ class RobstrideLink:
     # --- control thread
 
     def readings(self) -> Readings:
-        """Return the latest status of every motor."""
         rows = np.full((len(self.slots), len(Readings._fields)), np.nan)
         for row, slot in zip(rows, self.slots, strict=True):
             if slot.sample is not None:
@@ -146,7 +145,6 @@ class RobstrideLink:
     # --- questions
 
     def frame(self, motor: int, kind: FrameType, data: bytes = b"") -> Frame:
-        """Return the frame of a command to a motor."""
         return protocol.encode_command(kind, self.motors[motor].motor_id, data)
 
     def send(self, frames: Mapping[int, Sequence[Frame]]) -> None:
@@ -206,7 +204,6 @@ class RobstrideLink:
         return self._ask(frames, lambda: {i: one.version for i, one in enumerate(self.slots) if one.version})
 
     def read_uids(self, motors: Iterable[int]) -> dict[int, bytes]:
-        """Return motors' unique ids."""
         frames = {i: [self.frame(i, FrameType.GET_DEVICE_ID)] for i in motors}
         for slot in self.slots:
             slot.uid = None
@@ -272,6 +269,5 @@ class RobstrideLink:
         return found
 
     def write_frame(self, motor: int, parameter: Parameter, value: float) -> Frame:
-        """Return the frame that writes a value to a motor."""
         data = protocol.parameter_data(parameter.index, pack_value(parameter.type, value))
         return self.frame(motor, FrameType.WRITE_PARAMETER, data)

@@ -41,7 +41,6 @@ class Subject:
 
     @property
     def contract(self) -> PolicyContract:
-        """Return the contract."""
         return self.checkpoint.contract
 
     def under(self, contract: PolicyContract) -> Subject:

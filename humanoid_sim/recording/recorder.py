@@ -110,7 +110,6 @@ class _RunWriter:
         self._add(EVENT_TOPIC, encode_event(event), self._log_time(event.time))
 
     def tick(self, record: TickRecord) -> None:
-        """Write a tick, and the viewers' share of it."""
         if record.index != self._index:
             text = f"recording: {record.index - self._index} ticks left out before tick {record.index}"
             self.event(Event(self._time, text, EventKind.LOSS))

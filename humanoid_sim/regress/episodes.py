@@ -63,7 +63,6 @@ class EpisodeBatch:
         )
 
     def run(self) -> list[Episode]:
-        """Run all episodes from their start to their end."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
         task, starts, measured = case.scenario.task, case.scenario.starts, []
         simulation.reseed(self._keys)

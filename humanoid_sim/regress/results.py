@@ -47,7 +47,6 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def failures(self) -> tuple[Episode, ...]:
-        """The episodes that failed."""
         return tuple(episode for episode in self.episodes if episode.failure)
 
     def values(self, metric: str) -> dict[str, dict[int, float]]:
@@ -94,7 +93,6 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Names of the metrics that fail the candidate."""
         return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict == WORSE)
 
 

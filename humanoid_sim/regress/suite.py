@@ -36,7 +36,6 @@ class Metric(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Return its unit."""
         return METRICS[self.name].unit if self.name in METRICS else self.own_unit
 
 

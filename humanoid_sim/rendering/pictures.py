@@ -99,5 +99,4 @@ class PoseRenderer:
         return picture
 
     def close(self) -> None:
-        """Release the context."""
         self._renderer.close()

@@ -52,7 +52,6 @@ class Randomisation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     @property
     def differs(self) -> bool:
-        """Return whether robots differ at all."""
         return self != Randomisation(push_interval=self.push_interval)
 
     def draw(self, generator: np.random.Generator, model: mujoco.MjModel, joints: int) -> Variation:

@@ -49,7 +49,6 @@ class Operator:
         self._stepped = self._sent = 0
 
     def close(self) -> None:
-        """Let go."""
         with contextlib.suppress(SessionError):  # it has ended
             self.leave("the console ends")
         self._damping.close()
@@ -107,7 +106,6 @@ class Operator:
         self.velocity[axis], self._is_steered = np.clip(value, *self.speeds[axis]), True
 
     def stop(self) -> None:
-        """Command a velocity of zero."""
         self.velocity, self._is_steered = np.zeros(3), True
 
     def _steer_on(self, tick: Tick) -> None:

@@ -72,7 +72,6 @@ class Plots:
         self._history[-1] = np.concatenate([*parts, self._observed])
 
     def show(self) -> None:
-        """Draw the charts anew."""
         rows = self._history[np.isfinite(self._history[:, 0])]
         for name, handle in self._shown if len(rows) else ():
             end = self._ends[name]

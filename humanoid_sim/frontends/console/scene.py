@@ -45,6 +45,5 @@ class Scene:
             self._scene.show(self._qpos, pose)
 
     def close(self) -> None:
-        """End viser, which says so."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
