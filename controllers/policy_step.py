@@ -27,6 +27,7 @@ from humanoid_sim.mit import (
     MITCommand,
     MITState,
 )
+from humanoid_sim.names import list_joints
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
@@ -160,7 +161,7 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
     surplus = [joint for joint in robot_joints if joint not in contract.joint_names]
     if missing or surplus:
         sides = (("robot", missing), ("policy", surplus))
-        parts = [f"the {side} lacks {', '.join(names)}" for side, names in sides if names]
+        parts = [f"the {side} lacks {list_joints(names)}" for side, names in sides if names]
         raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
     order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
     driven = joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy")

@@ -11,8 +11,8 @@ import numpy as np
 from humanoid_sim.controllers.contract import JOINT_LIMITS, PolicyContract
 from humanoid_sim.errors import known_names, meant
 from humanoid_sim.mit import BASE, IMU, BoolArray, FloatArray
-from humanoid_sim.names import mirrored_pairs
-from humanoid_sim.policy.findings import Finding, Severity, list_joints
+from humanoid_sim.names import list_joints, mirrored_pairs
+from humanoid_sim.policy.findings import Finding, Severity
 from humanoid_sim.policy.layers import rounding
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import NO_RANGE, odd_gravity, own_actuators, own_joint_damping

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from humanoid_sim.names import list_joints
+
 Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
-_LISTED = 3  # joints that a message names before it counts them
 _WIDTH = 60  # characters of a value
 _VALUES = 6  # values of an array that are shown one by one
 
@@ -26,15 +27,6 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"
-
-
-def list_joints(joints: Sequence[str] | Mapping[str, str], count: int = 0) -> str:
-    """Return `a (1), b (2), c (3) and 12 more`; `all 29 joints` where `count`, the number of joints, are given."""
-    if not isinstance(joints, Mapping) and len(joints) == count > 1:
-        return f"all {count} joints"
-    items = [f"{name} ({text})" for name, text in joints.items()] if isinstance(joints, Mapping) else list(joints)
-    more = len(items) - _LISTED
-    return ", ".join(items) if more <= 1 else f"{', '.join(items[:_LISTED])} and {more} more"
 
 
 def shown(value: Any) -> str:

@@ -21,7 +21,8 @@ from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorN
 from humanoid_sim.controllers.terms import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.mit import HEIGHT_SCAN, FloatArray
-from humanoid_sim.policy.findings import is_assumed, list_joints, shown
+from humanoid_sim.names import list_joints
+from humanoid_sim.policy.findings import is_assumed, shown
 
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of a contract's `command_ranges`, in files
 MALFORMED = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)

@@ -19,7 +19,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_f
 from humanoid_sim.errors import InputError, blaming, needing, require_known
 from humanoid_sim.files import read_arrays, regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.findings import list_joints
+from humanoid_sim.names import list_joints
 from humanoid_sim.ros2.cdr import decode
 from humanoid_sim.ros2.definitions import JOINT_STATE
 

@@ -13,7 +13,7 @@ import msgspec
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names, meant
-from humanoid_sim.policy.findings import list_joints
+from humanoid_sim.names import list_joints
 from humanoid_sim.policy.layers import COMMAND_AXES, Layer, build, checked
 from humanoid_sim.policy.readers.trainer_files import Section
 from humanoid_sim.strict_yaml import read_yaml
