@@ -98,13 +98,16 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
 # --- opening
 
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "socketcand"})  # none, or given elsewhere
-REMEDIES = {  # by the number of the system's error
-    errno.ENETDOWN: f"it is down: sudo ip link set {{}} up type can bitrate {BITRATE} restart-ms 0",
-    errno.ENODEV: "there is no such network interface: see `ip link`; one may be slcan:/dev/ttyACM0 instead",
+DEVICE_REMEDIES = {  # of a serial port, by the number of the system's error
     errno.ENOENT: "there is no such device: see `ls /dev/serial/by-id`",
-    errno.EAFNOSUPPORT: "this kernel has no SocketCAN: sudo modprobe can_raw",
     errno.EACCES: "this user may not: sudo usermod -aG dialout $USER, then log in again",
     errno.EBUSY: "another program has it open",
+}
+_REMEDIES = {
+    **DEVICE_REMEDIES,
+    errno.ENETDOWN: f"it is down: sudo ip link set {{}} up type can bitrate {BITRATE} restart-ms 0",
+    errno.ENODEV: "there is no such network interface: see `ip link`; one may be slcan:/dev/ttyACM0 instead",
+    errno.EAFNOSUPPORT: "this kernel has no SocketCAN: sudo modprobe can_raw",
 }
 _NO_DRIVER = (can.CanInterfaceNotImplementedError, ImportError, NameError)
 _IP_MULTICAST_ALL = 49  # linux/in.h; Python's socket module does not name it
@@ -144,7 +147,7 @@ def open_bus(address: BusAddress) -> can.BusABC:
         number = error_number(error)
         if number == errno.ENODEV and address.interface == "udp_multicast":
             reason = "no network leads there: sudo ip link set lo up; sudo ip route add 224.0.0.0/4 dev lo"
-        elif remedy := REMEDIES.get(number):
+        elif remedy := _REMEDIES.get(number):
             reason = remedy.format(address.channel)
         elif isinstance(error, _NO_DRIVER) or (isinstance(error, OSError) and not number):  # a library of the vendor
             reason += f": pip install 'python-can[{address.interface}]', or its network interface where Linux has one"

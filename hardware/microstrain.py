@@ -20,7 +20,7 @@ import serial
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.errors import RobotError, reason_of
-from humanoid_sim.hardware.can_bus import REMEDIES, error_number
+from humanoid_sim.hardware.can_bus import DEVICE_REMEDIES, error_number
 from humanoid_sim.hardware.imu import SOURCE, UPRIGHT_AT_REST, Imu, ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
@@ -115,7 +115,7 @@ class MicrostrainImu(Imu):
             self.close()
             reason = str(error)
             if not isinstance(error, RobotError):
-                reason = f"cannot be opened: {REMEDIES.get(error_number(error)) or reason_of(error)}"
+                reason = f"cannot be opened: {DEVICE_REMEDIES.get(error_number(error)) or reason_of(error)}"
             raise RobotError(f"{self._port}: the IMU {reason}") from None
 
     def read(self, time: float) -> ImuReading:

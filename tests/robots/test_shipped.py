@@ -15,7 +15,6 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 
 DATA = Path(__file__).parents[1] / "data"
 GOLDEN, PIANOS = (json.loads((DATA / f"{name}.json").read_text()) for name in ("lite_arms_golden", "piano"))
-MOTOR_TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
 ARMS = pytest.mark.parametrize("robot", [load_robot("lite"), load_robot("lite_neck")], ids=lambda robot: robot.name)
 BIPED = load_robot("lite_biped")
 ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
@@ -153,9 +152,8 @@ def test_keys_and_body_of_the_shipped_mjcf_are_the_published_ones(robot, name):
         assert model.geom(geom).size == pytest.approx(box["size"], abs=1e-11)
 
 
-@pytest.mark.skipif(not MOTOR_TABLE.is_file(), reason="the table of actuators is not beside the checkout")
 def test_ranges_are_the_tables():
-    models = json.loads(MOTOR_TABLE.read_text(encoding="utf-8"))["models"]
+    models = json.loads((DATA / "actuators.json").read_text(encoding="utf-8"))["models"]
     assert {model["model"] for model in models} == {m.name for m in MOTORS.values() if m.family == "robstride"}
     for model in models:
         limits, motor = model["mit_limits"], MOTORS[model["model"]]
